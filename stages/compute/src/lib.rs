@@ -1,0 +1,1 @@
+//! Arrays on a device, and operators with explicit forward and backward.

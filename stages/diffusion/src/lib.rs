@@ -1,0 +1,1 @@
+//! The latent upscaler: UNet, VAE, text encoder, noise schedule, LoRA and guidance.

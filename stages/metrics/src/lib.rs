@@ -1,0 +1,1 @@
+//! PSNR, SSIM, NIQE and consistency, each under an honest name.

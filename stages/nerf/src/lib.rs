@@ -1,0 +1,1 @@
+//! The hash-grid radiance field: occupancy, marching, compositing, training, rendering.

@@ -1,0 +1,1 @@
+//! Cameras and their conventions, readers of posed photos, and procedural scenes.

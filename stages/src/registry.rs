@@ -1,0 +1,61 @@
+//! Every stage kind there is. A new kind is one file beside this one and one line in the list below.
+
+use serde::de::VariantAccess;
+use serde::{Deserialize, Serialize};
+
+use crate::stage::Stage;
+
+macro_rules! registry {
+    ($($module:ident::$Kind:ident),* $(,)?) => {
+        /// A stage of any kind, as it stands in a pipeline file.
+        #[derive(Clone, Debug, Serialize, Deserialize, schemars::JsonSchema)]
+        #[allow(missing_docs)]
+        pub enum AnyStage { $($Kind(crate::$module::$Kind)),* }
+
+        /// The names of all kinds, in the order of the list.
+        pub const KINDS: &[&str] = &[$(stringify!($Kind)),*];
+
+        impl AnyStage {
+            /// The stage itself.
+            pub fn stage(&self) -> &dyn Stage {
+                match self { $(Self::$Kind(stage) => stage),* }
+            }
+
+            /// The stage itself, with access to its fields as text: what `--set` edits.
+            pub fn parameters(&self) -> serde_json::Result<serde_json::Value> {
+                match self { $(Self::$Kind(stage) => serde_json::to_value(stage)),* }
+            }
+
+            /// The other way: a stage of this kind from fields as text. The error names the field's path.
+            pub fn from_parameters(
+                kind: &str,
+                value: serde_json::Value,
+            ) -> Result<Self, serde_path_to_error::Error<serde_json::Error>> {
+                match kind {
+                    $(stringify!($Kind) => serde_path_to_error::deserialize(value).map(Self::$Kind),)*
+                    _ => unreachable!("{kind} is in KINDS"),
+                }
+            }
+
+            /// Reads a stage whose kind (one of [`KINDS`]) has been read already.
+            pub fn from_variant<'de, A: VariantAccess<'de>>(kind: &str, fields: A) -> Result<Self, A::Error> {
+                match kind {
+                    $(stringify!($Kind) => fields.newtype_variant().map(Self::$Kind),)*
+                    _ => Err(serde::de::Error::unknown_variant(kind, KINDS)),
+                }
+            }
+        }
+    };
+}
+
+registry! {
+    scene::Scene,
+    fit::Fit,
+    render::Render,
+    interpolate::Interpolate,
+    encode::Encode,
+    optimize::Optimize,
+    decode::Decode,
+    sync::Sync,
+    evaluate::Evaluate,
+}

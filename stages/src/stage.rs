@@ -1,0 +1,164 @@
+//! What a stage is: a pure function from parameters, input artifacts and a seed to output artifacts.
+//!
+//! Knows nothing of the runner: not of keys, the store, other stages or the terminal.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
+use compute::Device;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::error::StageError;
+
+/// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for what a loop carries.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(transparent)]
+pub struct Input(pub String);
+
+/// One input that a stage declares; `name` is the name of its field in the pipeline file.
+#[derive(Clone, Copy, Debug)]
+pub struct InputPort<'a> {
+    /// The field's name.
+    pub name: &'static str,
+    /// What the pipeline file says there.
+    pub reference: &'a Input,
+    /// The artifact type that it takes.
+    pub kind: ArtifactKind,
+}
+
+/// One output that a stage declares. The first one is meant where a reference names the stage alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutputPort {
+    /// The output's name.
+    pub name: &'static str,
+    /// The artifact type that it writes.
+    pub kind: ArtifactKind,
+}
+
+/// Something that a stage reads beside its inputs, photos or model weights: it belongs to the stage's key.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// What it is, in words that `explain` prints (never a path: moving a folder changes nothing).
+    pub name: String,
+    /// The digest of its content.
+    pub digest: Digest,
+}
+
+/// How far equal inputs give equal bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Determinism {
+    /// The same bits on every device.
+    Exact,
+    /// The same bits on every device of one kind (all CPUs, or one GPU adapter).
+    PerDeviceKind,
+}
+
+/// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters, with its defaults in `Default`.
+pub trait Stage: Send + Sync {
+    /// The kind's name in pipeline files.
+    fn kind(&self) -> &'static str;
+    /// Raised whenever the outputs for the same inputs change.
+    fn version(&self) -> u32;
+    /// Refuses parameters that make no sense, by field, before anything runs.
+    fn check(&self) -> Result<(), StageError>;
+    /// The inputs, in a fixed order.
+    fn inputs(&self) -> Vec<InputPort<'_>>;
+    /// The outputs, in a fixed order.
+    fn outputs(&self) -> Vec<OutputPort>;
+    /// What it reads beside its inputs.
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        Ok(Vec::new())
+    }
+    /// How far equal inputs give equal bits.
+    fn determinism(&self) -> Determinism {
+        Determinism::PerDeviceKind
+    }
+    /// Reads the inputs, computes, writes every output.
+    fn run(&self, io: &Io) -> Result<(), StageError>;
+}
+
+/// What a running stage says. Others turn it into bars, JSON lines or logs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Message {
+    /// `step` of `total` is done; `values` are the current loss, PSNR and so on.
+    Progress {
+        /// Steps done.
+        step: u64,
+        /// Steps in all.
+        total: u64,
+        /// Named figures of the last step.
+        values: Vec<(&'static str, f64)>,
+    },
+    /// A result worth a line of its own.
+    Metric {
+        /// What it measures.
+        name: String,
+        /// Its value.
+        value: f64,
+    },
+    /// Done, but not as the user might expect.
+    Warning(String),
+}
+
+/// All that a running stage may touch.
+pub struct Io<'a> {
+    /// The seed of its random numbers.
+    pub seed: u64,
+    /// Where it computes.
+    pub device: &'a Device,
+    /// Folders of the input artifacts, by input name.
+    pub inputs: BTreeMap<String, PathBuf>,
+    /// The folder under which each output gets a folder of its name.
+    pub outputs: PathBuf,
+    /// Private to this stage's key and kept until its result is committed: the place for checkpoints.
+    pub scratch: PathBuf,
+    /// What the artifacts say of their origin.
+    pub provenance: Provenance,
+    /// Takes messages.
+    pub messages: &'a (dyn Fn(Message) + Sync),
+    /// Set when the run is being stopped.
+    pub cancelled: &'a AtomicBool,
+}
+
+impl Io<'_> {
+    /// Reads the input artifact of this name.
+    pub fn read<A: Artifact>(&self, name: &str) -> Result<A, StageError> {
+        Ok(A::read(self.input(name)?)?)
+    }
+
+    /// The folder of the input of this name.
+    pub fn input(&self, name: &str) -> Result<&Path, StageError> {
+        self.inputs.get(name).map(PathBuf::as_path).ok_or_else(|| StageError::MissingInput(name.to_owned()))
+    }
+
+    /// Writes the output artifact of this name.
+    pub fn write<A: Artifact>(&self, name: &str, artifact: &A) -> Result<(), StageError> {
+        Ok(artifact.write(&self.outputs.join(name), &self.provenance)?)
+    }
+
+    /// Reports progress; an error when the run is being stopped.
+    pub fn progress(&self, step: usize, total: usize, values: &[(&'static str, f64)]) -> Result<(), StageError> {
+        (self.messages)(Message::Progress { step: step as u64, total: total as u64, values: values.to_vec() });
+        self.check_cancelled()
+    }
+
+    /// Reports a result worth a line of its own.
+    pub fn metric(&self, name: impl Into<String>, value: f64) {
+        (self.messages)(Message::Metric { name: name.into(), value });
+    }
+
+    /// Reports something that the user might not expect.
+    pub fn warn(&self, text: impl Into<String>) {
+        (self.messages)(Message::Warning(text.into()));
+    }
+
+    /// An error when the run is being stopped.
+    pub fn check_cancelled(&self) -> Result<(), StageError> {
+        if self.cancelled.load(Ordering::Relaxed) { Err(StageError::Cancelled) } else { Ok(()) }
+    }
+}
