@@ -8,7 +8,7 @@ use crate::stage::Stage;
 macro_rules! registry {
     ($($module:ident::$Kind:ident),* $(,)?) => {
         /// A stage of any kind, as it stands in a pipeline file.
-        #[derive(Clone, Debug, Serialize, Deserialize, schemars::JsonSchema)]
+        #[derive(Clone, Debug, Serialize, Deserialize)]
         #[allow(missing_docs)]
         pub enum AnyStage { $($Kind(crate::$module::$Kind)),* }
 

@@ -8,13 +8,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
 use compute::Device;
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
 
 /// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for what a loop carries.
-#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Input(pub String);
 
@@ -69,6 +68,11 @@ pub trait Stage: Send + Sync {
     fn inputs(&self) -> Vec<InputPort<'_>>;
     /// The outputs, in a fixed order.
     fn outputs(&self) -> Vec<OutputPort>;
+    /// Parameters that say where something lies, not what it is, as paths in which variant names are left out (`source.path`):
+    /// they stay out of the key, since [`Stage::sources`] covers the content.
+    fn locations(&self) -> &'static [&'static str] {
+        &[]
+    }
     /// What it reads beside its inputs.
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         Ok(Vec::new())
