@@ -1,1 +1,5 @@
 //! The latent upscaler: UNet, VAE, text encoder, noise schedule, LoRA and guidance.
+
+pub mod error;
+
+pub use error::ModelError;
