@@ -1,8 +1,21 @@
-//! The stage kinds, one file each: thin over the libraries beside them.
+//! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the runner.
 
+pub mod convert;
 pub mod error;
+pub mod model;
 pub mod registry;
 pub mod stage;
+pub mod training;
+
+pub mod decode;
+pub mod encode;
+pub mod evaluate;
+pub mod fit;
+pub mod interpolate;
+pub mod optimize;
+pub mod render;
+pub mod scene;
+pub mod sync;
 
 pub use error::StageError;
 pub use registry::{AnyStage, KINDS};

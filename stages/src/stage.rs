@@ -26,6 +26,20 @@ pub struct InputPort<'a> {
     pub reference: &'a Input,
     /// The artifact type that it takes.
     pub kind: ArtifactKind,
+    /// Whether the parameters make use of it. Where not, it may stay unconnected, and what it says changes nothing.
+    pub used: bool,
+}
+
+impl<'a> InputPort<'a> {
+    /// An input that the stage uses.
+    pub fn new(name: &'static str, reference: &'a Input, kind: ArtifactKind) -> Self {
+        Self { name, reference, kind, used: true }
+    }
+
+    /// The same, used only on a condition.
+    pub fn only_if(self, used: bool) -> Self {
+        Self { used, ..self }
+    }
 }
 
 /// One output that a stage declares. The first one is meant where a reference names the stage alone.

@@ -1,1 +1,27 @@
 //! Arrays on a device, and operators with explicit forward and backward.
+//!
+//! An operator is a pure function of [`Array`]s. It checks shapes, picks the kernel of the device its inputs lie on, and
+//! returns a new array; its gradient stands beside it under the same name. Nothing here knows networks, images or files.
+//!
+//! Same inputs give the same bits for any number of threads: work is cut into chunks whose size never depends on the
+//! thread count, and every reduction runs in a fixed order.
+
+pub mod activation;
+pub mod adam;
+pub mod array;
+pub mod attention;
+pub mod conv;
+mod cpu;
+pub mod device;
+pub mod elementwise;
+pub mod linear;
+pub mod matmul;
+pub mod norm;
+pub mod reduce;
+pub mod resize;
+pub mod rng;
+pub mod shape;
+
+pub use array::Array;
+pub use device::Device;
+pub use rng::Rng;

@@ -1,0 +1,163 @@
+//! `Decode`: refined latents back to images. Knows nothing of how they were refined.
+
+use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Residuals, View};
+use compute::Array;
+use compute::elementwise::{add, clamp, sub};
+use compute::resize::{Filter, resize};
+use diffusion::Prior;
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::model::Model;
+use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+
+/// Decodes refined latents z + h by the prior's VAE, D.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Decode {
+    /// The refined latents, z + h.
+    pub latents: Input,
+    /// How an image is made of them.
+    pub mode: Mode,
+    /// For `Residual`: the residual latents, h.
+    pub residuals: Input,
+    /// For `Residual`: the images that were encoded, x.
+    pub images: Input,
+    /// Rounds of back-projection onto the low-resolution views: each adds the enlarged difference between them and the
+    /// reduced image. 0 turns it off.
+    pub back_projection: u32,
+    /// For back-projection: the low-resolution views.
+    pub low: Input,
+    /// The prior.
+    pub model: Model,
+    /// Side of the tiles in image pixels; an image that fits in one is not tiled.
+    pub tile: u32,
+}
+
+/// How an image is made of refined latents.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// D(z + h), as in the paper (algorithm 2).
+    Plain,
+    /// x + D(z + h) - D(z): the autoencoder's own loss cancels, and h = 0 gives x exactly.
+    Residual,
+}
+
+impl Default for Decode {
+    fn default() -> Self {
+        Self {
+            latents: Input::default(),
+            mode: Mode::Plain,
+            residuals: Input::default(),
+            images: Input::default(),
+            back_projection: 0,
+            low: Input::default(),
+            model: Model::default(),
+            tile: 512,
+        }
+    }
+}
+
+/// The folders' contents that belong to one view.
+struct Parts<'a> {
+    latent: &'a LatentView,
+    residual: Option<&'a LatentView>,
+    image: Option<&'a View>,
+    low: Option<&'a View>,
+}
+
+impl Decode {
+    /// The image of one view in [-1, 1].
+    fn image(&self, prior: &Prior, parts: &Parts, io: &Io) -> Array {
+        let [width, height] = parts.latent.size;
+        let size = [height as usize, width as usize];
+        let refined = convert::latent_array(&parts.latent.tensor, io.device);
+        let decoded = prior.vae.decode_latent(&refined, size, self.tile as usize);
+        let (Some(residual), Some(image)) = (parts.residual, parts.image) else { return clamp(&decoded, -1.0, 1.0) };
+        let encoded = sub(&refined, &convert::latent_array(&residual.tensor, io.device));
+        let base = prior.vae.decode_latent(&encoded, size, self.tile as usize);
+        clamp(&add(&convert::signed_array(image, io.device), &sub(&decoded, &base)), -1.0, 1.0)
+    }
+
+    fn back_project(&self, image: Array, low: &View, io: &Io) -> Array {
+        let low = convert::signed_array(low, io.device);
+        let (size, reduced) = (image.shape().to_vec(), low.shape().to_vec());
+        (0..self.back_projection).fold(image, |image, _| {
+            let missing = sub(&low, &resize(&image, reduced[2], reduced[3], Filter::BicubicPil, true));
+            clamp(&add(&image, &resize(&missing, size[2], size[3], Filter::BicubicTorch, false)), -1.0, 1.0)
+        })
+    }
+
+    fn view(&self, prior: &Prior, parts: &Parts, io: &Io) -> View {
+        let mut image = self.image(prior, parts, io);
+        if let Some(low) = parts.low {
+            image = self.back_project(image, low, io);
+        }
+        View {
+            name: parts.latent.name.clone(),
+            camera: parts.latent.camera.clone(),
+            rgb: convert::linear_pixels_of_signed(&image),
+            alpha: None,
+            depth: None,
+        }
+    }
+}
+
+impl Stage for Decode {
+    fn kind(&self) -> &'static str {
+        "Decode"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        convert::in_range("back_projection", self.back_projection, 0, 1000)?;
+        convert::in_range("tile", self.tile, 64, 8192)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        let residual = self.mode == Mode::Residual;
+        vec![
+            InputPort::new("latents", &self.latents, ArtifactKind::Latents),
+            InputPort::new("residuals", &self.residuals, ArtifactKind::Residuals).only_if(residual),
+            InputPort::new("images", &self.images, ArtifactKind::Images).only_if(residual),
+            InputPort::new("low", &self.low, ArtifactKind::Images).only_if(self.back_projection > 0),
+        ]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![OutputPort { name: "images", kind: ArtifactKind::Images }]
+    }
+
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        self.model.sources()
+    }
+
+    fn locations(&self) -> &'static [&'static str] {
+        &["model"]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let latents: Latents = io.read("latents")?;
+        let residual = self.mode == Mode::Residual;
+        let residuals = residual.then(|| io.read::<Residuals>("residuals")).transpose()?;
+        let images = residual.then(|| io.read::<ImageSet>("images")).transpose()?;
+        let low = (self.back_projection > 0).then(|| io.read::<ImageSet>("low")).transpose()?;
+        let prior = self.model.load(io)?;
+        let mut views = Vec::new();
+        for (done, latent) in latents.views.iter().enumerate() {
+            let parts = Parts {
+                latent,
+                residual: residuals.as_ref().map(|r| convert::latent_named(&r.0, &latent.name)).transpose()?,
+                image: images.as_ref().map(|i| convert::view_named(i, &latent.name)).transpose()?,
+                low: low.as_ref().map(|i| convert::view_named(i, &latent.name)).transpose()?,
+            };
+            views.push(self.view(&prior, &parts, io));
+            io.progress(done + 1, latents.views.len(), &[])?;
+        }
+        io.write("images", &ImageSet { views, bounds: latents.bounds })
+    }
+}

@@ -1,0 +1,75 @@
+//! `Encode`: images to latents by the prior's VAE, in f32. Knows nothing of guidance.
+
+use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents};
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::model::Model;
+use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+
+/// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper section 2.1).
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Encode {
+    /// The images.
+    pub images: Input,
+    /// The prior.
+    pub model: Model,
+    /// Side of the tiles in image pixels; an image that fits in one is not tiled.
+    pub tile: u32,
+}
+
+impl Default for Encode {
+    fn default() -> Self {
+        Self { images: Input::default(), model: Model::default(), tile: 512 }
+    }
+}
+
+impl Stage for Encode {
+    fn kind(&self) -> &'static str {
+        "Encode"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        convert::in_range("tile", self.tile, 64, 8192)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![OutputPort { name: "latents", kind: ArtifactKind::Latents }]
+    }
+
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        self.model.sources()
+    }
+
+    fn locations(&self) -> &'static [&'static str] {
+        &["model"]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let images: ImageSet = io.read("images")?;
+        let prior = self.model.load(io)?;
+        let mut views = Vec::new();
+        for (done, view) in images.views.iter().enumerate() {
+            let latent = prior.vae.encode_image(&convert::signed_array(view, io.device), self.tile as usize);
+            views.push(LatentView {
+                name: view.name.clone(),
+                size: [view.camera.width, view.camera.height],
+                camera: view.camera.clone(),
+                tensor: convert::tensor(&latent),
+            });
+            io.progress(done + 1, images.views.len(), &[])?;
+        }
+        let vae = self.model.sources()?[0].digest.to_string();
+        io.write("latents", &Latents { vae, scaling_factor: prior.vae.scaling_factor(), views, bounds: images.bounds })
+    }
+}

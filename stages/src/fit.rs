@@ -1,0 +1,78 @@
+//! `Fit`: a radiance field from posed photos. Knows nothing of diffusion.
+
+use artifacts_schema::{ArtifactKind, ImageSet};
+use nerf::{Field, FieldConfig, TrainOptions};
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::training;
+
+/// Fits a hash-grid field to posed photos.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Fit {
+    /// The photos.
+    pub images: Input,
+    /// Training steps.
+    pub steps: u32,
+    /// Samples along rays per step.
+    pub samples: u32,
+    /// Learning rate at its highest.
+    pub rate: f64,
+    /// Sub-rays per pixel and axis: a pixel is the mean over its area.
+    pub supersample: u32,
+    /// The shape of the field.
+    pub field: FieldConfig,
+}
+
+impl Default for Fit {
+    fn default() -> Self {
+        let options = TrainOptions::default();
+        Self {
+            images: Input::default(),
+            steps: 2000,
+            samples: options.samples,
+            rate: options.rate,
+            supersample: 2,
+            field: FieldConfig::default(),
+        }
+    }
+}
+
+impl Stage for Fit {
+    fn kind(&self) -> &'static str {
+        "Fit"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        convert::in_range("supersample", self.supersample, 1, 16)?;
+        training::check(self.steps, self.samples, self.rate)?;
+        self.field.check().map_err(|problem| StageError::parameter("field", problem))
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![
+            OutputPort { name: "field", kind: ArtifactKind::Field },
+            OutputPort { name: "log", kind: ArtifactKind::Log },
+        ]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let images: ImageSet = io.read("images")?;
+        let views = images.views.iter().map(|view| convert::train_view(view, 1.0, self.supersample)).collect();
+        let bounds = images.bounds.map(|corner| corner.map(|x| x as f32));
+        let field = Field::new(&self.field, bounds, io.seed);
+        let options = TrainOptions { steps: self.steps, samples: self.samples, rate: self.rate, ..Default::default() };
+        training::train(field, views, &options, io)
+    }
+}

@@ -1,0 +1,179 @@
+//! `Scene`: reads or draws posed photos, reduces them and holds some out. Knows nothing of fields.
+
+use std::path::PathBuf;
+
+use artifacts_schema::{ArtifactKind, Digest, ImageSet};
+use scene::{Photo, Reduction, SceneData};
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+
+/// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scene {
+    /// Where the photos come from.
+    pub source: Origin,
+    /// Size of the full-resolution photos over the size of the low-resolution ones.
+    pub downscale: u32,
+    /// The filter that makes the low-resolution photos.
+    pub filter: Reducer,
+    /// Every so many photos, in the order of their names, one is held out: numbers 0, 8, 16 … for 8.
+    pub holdout: u32,
+}
+
+/// Where photos come from.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Origin {
+    /// A world that the program draws itself, so that the full-resolution truth is known.
+    Procedural {
+        /// Its name: `still_life`.
+        #[serde(default = "still_life")]
+        world: String,
+        /// How many cameras.
+        #[serde(default = "default_views")]
+        views: u32,
+        /// Width and height of the full-resolution photos.
+        #[serde(default = "default_size")]
+        size: (u32, u32),
+        /// Rays per pixel and axis.
+        #[serde(default = "default_samples")]
+        samples: u32,
+    },
+    /// A folder in the LLFF layout: `poses_bounds.npy` beside a folder of images.
+    Llff {
+        /// The folder.
+        path: PathBuf,
+        /// The images' folder inside it (`images_4`); by default the smallest that has the size asked for.
+        #[serde(default)]
+        images: Option<String>,
+        /// Width and height of the full-resolution photos; by default those of the files.
+        #[serde(default)]
+        size: Option<(u32, u32)>,
+    },
+}
+
+/// The filter that makes low-resolution photos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Reducer {
+    /// Antialiased cubic convolution with a = -0.5, as PIL's.
+    Bicubic,
+    /// The mean of the pixels' areas.
+    Area,
+}
+
+const WORLDS: &[&str] = &["still_life"];
+
+fn still_life() -> String {
+    WORLDS[0].into()
+}
+
+fn default_views() -> u32 {
+    24
+}
+
+fn default_size() -> (u32, u32) {
+    (256, 192)
+}
+
+fn default_samples() -> u32 {
+    4
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        let source = Origin::Procedural {
+            world: still_life(),
+            views: default_views(),
+            size: default_size(),
+            samples: default_samples(),
+        };
+        Self { source, downscale: 4, filter: Reducer::Bicubic, holdout: 8 }
+    }
+}
+
+impl Scene {
+    fn read(&self, seed: u64) -> Result<SceneData, StageError> {
+        match &self.source {
+            Origin::Procedural { views, size, samples, .. } => Ok(scene::still_life(*views, *size, *samples, seed)),
+            Origin::Llff { path, images, size } => Ok(scene::llff(path, images.as_deref(), *size)?),
+        }
+    }
+
+    fn reduce(&self, photos: &[Photo]) -> Result<Vec<Photo>, StageError> {
+        let filter = match self.filter {
+            Reducer::Bicubic => Reduction::Bicubic,
+            Reducer::Area => Reduction::Area,
+        };
+        Ok(photos.iter().map(|photo| scene::downscale(photo, self.downscale, filter)).collect::<Result<_, _>>()?)
+    }
+}
+
+impl Stage for Scene {
+    fn kind(&self) -> &'static str {
+        "Scene"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        convert::in_range("downscale", self.downscale, 1, 64)?;
+        convert::in_range("holdout", self.holdout, 2, 1_000_000)?;
+        let size = match &self.source {
+            Origin::Procedural { world, views, samples, size } => {
+                if !WORLDS.contains(&world.as_str()) {
+                    let problem = format!("is `{world}`; the worlds are: {}", WORLDS.join(", "));
+                    return Err(StageError::parameter("source.world", problem));
+                }
+                convert::in_range("source.views", *views, 2, 10_000)?;
+                convert::in_range("source.samples", *samples, 1, 64)?;
+                Some(*size)
+            }
+            Origin::Llff { size, .. } => *size,
+        };
+        let Some((w, h)) = size else { return Ok(()) };
+        convert::in_range("source.size", w.min(h), self.downscale * 8, 16384)?;
+        convert::in_range("source.size", w.max(h), self.downscale * 8, 16384)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        Vec::new()
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        ["train", "test", "test_low"].map(|name| OutputPort { name, kind: ArtifactKind::Images }).to_vec()
+    }
+
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        match &self.source {
+            Origin::Procedural { .. } => Ok(Vec::new()),
+            Origin::Llff { path, images, size } => {
+                let digest = Digest(scene::llff_digest(path, images.as_deref(), *size)?);
+                Ok(vec![Source { name: "photos and poses".into(), digest }])
+            }
+        }
+    }
+
+    fn locations(&self) -> &'static [&'static str] {
+        &["source.path", "source.images"]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let data = self.read(io.seed)?;
+        io.progress(1, 2, &[])?;
+        let bounds = data.bounds;
+        let (train, test) = scene::split_holdout(data.photos, self.holdout as usize);
+        if train.is_empty() || test.is_empty() {
+            return Err(StageError::Mismatch("the scene has too few photos to hold any out".into()));
+        }
+        let set = |photos: &[Photo]| ImageSet { views: photos.iter().map(convert::photo_view).collect(), bounds };
+        io.write("train", &set(&self.reduce(&train)?))?;
+        io.write("test", &set(&test))?;
+        io.write("test_low", &set(&self.reduce(&test)?))?;
+        io.progress(2, 2, &[])
+    }
+}

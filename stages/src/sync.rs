@@ -1,0 +1,94 @@
+//! `Sync`: brings a field in line with enlarged views (I3DS, paper algorithm 2). Knows nothing of how they were enlarged.
+
+use artifacts_schema::{ArtifactKind, ImageSet};
+use nerf::TrainOptions;
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::training;
+
+/// Trains a field on enlarged views, and on the low-resolution photos so that rounds cannot drift from them.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Sync {
+    /// The field.
+    pub field: Input,
+    /// The enlarged views.
+    pub images: Input,
+    /// The low-resolution photos, seen as area means of the rendered detail.
+    pub low: Input,
+    /// How much a low-resolution photo's pixel counts beside an enlarged view's; 0 leaves them out.
+    pub low_weight: f64,
+    /// Sub-rays per pixel and axis of a low-resolution photo.
+    pub low_supersample: u32,
+    /// Training steps.
+    pub steps: u32,
+    /// Samples along rays per step.
+    pub samples: u32,
+    /// Learning rate at its highest.
+    pub rate: f64,
+}
+
+impl Default for Sync {
+    fn default() -> Self {
+        let options = TrainOptions::default();
+        Self {
+            field: Input::default(),
+            images: Input::default(),
+            low: Input::default(),
+            low_weight: 0.0,
+            low_supersample: 2,
+            steps: 1000,
+            samples: options.samples,
+            rate: options.rate,
+        }
+    }
+}
+
+impl Stage for Sync {
+    fn kind(&self) -> &'static str {
+        "Sync"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        if !(self.low_weight >= 0.0 && self.low_weight <= 1000.0) {
+            return Err(StageError::parameter("low_weight", format!("is {}; it must be 0 to 1000", self.low_weight)));
+        }
+        convert::in_range("low_supersample", self.low_supersample, 1, 16)?;
+        training::check(self.steps, self.samples, self.rate)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![
+            InputPort::new("field", &self.field, ArtifactKind::Field),
+            InputPort::new("images", &self.images, ArtifactKind::Images),
+            InputPort::new("low", &self.low, ArtifactKind::Images).only_if(self.low_weight > 0.0),
+        ]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![
+            OutputPort { name: "field", kind: ArtifactKind::Field },
+            OutputPort { name: "log", kind: ArtifactKind::Log },
+        ]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let field = convert::field(io.read("field")?)?;
+        let images: ImageSet = io.read("images")?;
+        let mut views: Vec<_> = images.views.iter().map(|view| convert::train_view(view, 1.0, 1)).collect();
+        if self.low_weight > 0.0 {
+            let low: ImageSet = io.read("low")?;
+            let weight = self.low_weight as f32;
+            views.extend(low.views.iter().map(|view| convert::train_view(view, weight, self.low_supersample)));
+        }
+        let options = TrainOptions { steps: self.steps, samples: self.samples, rate: self.rate, ..Default::default() };
+        training::train(field, views, &options, io)
+    }
+}
