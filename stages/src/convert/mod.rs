@@ -1,0 +1,23 @@
+//! Between what lies on disk and what the libraries take. Knows nothing of any one stage.
+
+mod cameras;
+mod images;
+mod tensors;
+
+pub use cameras::{camera, disk_camera, scaled};
+pub use images::{
+    linear_array, linear_pixels, linear_pixels_of_signed, photo_view, pixels, rendered_view, signed_array, srgb,
+    srgb_array, train_view, view_named,
+};
+pub use tensors::{disk_field, field, latent_array, latent_named, lora, tensor};
+
+use crate::error::StageError;
+
+/// Refuses a whole-number parameter outside `min..=max`.
+pub fn in_range(field: &'static str, value: u32, min: u32, max: u32) -> Result<(), StageError> {
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    let bound = if value < min { format!("at least {min}") } else { format!("at most {max}") };
+    Err(StageError::parameter(field, format!("is {value}; it must be {bound}")))
+}

@@ -1,0 +1,51 @@
+//! Tensors on disk and what the libraries make of them.
+
+use std::collections::BTreeMap;
+
+use artifacts_schema::{self as disk, LatentView, Latents, Tensor};
+use compute::{Array, Device};
+use diffusion::LoraNetwork;
+use nerf::{Field, FieldConfig};
+
+use crate::error::StageError;
+
+/// An array for disk, without its leading axis of length 1.
+pub fn tensor(array: &Array) -> Tensor {
+    Tensor { shape: array.shape()[1..].to_vec(), values: array.to_vec() }
+}
+
+/// A tensor as an array with a leading axis of length 1.
+pub fn latent_array(tensor: &Tensor, device: &Device) -> Array {
+    let shape: Vec<usize> = [1].iter().chain(&tensor.shape).copied().collect();
+    device.array(&shape, tensor.values.clone())
+}
+
+/// The latent of this name.
+pub fn latent_named<'a>(latents: &'a Latents, name: &str) -> Result<&'a LatentView, StageError> {
+    let found = latents.views.iter().find(|view| view.name == name);
+    found.ok_or_else(|| StageError::Mismatch(format!("an input latent set has no view named `{name}`")))
+}
+
+/// A field that can be rendered and trained.
+pub fn field(field: disk::Field) -> Result<Field, StageError> {
+    let config: FieldConfig = serde_json::from_value(field.config)
+        .map_err(|error| StageError::Mismatch(format!("the field's configuration is not ours: {error}")))?;
+    let tensors = field.tensors.into_iter().map(|(name, t)| (name, (t.shape, t.values))).collect();
+    let bounds = field.bounds.map(|corner| corner.map(|x| x as f32));
+    Field::from_tensors(&config, bounds, tensors).map_err(|error| StageError::Mismatch(error.to_string()))
+}
+
+/// A field for disk.
+pub fn disk_field(field: &Field) -> Result<disk::Field, StageError> {
+    let config = serde_json::to_value(field.config()).map_err(|error| StageError::Mismatch(error.to_string()))?;
+    let tensors = field.tensors().into_iter().map(|(name, (shape, values))| (name, Tensor { shape, values })).collect();
+    Ok(disk::Field { config, tensors, bounds: field.bounds().map(|corner| corner.map(f64::from)) })
+}
+
+/// LoRA weights and camera embedding for disk.
+pub fn lora(network: &LoraNetwork) -> disk::Lora {
+    let disk = |map: &BTreeMap<String, Array>| {
+        map.iter().map(|(name, a)| (name.clone(), Tensor { shape: a.shape().to_vec(), values: a.to_vec() })).collect()
+    };
+    disk::Lora { rank: network.rank, alpha: network.alpha, tensors: disk(&network.adapters), camera: disk(&network.camera) }
+}

@@ -1,0 +1,169 @@
+//! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing of how they came about.
+
+use std::collections::BTreeMap;
+
+use artifacts_schema::{ArtifactKind, Figures, ImageSet, Metrics, Picture, Row, View};
+use compute::resize::{Filter, resize};
+use metrics::Image;
+use nerf::Field;
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+
+/// Measures a field on views that no other stage saw, beside two baselines of the low-resolution field.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Evaluate {
+    /// The super-resolved field: row `sr_nerf`.
+    pub field: Input,
+    /// The low-resolution field: rendered at high resolution (row `lr_nerf`), and at low resolution and then enlarged
+    /// (row `bicubic`).
+    pub baseline: Input,
+    /// The held-out photos at high resolution.
+    pub truth: Input,
+    /// The held-out photos at low resolution.
+    pub low: Input,
+    /// The low-resolution training photos: row `lr_nerf_on_training_views`.
+    pub train: Input,
+    /// Rays per pixel and axis.
+    pub supersample: u32,
+    /// For how many views to draw a comparison.
+    pub figures: u32,
+}
+
+impl Default for Evaluate {
+    fn default() -> Self {
+        let none = Input::default;
+        Self { field: none(), baseline: none(), truth: none(), low: none(), train: none(), supersample: 2, figures: 3 }
+    }
+}
+
+/// An image in sRGB-encoded values, interleaved.
+struct Picked {
+    width: usize,
+    height: usize,
+    rgb: Vec<f32>,
+}
+
+impl Picked {
+    fn of(view: &View) -> Self {
+        Self { width: view.camera.width as usize, height: view.camera.height as usize, rgb: convert::srgb(view) }
+    }
+
+    fn image(&self) -> Image<'_> {
+        Image { width: self.width, height: self.height, rgb: &self.rgb }
+    }
+}
+
+impl Evaluate {
+    fn render(&self, field: &Field, view: &View) -> Picked {
+        let options = nerf::RenderOptions { supersample: self.supersample, ..Default::default() };
+        let image = nerf::render(field, &convert::camera(&view.camera), &options);
+        Picked { width: image.width as usize, height: image.height as usize, rgb: image.rgb }
+    }
+
+    /// The field at low resolution, enlarged to the size of `truth` on sRGB values.
+    fn bicubic(&self, field: &Field, low: &View, truth: &View, io: &Io) -> Picked {
+        let small = self.render(field, low);
+        let planes = (0..3).flat_map(|c| small.rgb.iter().skip(c).step_by(3).copied()).collect();
+        let array = io.device.array(&[1, 3, small.height, small.width], planes);
+        let (height, width) = (truth.camera.height as usize, truth.camera.width as usize);
+        let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
+        Picked { width, height, rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect() }
+    }
+
+    fn figure(rows: &[(&str, &Picked)]) -> Picture {
+        let rows: Vec<_> = rows.iter().map(|(label, picked)| (*label, picked.image())).collect();
+        let figure = metrics::figure::comparison(&rows);
+        Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8 }
+    }
+}
+
+/// The figures of one image against the truth.
+fn measure(image: &Picked, truth: &Picked, low: &Picked) -> BTreeMap<String, f64> {
+    let (image, truth, low) = (image.image(), truth.image(), low.image());
+    let mut values = BTreeMap::from([
+        ("psnr_hr".to_owned(), metrics::psnr(&image, &truth)),
+        ("ssim_hr".to_owned(), metrics::ssim(&image, &truth)),
+        ("psnr_lr_consistency".to_owned(), metrics::psnr_lr_consistency(&image, &low)),
+    ]);
+    if let Some(niqe) = metrics::niqe(&image) {
+        values.insert("niqe_y".to_owned(), niqe);
+    }
+    values
+}
+
+/// Adds the means over views to a row.
+fn row(views: BTreeMap<String, BTreeMap<String, f64>>) -> Row {
+    let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
+    for (name, value) in views.values().flatten() {
+        let (sum, count) = sums.entry(name.clone()).or_default();
+        (*sum, *count) = (*sum + value, *count + 1.0);
+    }
+    Row { mean: sums.into_iter().map(|(name, (sum, count))| (name, sum / count)).collect(), views }
+}
+
+impl Stage for Evaluate {
+    fn kind(&self) -> &'static str {
+        "Evaluate"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        convert::in_range("supersample", self.supersample, 1, 16)?;
+        convert::in_range("figures", self.figures, 0, 1000)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![
+            InputPort::new("field", &self.field, ArtifactKind::Field),
+            InputPort::new("baseline", &self.baseline, ArtifactKind::Field),
+            InputPort::new("truth", &self.truth, ArtifactKind::Images),
+            InputPort::new("low", &self.low, ArtifactKind::Images),
+            InputPort::new("train", &self.train, ArtifactKind::Images),
+        ]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![
+            OutputPort { name: "metrics", kind: ArtifactKind::Metrics },
+            OutputPort { name: "figures", kind: ArtifactKind::Figures },
+        ]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let (field, baseline) = (convert::field(io.read("field")?)?, convert::field(io.read("baseline")?)?);
+        let (truths, lows, train): (ImageSet, ImageSet, ImageSet) =
+            (io.read("truth")?, io.read("low")?, io.read("train")?);
+        let mut rows: BTreeMap<&str, BTreeMap<String, _>> = BTreeMap::new();
+        let mut figures = Figures { images: BTreeMap::new() };
+        for (done, view) in truths.views.iter().enumerate() {
+            let low = convert::view_named(&lows, &view.name)?;
+            let (truth, small) = (Picked::of(view), Picked::of(low));
+            let ours = self.render(&field, view);
+            let lr_nerf = self.render(&baseline, view);
+            let bicubic = self.bicubic(&baseline, low, view, io);
+            for (name, image) in [("sr_nerf", &ours), ("lr_nerf", &lr_nerf), ("bicubic", &bicubic)] {
+                rows.entry(name).or_default().insert(view.name.clone(), measure(image, &truth, &small));
+            }
+            if done < self.figures as usize {
+                let columns = [("truth", &truth), ("bicubic", &bicubic), ("lr nerf", &lr_nerf), ("sr nerf", &ours)];
+                figures.images.insert(view.name.clone(), Self::figure(&columns));
+            }
+            io.progress(done + 1, truths.views.len(), &[])?;
+        }
+        for view in &train.views {
+            let psnr = metrics::psnr(&self.render(&baseline, view).image(), &Picked::of(view).image());
+            let values = BTreeMap::from([("psnr_lr".to_owned(), psnr)]);
+            rows.entry("lr_nerf_on_training_views").or_default().insert(view.name.clone(), values);
+        }
+        let rows = rows.into_iter().map(|(name, views)| (name.to_owned(), row(views))).collect();
+        io.write("metrics", &Metrics { rows, definitions: metrics::definitions() })?;
+        io.write("figures", &figures)
+    }
+}
