@@ -1,0 +1,46 @@
+# `make run` and `make test` do all set-up on a fresh Debian or Ubuntu machine; elsewhere they say what is missing.
+PIPELINE ?= pipelines/i3ds.ron
+CARGO ?= cargo
+# An argument list for the program: make run ARGS='--set scene.downscale=2'
+ARGS ?=
+
+.PHONY: run test test-full lint doc bench setup clean
+
+run: setup
+	$(CARGO) run --release --quiet -- run $(PIPELINE) $(ARGS)
+
+test: setup
+	$(CARGO) test --release --workspace --quiet
+
+# Everything: also what takes minutes rather than seconds.
+test-full: setup
+	SRNERF_TEST_FULL=1 $(CARGO) test --release --workspace
+
+lint: setup
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --release --workspace --all-targets --quiet -- -D warnings
+	RUSTDOCFLAGS=-Dwarnings $(CARGO) doc --release --workspace --no-deps --quiet
+
+doc: setup
+	$(CARGO) doc --release --workspace --no-deps
+	@echo "open $${CARGO_TARGET_DIR:-target}/doc/srnerf_dag/index.html"
+
+bench: setup
+	$(CARGO) bench --workspace
+
+clean:
+	$(CARGO) clean
+
+# What a build needs: a C compiler (for linking) and Rust 1.95 or newer.
+setup:
+	@command -v cc >/dev/null || $(MAKE) --no-print-directory install PACKAGE=build-essential FOR='a C compiler'
+	@command -v $(CARGO) >/dev/null || $(MAKE) --no-print-directory rust
+
+.PHONY: install rust
+install:
+	@command -v apt-get >/dev/null || { echo "missing: $(FOR) (Debian and Ubuntu call it $(PACKAGE)); install it, then try again" >&2; exit 1; }
+	@as=; [ "$$(id -u)" = 0 ] || as=sudo; $$as apt-get update -qq && $$as apt-get install -y -qq $(PACKAGE)
+
+rust:
+	@$(MAKE) --no-print-directory install PACKAGE=rustup FOR='Rust 1.95 or newer'
+	@rustup toolchain install stable --profile minimal --component clippy,rustfmt
