@@ -1,0 +1,225 @@
+//! A pinhole camera: where it stands, what it sees, and the rays of its pixels. Knows nothing of images or files.
+
+use glam::{DMat4, DVec3, DVec4};
+
+/// A pinhole camera without distortion.
+///
+/// Axes are OpenGL's: in camera space +x is right, +y up, and the camera looks along -z. In images y points down and
+/// the centre of pixel (0, 0) lies at (0.5, 0.5), so an image spans `0..width` by `0..height`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// Image width in pixels.
+    pub width: u32,
+    /// Image height in pixels.
+    pub height: u32,
+    /// Focal length in pixel widths.
+    pub fl_x: f64,
+    /// Focal length in pixel heights.
+    pub fl_y: f64,
+    /// Where the optical axis meets the image, in pixels from its left edge.
+    pub cx: f64,
+    /// Where the optical axis meets the image, in pixels from its top edge.
+    pub cy: f64,
+    /// Rigid transform from camera space to world space, acting on column vectors.
+    pub camera_to_world: DMat4,
+    /// Depth along the view axis, in world units, before which there is nothing to see.
+    pub near: f64,
+    /// Depth along the view axis, in world units, behind which there is nothing to see.
+    pub far: f64,
+}
+
+/// A half-line through a point of the image plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// The camera's position in world space.
+    pub origin: [f32; 3],
+    /// Unit vector in world space.
+    pub direction: [f32; 3],
+    /// Distance along this ray per unit of depth along the view axis (1 in the image's middle, more towards its rim):
+    /// the ray meets the near plane at distance `near * distance_per_depth`.
+    pub distance_per_depth: f32,
+}
+
+impl Camera {
+    /// The ray through the image point (`px`, `py`), in pixels; `(x + 0.5, y + 0.5)` is the centre of pixel (x, y).
+    pub fn ray(&self, px: f64, py: f64) -> Ray {
+        let in_camera = self.at_unit_depth(px, py);
+        let length = in_camera.length();
+        let direction = self.camera_to_world.transform_vector3(in_camera / length);
+        Ray {
+            origin: self.position().as_vec3().to_array(),
+            direction: direction.as_vec3().to_array(),
+            distance_per_depth: length as f32,
+        }
+    }
+
+    /// Where a world point appears: (px, py, depth along the view axis). The inverse of [`Camera::ray`].
+    /// `None` if the point is not in front of the camera. The image's borders do not clip.
+    pub fn project(&self, point: [f64; 3]) -> Option<[f64; 3]> {
+        let p = self.camera_to_world.inverse().transform_point3(point.into());
+        let depth = -p.z;
+        (depth > 0.0).then(|| [self.cx + self.fl_x * p.x / depth, self.cy - self.fl_y * p.y / depth, depth])
+    }
+
+    /// The world point seen at (`px`, `py`) at a depth along the view axis.
+    pub fn unproject(&self, px: f64, py: f64, depth: f64) -> [f64; 3] {
+        self.camera_to_world.transform_point3(self.at_unit_depth(px, py) * depth).to_array()
+    }
+
+    /// The same camera with another number of pixels on the same image plane. Each axis is scaled on its own, so that
+    /// sizes that do not divide still show exactly the same part of the world.
+    pub fn scaled(&self, width: u32, height: u32) -> Camera {
+        let (sx, sy) = (f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
+        Camera {
+            width,
+            height,
+            fl_x: self.fl_x * sx,
+            fl_y: self.fl_y * sy,
+            cx: self.cx * sx,
+            cy: self.cy * sy,
+            ..self.clone()
+        }
+    }
+
+    /// The camera's position in world space.
+    pub fn position(&self) -> DVec3 {
+        self.camera_to_world.w_axis.truncate()
+    }
+
+    /// The eight world-space corners of what the camera sees between `near` and `far`.
+    pub fn frustum_corners(&self) -> [[f64; 3]; 8] {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let rim = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)];
+        std::array::from_fn(|i| {
+            let (px, py) = rim[i % 4];
+            self.unproject(px, py, if i < 4 { self.near } else { self.far })
+        })
+    }
+
+    /// A camera pose at `position` that looks at `target` with world +y up.
+    pub fn look_at(position: DVec3, target: DVec3) -> DMat4 {
+        let back = (position - target).normalize();
+        let right = DVec3::Y.cross(back).normalize();
+        let up = back.cross(right);
+        DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), position.extend(1.0))
+    }
+
+    /// The same camera after the world was moved, turned and scaled: `world' = scale * (rotation * world) + ...`, given
+    /// as the rigid part `rigid` followed by a uniform `scale` about the origin.
+    pub(crate) fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
+        let mut camera_to_world = rigid * self.camera_to_world;
+        camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));
+        Camera { camera_to_world, near: self.near * scale, far: self.far * scale, ..self.clone() }
+    }
+
+    fn at_unit_depth(&self, px: f64, py: f64) -> DVec3 {
+        DVec3::new((px - self.cx) / self.fl_x, -(py - self.cy) / self.fl_y, -1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use proptest::prelude::*;
+
+    fn any_camera() -> impl Strategy<Value = Camera> {
+        let pose = (prop::array::uniform3(-9.0..9.0f64), prop::array::uniform3(-3.0..3.0f64));
+        (pose, 40..900u32, 40..900u32, 50.0..2000.0f64, 50.0..2000.0f64, 0.2..0.8f64).prop_map(
+            |((position, turn), width, height, fl_x, fl_y, middle)| Camera {
+                width,
+                height,
+                fl_x,
+                fl_y,
+                cx: f64::from(width) * middle,
+                cy: f64::from(height) * (1.0 - middle),
+                camera_to_world: DMat4::from_rotation_translation(
+                    DQuat::from_scaled_axis(turn.into()),
+                    position.into(),
+                ),
+                near: 1.0,
+                far: 5.0,
+            },
+        )
+    }
+
+    fn along(ray: &Ray, depth: f64) -> [f64; 3] {
+        let distance = depth * f64::from(ray.distance_per_depth);
+        std::array::from_fn(|i| f64::from(ray.origin[i]) + distance * f64::from(ray.direction[i]))
+    }
+
+    proptest! {
+        #[test]
+        fn project_inverts_ray(camera in any_camera(), u in 0.0..1.0f64, v in 0.0..1.0f64, depth in 0.1..50.0f64) {
+            let (px, py) = (u * f64::from(camera.width), v * f64::from(camera.height));
+            let ray = camera.ray(px, py);
+            let seen = camera.project(along(&ray, depth)).unwrap();
+            // Rays are f32: their rounding, about 1e-6 of the distance, shows as so many focal lengths of pixels.
+            let tolerance = 1e-5 * f64::from(ray.distance_per_depth) * (1.0 + 10.0 / depth);
+            prop_assert!((seen[0] - px).abs() < tolerance * camera.fl_x, "{seen:?} for {px} {py}");
+            prop_assert!((seen[1] - py).abs() < tolerance * camera.fl_y, "{seen:?} for {px} {py}");
+            prop_assert!((seen[2] - depth).abs() < tolerance * depth);
+        }
+
+        #[test]
+        fn project_inverts_unproject(camera in any_camera(), u in 0.0..1.0f64, v in 0.0..1.0f64, depth in 0.1..50.0f64) {
+            let (px, py) = (u * f64::from(camera.width), v * f64::from(camera.height));
+            let seen = camera.project(camera.unproject(px, py, depth)).unwrap();
+            for (got, want) in seen.into_iter().zip([px, py, depth]) {
+                prop_assert!((got - want).abs() < 1e-8 * (1.0 + want.abs()), "{seen:?}");
+            }
+        }
+
+        #[test]
+        fn scaling_keeps_the_image_plane(camera in any_camera(), w in 1..400u32, h in 1..400u32, u in 0.0..1.0f64, v in 0.0..1.0f64) {
+            let scaled = camera.scaled(w, h);
+            let a = camera.unproject(u * f64::from(camera.width), v * f64::from(camera.height), 2.0);
+            let b = scaled.unproject(u * f64::from(w), v * f64::from(h), 2.0);
+            for i in 0..3 {
+                prop_assert!((a[i] - b[i]).abs() < 1e-9 * (1.0 + a[i].abs()), "{a:?} {b:?}");
+            }
+        }
+    }
+
+    fn front_camera() -> Camera {
+        Camera {
+            width: 8,
+            height: 6,
+            fl_x: 4.0,
+            fl_y: 4.0,
+            cx: 4.0,
+            cy: 3.0,
+            camera_to_world: DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0)),
+            near: 1.0,
+            far: 4.0,
+        }
+    }
+
+    #[test]
+    fn an_unturned_camera_looks_along_minus_z_with_y_up() {
+        let camera = front_camera();
+        assert_eq!(camera.ray(4.0, 3.0).direction, [0.0, 0.0, -1.0]);
+        assert_eq!(camera.ray(4.0, 3.0).distance_per_depth, 1.0);
+        let top_left = camera.ray(0.5, 0.5).direction;
+        assert!(top_left[0] < 0.0 && top_left[1] > 0.0, "{top_left:?}");
+        assert_eq!(camera.unproject(0.0, 0.0, 4.0), [-3.0, 5.0, -1.0]);
+        assert_eq!(camera.project([1.0, 2.0, 3.5]), None, "behind the camera");
+    }
+
+    #[test]
+    fn look_at_puts_the_target_in_the_middle_and_up_upwards() {
+        let (position, target) = (DVec3::new(2.0, 1.5, 3.0), DVec3::new(0.0, 0.5, -0.2));
+        let camera = Camera { camera_to_world: Camera::look_at(position, target), ..front_camera() };
+        let seen = camera.project(target.to_array()).unwrap();
+        assert!((seen[0] - 4.0).abs() < 1e-9 && (seen[1] - 3.0).abs() < 1e-9, "{seen:?}");
+        assert!((seen[2] - position.distance(target)).abs() < 1e-9);
+        assert!(camera.project((target + DVec3::Y).to_array()).unwrap()[1] < 3.0, "up is towards row 0");
+    }
+
+    #[test]
+    fn frustum_corners_lie_on_the_near_and_far_planes() {
+        let camera = front_camera();
+        let depths: Vec<f64> = camera.frustum_corners().map(|p| camera.project(p).unwrap()[2]).to_vec();
+        assert_eq!(depths, [1.0, 1.0, 1.0, 1.0, 4.0, 4.0, 4.0, 4.0]);
+    }
+}

@@ -1,0 +1,88 @@
+//! What can be wrong with a scene on disk, in words that name the file and say how to mend it.
+
+use std::path::PathBuf;
+
+/// Why a scene could not be read or made. Each message is whole: file, fault, remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// A folder or file that should be there is not.
+    #[error("{path}: {expected} is missing; {remedy}", path = path.display())]
+    Missing {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What should have been there.
+        expected: &'static str,
+        /// What to do.
+        remedy: String,
+    },
+    /// The operating system could not read it.
+    #[error("{path}: cannot be read", path = path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A `.npy` file that is broken or holds something else than expected.
+    #[error("{path}: {fault}; expected {expected}", path = path.display())]
+    Npy {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        fault: String,
+        /// What a good file holds.
+        expected: &'static str,
+    },
+    /// A camera that cannot be one: not a number, not a rotation, no focal length, near not before far.
+    #[error("{path}, row {row} (counted from 0): {fault}; run the pose estimation again or leave this photo out", path = path.display())]
+    Pose {
+        /// The file.
+        path: PathBuf,
+        /// Which camera.
+        row: usize,
+        /// What is wrong.
+        fault: String,
+    },
+    /// As many cameras as photos are needed.
+    #[error("{folder} holds {images} images but {poses_file} has {poses} poses; they must be as many, in the same sorted order", folder = folder.display(), poses_file = poses_file.display())]
+    Count {
+        /// The folder of photos.
+        folder: PathBuf,
+        /// How many photos it holds.
+        images: usize,
+        /// The file of poses.
+        poses_file: PathBuf,
+        /// How many poses it holds.
+        poses: usize,
+    },
+    /// A photo that cannot be decoded.
+    #[error("{path}: not a readable PNG or JPEG image ({fault}); replace or convert it", path = path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        fault: String,
+    },
+    /// Photos of one scene must have one size.
+    #[error("{path} is {width}x{height} but {first} is {first_width}x{first_height}; all photos of a scene must have one size", path = path.display(), first = first.display(), width = size.0, height = size.1, first_width = first_size.0, first_height = first_size.1)]
+    MixedSizes {
+        /// The photo that differs.
+        path: PathBuf,
+        /// Its width and height.
+        size: (u32, u32),
+        /// The first photo.
+        first: PathBuf,
+        /// Its width and height.
+        first_size: (u32, u32),
+    },
+    /// A requested size or factor that leaves no pixels.
+    #[error("{what}: a {width}x{height} image cannot be made; {remedy}", width = size.0, height = size.1)]
+    EmptyImage {
+        /// What was asked for.
+        what: String,
+        /// The size that would result.
+        size: (u32, u32),
+        /// What to do.
+        remedy: &'static str,
+    },
+}

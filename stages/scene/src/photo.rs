@@ -1,0 +1,90 @@
+//! Posed photos, and the scenes made of them. Knows nothing of where they come from.
+
+use crate::Camera;
+
+/// One image with the camera that took it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Photo {
+    /// The name it sorts by, without extension: `image003`, `view_003`.
+    pub name: String,
+    /// The camera, at this image's size.
+    pub camera: Camera,
+    /// `height * width * 3` values, row-major from the top left, sRGB-encoded in 0..=1.
+    pub rgb: Vec<f32>,
+    /// Coverage, `height * width` values in 0..=1, where the file has it. `rgb` is not premultiplied by it.
+    pub alpha: Option<Vec<f32>>,
+}
+
+/// A scene: what was photographed, from where, and how far it reaches.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneData {
+    /// The photos at full resolution, sorted by name. They are the truth that metrics compare with.
+    pub photos: Vec<Photo>,
+    /// Lowest and highest corner, in world units, of an axis-aligned box around all that the cameras see.
+    pub bounds: [[f64; 3]; 2],
+    /// One line for people: what it is and how it was brought into its coordinates.
+    pub description: String,
+}
+
+/// Lowest and highest corner of the points. The box of nothing is empty: its low corner lies above its high one.
+pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
+    let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    points.into_iter().fold(empty, |[low, high], p| {
+        [std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i]))]
+    })
+}
+
+/// Splits photos in their order into `(train, test)`: indices 0, `every`, 2 * `every`, ... are held out as test, which
+/// with 8 is the LLFF protocol. 0 holds out nothing; 1 holds out everything.
+pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo>) {
+    let is_test = |index: usize| every != 0 && index % every == 0;
+    let (test, train): (Vec<_>, Vec<_>) = photos.into_iter().enumerate().partition(|(index, _)| is_test(*index));
+    let photos_of = |part: Vec<(usize, Photo)>| part.into_iter().map(|(_, photo)| photo).collect();
+    (photos_of(train), photos_of(test))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat4;
+
+    fn photos(count: usize) -> Vec<Photo> {
+        let camera = Camera {
+            width: 1,
+            height: 1,
+            fl_x: 1.0,
+            fl_y: 1.0,
+            cx: 0.5,
+            cy: 0.5,
+            camera_to_world: DMat4::IDENTITY,
+            near: 1.0,
+            far: 2.0,
+        };
+        let photo = |i| Photo { name: format!("{i}"), camera: camera.clone(), rgb: vec![0.0; 3], alpha: None };
+        (0..count).map(photo).collect()
+    }
+
+    fn names(photos: &[Photo]) -> Vec<&str> {
+        photos.iter().map(|photo| photo.name.as_str()).collect()
+    }
+
+    #[test]
+    fn every_eighth_photo_from_the_first_is_held_out() {
+        let (train, test) = split_holdout(photos(20), 8);
+        assert_eq!(names(&test), ["0", "8", "16"]);
+        assert_eq!(train.len(), 17);
+        assert_eq!(names(&train)[..8], ["1", "2", "3", "4", "5", "6", "7", "9"]);
+    }
+
+    #[test]
+    fn zero_holds_out_nothing_and_one_everything() {
+        assert_eq!(split_holdout(photos(3), 0).1.len(), 0);
+        assert_eq!(split_holdout(photos(3), 1).0.len(), 0);
+    }
+
+    #[test]
+    fn a_bounding_box_holds_its_points_and_no_more() {
+        let points = [[1.0, 5.0, -2.0], [0.0, 7.0, 3.0]];
+        assert_eq!(bounding_box(points), [[0.0, 5.0, -2.0], [1.0, 7.0, 3.0]]);
+    }
+}
