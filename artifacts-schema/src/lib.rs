@@ -1,1 +1,36 @@
 //! What lies on disk: one file per artifact type, its codec and its semantic digest.
+//!
+//! Knows files, units and conventions (`docs/artifacts.md`); knows nothing of stages, keys or the store.
+
+pub mod artifact;
+pub mod camera;
+mod canonical;
+pub mod digest;
+pub mod error;
+pub mod field;
+pub mod figures;
+pub mod images;
+pub mod latents;
+pub mod log;
+pub mod lora;
+pub mod metrics;
+mod openexr;
+pub mod provenance;
+pub mod schemas;
+pub mod tensor;
+mod tensor_file;
+mod transforms;
+
+pub use artifact::{Artifact, ArtifactKind, semantic_digest};
+pub use camera::Camera;
+pub use digest::Digest;
+pub use error::SchemaError;
+pub use field::Field;
+pub use figures::{Figures, Picture};
+pub use images::{ImageSet, View};
+pub use latents::{LatentView, Latents, Residuals};
+pub use log::Log;
+pub use lora::Lora;
+pub use metrics::{Metrics, Row};
+pub use provenance::Provenance;
+pub use tensor::Tensor;

@@ -1,0 +1,109 @@
+//! What every artifact type can do: be written, be read, and say what it is by a digest of its content.
+
+use std::fmt;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::digest::Digest;
+use crate::error::SchemaError;
+use crate::provenance::Provenance;
+use crate::{Field, Figures, ImageSet, Latents, Log, Lora, Metrics, Residuals};
+
+/// The artifact types. Stages declare them for their inputs and outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ArtifactKind {
+    /// Posed images: [`ImageSet`].
+    Images,
+    /// Latent images of a VAE: [`Latents`].
+    Latents,
+    /// What an optimisation adds to latents: [`Residuals`].
+    Residuals,
+    /// Low-rank weights: [`Lora`].
+    Lora,
+    /// A radiance field: [`Field`].
+    Field,
+    /// Scores: [`Metrics`].
+    Metrics,
+    /// What happened, line by line: [`Log`].
+    Log,
+    /// Pictures for people: [`Figures`].
+    Figures,
+}
+
+impl ArtifactKind {
+    /// All kinds.
+    pub const ALL: [Self; 8] = [
+        Self::Images,
+        Self::Latents,
+        Self::Residuals,
+        Self::Lora,
+        Self::Field,
+        Self::Metrics,
+        Self::Log,
+        Self::Figures,
+    ];
+
+    /// The kind's name: lower case, one word.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Images => "images",
+            Self::Latents => "latents",
+            Self::Residuals => "residuals",
+            Self::Lora => "lora",
+            Self::Field => "field",
+            Self::Metrics => "metrics",
+            Self::Log => "log",
+            Self::Figures => "figures",
+        }
+    }
+}
+
+impl fmt::Display for ArtifactKind {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.pad(self.name())
+    }
+}
+
+/// Something that lies in a folder of its own.
+pub trait Artifact: Sized {
+    /// Its type.
+    const KIND: ArtifactKind;
+
+    /// Writes its files into `folder`, which is created. Equal content and equal provenance give equal bytes.
+    ///
+    /// # Errors
+    /// Content that has no form on disk (a value without a number, two views of one name), or a file system that refuses.
+    fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError>;
+
+    /// Reads what [`Artifact::write`] wrote.
+    ///
+    /// # Errors
+    /// Files that are missing, cut off or otherwise not what was written. Never panics, whatever the files hold.
+    fn read(folder: &Path) -> Result<Self, SchemaError>;
+
+    /// The digest of names, shapes, values and cameras: not of provenance, nor of the files' layout.
+    /// All NaNs count as one, and -0.0 as 0.0.
+    fn semantic_digest(&self) -> Digest;
+}
+
+/// The semantic digest of the artifact that lies in `folder`.
+///
+/// # Errors
+/// As [`Artifact::read`].
+pub fn semantic_digest(kind: ArtifactKind, folder: &Path) -> Result<Digest, SchemaError> {
+    fn digest<A: Artifact>(folder: &Path) -> Result<Digest, SchemaError> {
+        Ok(A::read(folder)?.semantic_digest())
+    }
+    match kind {
+        ArtifactKind::Images => digest::<ImageSet>(folder),
+        ArtifactKind::Latents => digest::<Latents>(folder),
+        ArtifactKind::Residuals => digest::<Residuals>(folder),
+        ArtifactKind::Lora => digest::<Lora>(folder),
+        ArtifactKind::Field => digest::<Field>(folder),
+        ArtifactKind::Metrics => digest::<Metrics>(folder),
+        ArtifactKind::Log => digest::<Log>(folder),
+        ArtifactKind::Figures => digest::<Figures>(folder),
+    }
+}

@@ -1,0 +1,49 @@
+//! A pinhole camera as files hold it. Knows no rays and no images.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::error::SchemaError;
+
+/// A pinhole camera. Lengths in the image are in pixels; pixel (0, 0) has its centre at (0.5, 0.5), y points down.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Camera {
+    /// Width of the image.
+    pub width: u32,
+    /// Height of the image.
+    pub height: u32,
+    /// Focal length along x.
+    pub fl_x: f64,
+    /// Focal length along y.
+    pub fl_y: f64,
+    /// Principal point, x.
+    pub cx: f64,
+    /// Principal point, y.
+    pub cy: f64,
+    /// Rows of the camera-to-world matrix. OpenGL axes: +x right, +y up, looks along -z.
+    pub camera_to_world: [[f64; 4]; 4],
+    /// Where the scene begins, along the viewing axis, in scene units.
+    pub near: f64,
+    /// Where the scene ends, along the viewing axis, in scene units.
+    pub far: f64,
+}
+
+impl Camera {
+    /// Refuses what JSON cannot hold.
+    pub(crate) fn check(&self, place: &str) -> Result<(), SchemaError> {
+        let lens = [self.fl_x, self.fl_y, self.cx, self.cy, self.near, self.far];
+        let mut numbers = lens.iter().chain(self.camera_to_world.as_flattened());
+        match numbers.find(|number| !number.is_finite()) {
+            Some(number) => Err(SchemaError::content(place, format!("its camera holds {number}; all must be finite"))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Refuses a scene box that JSON cannot hold.
+pub(crate) fn check_bounds(bounds: &[[f64; 3]; 2]) -> Result<(), SchemaError> {
+    match bounds.as_flattened().iter().find(|number| !number.is_finite()) {
+        Some(number) => Err(SchemaError::content("bounds", format!("holds {number}; all must be finite"))),
+        None => Ok(()),
+    }
+}

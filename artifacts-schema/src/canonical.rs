@@ -1,0 +1,64 @@
+//! JSON in one form only (sorted keys, shortest numbers that read back exactly), and names that are safe as file names.
+
+use std::path::Path;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::error::SchemaError;
+
+/// The one JSON value of `content`, keys sorted.
+pub fn value(content: &impl Serialize) -> Result<Value, SchemaError> {
+    let mut value = serde_json::to_value(content).map_err(|error| SchemaError::content("JSON", error))?;
+    value.sort_all_objects();
+    Ok(value)
+}
+
+/// The one JSON text of `content`, on one line.
+pub fn line(content: &impl Serialize) -> Result<String, SchemaError> {
+    Ok(value(content)?.to_string())
+}
+
+/// The one JSON text of `content`, indented for people.
+pub fn page(content: &impl Serialize) -> Result<String, SchemaError> {
+    Ok(format!("{:#}\n", value(content)?))
+}
+
+/// Reads a JSON file. Errors name its line and column.
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, SchemaError> {
+    let text = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
+    serde_json::from_slice(&text).map_err(|error| SchemaError::malformed(path, "JSON", error))
+}
+
+/// Writes a file into a folder, which is created.
+pub fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), SchemaError> {
+    std::fs::create_dir_all(folder).map_err(|error| SchemaError::io(folder, error))?;
+    let path = folder.join(name);
+    std::fs::write(&path, bytes).map_err(|error| SchemaError::io(&path, error))
+}
+
+/// Refuses names that cannot be a file's stem or a tensor's key everywhere.
+pub fn check_name(name: &str) -> Result<(), SchemaError> {
+    let bad = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
+    if name.is_empty() || name.len() > 200 || name.starts_with('.') || name == "__metadata__" || name.contains(bad) {
+        return Err(SchemaError::content(
+            format!("name {name:?}"),
+            "cannot name a file: expected 1 to 200 bytes, no leading dot, no / \\ : or control characters",
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses bad names, and a name that comes twice in a sorted sequence.
+pub fn check_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), SchemaError> {
+    let mut previous = None;
+    for name in names {
+        check_name(name)?;
+        if previous == Some(name) {
+            return Err(SchemaError::content(format!("name {name:?}"), "is there twice; each view needs its own"));
+        }
+        previous = Some(name);
+    }
+    Ok(())
+}

@@ -1,0 +1,166 @@
+//! BLAKE3 digests, and the one way in which content is fed to them.
+//!
+//! Everything is preceded by its length, so that no two contents share a preimage. Knows nothing of files.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::artifact::ArtifactKind;
+use crate::camera::Camera;
+use crate::tensor::Tensor;
+
+/// A 256-bit BLAKE3 digest; as text, 64 lower-case hexadecimal digits.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Digest([u8; 32]);
+
+/// A text that is not a digest.
+#[derive(Debug, thiserror::Error)]
+#[error("`{0}` is not a digest: expected 64 hexadecimal digits")]
+pub struct NotADigest(String);
+
+impl Digest {
+    /// The digest with these bytes.
+    pub const fn new(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// Its bytes.
+    pub const fn bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+}
+
+impl From<blake3::Hash> for Digest {
+    fn from(hash: blake3::Hash) -> Self {
+        Self(*hash.as_bytes())
+    }
+}
+
+impl fmt::Display for Digest {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(&blake3::Hash::from_bytes(self.0).to_hex())
+    }
+}
+
+impl fmt::Debug for Digest {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, out)
+    }
+}
+
+impl FromStr for Digest {
+    type Err = NotADigest;
+
+    fn from_str(text: &str) -> Result<Self, NotADigest> {
+        blake3::Hash::from_hex(text).map(Self::from).map_err(|_| NotADigest(text.to_owned()))
+    }
+}
+
+impl Serialize for Digest {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Digest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+/// Takes the canonical content of one artifact.
+pub(crate) struct ContentHasher(blake3::Hasher);
+
+impl ContentHasher {
+    pub fn new(kind: ArtifactKind) -> Self {
+        Self(blake3::Hasher::new_derive_key(&format!("srnerf-dag artifact {kind} v1")))
+    }
+
+    pub fn finish(self) -> Digest {
+        self.0.finalize().into()
+    }
+
+    pub fn count(&mut self, count: usize) {
+        self.0.update(&(count as u64).to_le_bytes());
+    }
+
+    pub fn text(&mut self, text: &str) {
+        self.count(text.len());
+        self.0.update(text.as_bytes());
+    }
+
+    pub fn json(&mut self, value: &serde_json::Value) {
+        let mut value = value.clone();
+        value.sort_all_objects();
+        self.text(&value.to_string());
+    }
+
+    pub fn scores(&mut self, scores: &std::collections::BTreeMap<String, f64>) {
+        self.count(scores.len());
+        for (name, &score) in scores {
+            self.text(name);
+            self.real(score);
+        }
+    }
+
+    pub fn real(&mut self, value: f64) {
+        // Adding zero turns -0.0 into 0.0 and leaves every other number alone.
+        let canonical = if value.is_nan() { f64::NAN } else { value + 0.0 };
+        self.0.update(&canonical.to_bits().to_le_bytes());
+    }
+
+    pub fn reals(&mut self, values: &[f64]) {
+        self.count(values.len());
+        values.iter().for_each(|&value| self.real(value));
+    }
+
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.count(bytes.len());
+        self.0.update_rayon(bytes);
+    }
+
+    pub fn values(&mut self, values: &[f32]) {
+        const CHUNK: usize = 1 << 18;
+        self.count(values.len());
+        for chunk in values.chunks(CHUNK) {
+            let canonical = |&value: &f32| if value.is_nan() { f32::NAN } else { value + 0.0 };
+            let bytes: Vec<u8> = chunk.iter().flat_map(|value| canonical(value).to_bits().to_le_bytes()).collect();
+            self.0.update_rayon(&bytes);
+        }
+    }
+
+    pub fn optional_values(&mut self, values: Option<&[f32]>) {
+        self.count(usize::from(values.is_some()));
+        if let Some(values) = values {
+            self.values(values);
+        }
+    }
+
+    pub fn tensor(&mut self, tensor: &Tensor) {
+        self.text("f32");
+        self.count(tensor.shape.len());
+        tensor.shape.iter().for_each(|&extent| self.count(extent));
+        self.values(&tensor.values);
+    }
+
+    pub fn tensors<'a>(&mut self, tensors: impl ExactSizeIterator<Item = (&'a String, &'a Tensor)>) {
+        self.count(tensors.len());
+        for (name, tensor) in tensors {
+            self.text(name);
+            self.tensor(tensor);
+        }
+    }
+
+    pub fn bounds(&mut self, bounds: &[[f64; 3]; 2]) {
+        self.reals(bounds.as_flattened());
+    }
+
+    pub fn camera(&mut self, camera: &Camera) {
+        self.count(camera.width as usize);
+        self.count(camera.height as usize);
+        self.reals(&[camera.fl_x, camera.fl_y, camera.cx, camera.cy, camera.near, camera.far]);
+        self.reals(camera.camera_to_world.as_flattened());
+    }
+}

@@ -1,0 +1,65 @@
+//! A radiance field: its hash tables, networks and occupancy grid as tensors of one safetensors file. Knows not what they mean.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::artifact::{Artifact, ArtifactKind};
+use crate::camera::check_bounds;
+use crate::canonical;
+use crate::digest::{ContentHasher, Digest};
+use crate::error::SchemaError;
+use crate::provenance::Provenance;
+use crate::tensor::Tensor;
+use crate::tensor_file::{self, METADATA_KEY, TensorFile};
+
+const FILE: &str = "field.safetensors";
+
+/// A radiance field.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// Its architecture, as the field's own library writes it.
+    pub config: Value,
+    /// Its tensors by name.
+    pub tensors: BTreeMap<String, Tensor>,
+    /// The scene box: its lower and its upper corner.
+    pub bounds: [[f64; 3]; 2],
+}
+
+/// The JSON in the file's metadata.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(crate) struct FieldMetadata {
+    config: Value,
+    bounds: [[f64; 3]; 2],
+    provenance: Provenance,
+}
+
+impl Artifact for Field {
+    const KIND: ArtifactKind = ArtifactKind::Field;
+
+    fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+        check_bounds(&self.bounds)?;
+        let metadata =
+            FieldMetadata { config: self.config.clone(), bounds: self.bounds, provenance: provenance.clone() };
+        let metadata = BTreeMap::from([("format", "pt".to_owned()), (METADATA_KEY, canonical::line(&metadata)?)]);
+        tensor_file::write(folder, FILE, &tensor_file::by_name(&self.tensors), &metadata)
+    }
+
+    fn read(folder: &Path) -> Result<Self, SchemaError> {
+        let path = folder.join(FILE);
+        let file = TensorFile::read(&path)?;
+        let FieldMetadata { config, bounds, .. } = file.header(&path)?;
+        Ok(Self { config, tensors: file.tensors, bounds })
+    }
+
+    fn semantic_digest(&self) -> Digest {
+        let mut hasher = ContentHasher::new(Self::KIND);
+        hasher.json(&self.config);
+        hasher.bounds(&self.bounds);
+        hasher.tensors(self.tensors.iter());
+        hasher.finish()
+    }
+}

@@ -1,0 +1,106 @@
+//! Posed images: a folder of one EXR per view and one `transforms.json`.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use crate::artifact::{Artifact, ArtifactKind};
+use crate::camera::{Camera, check_bounds};
+use crate::digest::{ContentHasher, Digest};
+use crate::error::SchemaError;
+use crate::provenance::Provenance;
+use crate::transforms::{self, Transforms};
+use crate::{canonical, openexr};
+
+/// One posed image. Any f32 may be a pixel, also infinities and NaN.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The stem of its file: `view_000`.
+    pub name: String,
+    /// The camera that saw it.
+    pub camera: Camera,
+    /// Height x width x 3, scene-linear Rec.709, premultiplied by alpha if there is alpha.
+    pub rgb: Vec<f32>,
+    /// Height x width, coverage in 0..1.
+    pub alpha: Option<Vec<f32>>,
+    /// Height x width, depth along the viewing axis in scene units.
+    pub depth: Option<Vec<f32>>,
+}
+
+/// Posed images of one scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageSet {
+    /// The images; on disk and when read, sorted by name.
+    pub views: Vec<View>,
+    /// The scene box: its lower and its upper corner.
+    pub bounds: [[f64; 3]; 2],
+}
+
+impl View {
+    fn check(&self) -> Result<(), SchemaError> {
+        let place = format!("view {:?}", self.name);
+        self.camera.check(&place)?;
+        let pixels = self.camera.width as usize * self.camera.height as usize;
+        let planes = [
+            ("rgb", 3 * pixels, Some(&self.rgb)),
+            ("alpha", pixels, self.alpha.as_ref()),
+            ("depth", pixels, self.depth.as_ref()),
+        ];
+        for (plane, expected, values) in planes {
+            if let Some(values) = values.filter(|values| values.len() != expected) {
+                return Err(SchemaError::content(
+                    &place,
+                    format!("{plane} has {} values; expected {expected}", values.len()),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ImageSet {
+    fn sorted(&self) -> Vec<&View> {
+        let mut views: Vec<&View> = self.views.iter().collect();
+        views.sort_by(|left, right| left.name.cmp(&right.name));
+        views
+    }
+}
+
+impl Artifact for ImageSet {
+    const KIND: ArtifactKind = ArtifactKind::Images;
+
+    fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+        let views = self.sorted();
+        check_bounds(&self.bounds)?;
+        canonical::check_names(views.iter().map(|view| view.name.as_str()))?;
+        views.iter().try_for_each(|view| view.check())?;
+        let cameras: Vec<(&str, Camera)> = views.iter().map(|view| (view.name.as_str(), view.camera)).collect();
+        let page = canonical::page(&Transforms::new(&cameras, self.bounds, provenance))?;
+        canonical::write(folder, transforms::FILE, page.as_bytes())?;
+        let provenance = canonical::line(provenance)?;
+        views
+            .par_iter()
+            .try_for_each(|view| openexr::write(&folder.join(format!("{}.exr", view.name)), view, &provenance))
+    }
+
+    fn read(folder: &Path) -> Result<Self, SchemaError> {
+        let (transforms, cameras) = Transforms::read(folder)?;
+        let views =
+            cameras.par_iter().map(|(name, camera)| openexr::read(&folder.join(format!("{name}.exr")), name, *camera));
+        Ok(Self { views: views.collect::<Result<_, _>>()?, bounds: transforms.aabb })
+    }
+
+    fn semantic_digest(&self) -> Digest {
+        let mut hasher = ContentHasher::new(Self::KIND);
+        hasher.bounds(&self.bounds);
+        hasher.count(self.views.len());
+        for view in self.sorted() {
+            hasher.text(&view.name);
+            hasher.camera(&view.camera);
+            hasher.values(&view.rgb);
+            hasher.optional_values(view.alpha.as_deref());
+            hasher.optional_values(view.depth.as_deref());
+        }
+        hasher.finish()
+    }
+}

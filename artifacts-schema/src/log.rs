@@ -1,0 +1,51 @@
+//! What happened while a stage ran: `log.jsonl`, one JSON value per line, with the provenance in a file beside it.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::artifact::{Artifact, ArtifactKind};
+use crate::canonical;
+use crate::digest::{ContentHasher, Digest};
+use crate::error::SchemaError;
+use crate::provenance::{self, Provenance};
+
+const FILE: &str = "log.jsonl";
+
+/// A log.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Log {
+    /// The lines in order, each usually an object such as `{"step": 1, "loss": 0.5}`.
+    pub lines: Vec<Value>,
+}
+
+impl Artifact for Log {
+    const KIND: ArtifactKind = ArtifactKind::Log;
+
+    fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+        let mut text = String::new();
+        for line in &self.lines {
+            text += &canonical::line(line)?;
+            text.push('\n');
+        }
+        canonical::write(folder, FILE, text.as_bytes())?;
+        canonical::write(folder, provenance::FILE, canonical::page(provenance)?.as_bytes())
+    }
+
+    fn read(folder: &Path) -> Result<Self, SchemaError> {
+        let path = folder.join(FILE);
+        let text = std::fs::read_to_string(&path).map_err(|error| SchemaError::io(&path, error))?;
+        let parse = |(index, line): (usize, &str)| {
+            serde_json::from_str(line)
+                .map_err(|error| SchemaError::malformed(&path, format!("line {}", index + 1), error))
+        };
+        Ok(Self { lines: text.lines().enumerate().map(parse).collect::<Result<_, _>>()? })
+    }
+
+    fn semantic_digest(&self) -> Digest {
+        let mut hasher = ContentHasher::new(Self::KIND);
+        hasher.count(self.lines.len());
+        self.lines.iter().for_each(|line| hasher.json(line));
+        hasher.finish()
+    }
+}

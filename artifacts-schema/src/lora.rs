@@ -1,0 +1,110 @@
+//! Low-rank weights in the diffusers/PEFT layout, and beside them the camera embedding, which that layout has no place for.
+//!
+//! The paper writes W + AB; its A is `lora_B` here (up), its B is `lora_A` (down).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::artifact::{Artifact, ArtifactKind};
+use crate::canonical;
+use crate::digest::{ContentHasher, Digest};
+use crate::error::SchemaError;
+use crate::provenance::Provenance;
+use crate::tensor::Tensor;
+use crate::tensor_file::{self, METADATA_KEY, TensorFile};
+
+const WEIGHTS_FILE: &str = "pytorch_lora_weights.safetensors";
+const CAMERA_FILE: &str = "camera_embedding.safetensors";
+
+/// Low-rank weights of a UNet: W + (alpha / rank) up · down at each adapted layer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lora {
+    /// The rank of every pair.
+    pub rank: usize,
+    /// The numerator of the scale.
+    pub alpha: f64,
+    /// `unet.<module path>.lora_A.weight` (down: rank x in) and `unet.<module path>.lora_B.weight` (up: out x rank).
+    pub tensors: BTreeMap<String, Tensor>,
+    /// The layers that embed the camera, by name; empty if there are none.
+    pub camera: BTreeMap<String, Tensor>,
+}
+
+/// The JSON in both files' metadata.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub(crate) struct LoraMetadata {
+    rank: usize,
+    alpha: f64,
+    provenance: Provenance,
+}
+
+impl Lora {
+    fn check(&self) -> Result<(), SchemaError> {
+        if !self.alpha.is_finite() {
+            return Err(SchemaError::content("alpha", format!("is {}; expected a number", self.alpha)));
+        }
+        self.tensors.iter().try_for_each(|(name, tensor)| check_pair(name, tensor, self.rank))
+    }
+
+    /// What PEFT wants to know of the adapter, as diffusers stores it.
+    fn adapter_metadata(&self) -> Value {
+        let modules = self.tensors.keys().filter_map(|name| name.strip_prefix("unet.")?.strip_suffix(".lora_A.weight"));
+        json!({
+            "unet.bias": "none",
+            "unet.lora_alpha": self.alpha,
+            "unet.peft_type": "LORA",
+            "unet.r": self.rank,
+            "unet.target_modules": modules.collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// Refuses tensors that diffusers would not load.
+fn check_pair(name: &str, tensor: &Tensor, rank: usize) -> Result<(), SchemaError> {
+    let module = name.strip_prefix("unet.").unwrap_or_default();
+    let fits = match tensor.shape[..] {
+        [down, _] if module.ends_with(".lora_A.weight") => down == rank,
+        [_, up] if module.ends_with(".lora_B.weight") => up == rank,
+        _ => false,
+    };
+    if fits {
+        return Ok(());
+    }
+    let expected = format!("expected unet.*.lora_A.weight [{rank}, in] or unet.*.lora_B.weight [out, {rank}]");
+    Err(SchemaError::content(format!("tensor {name:?}"), format!("has shape {:?}; {expected}", tensor.shape)))
+}
+
+impl Artifact for Lora {
+    const KIND: ArtifactKind = ArtifactKind::Lora;
+
+    fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+        self.check()?;
+        let ours = LoraMetadata { rank: self.rank, alpha: self.alpha, provenance: provenance.clone() };
+        let mut metadata = BTreeMap::from([("format", "pt".to_owned()), (METADATA_KEY, canonical::line(&ours)?)]);
+        tensor_file::write(folder, CAMERA_FILE, &tensor_file::by_name(&self.camera), &metadata)?;
+        metadata.insert("lora_adapter_metadata", format!("{:#}", canonical::value(&self.adapter_metadata())?));
+        tensor_file::write(folder, WEIGHTS_FILE, &tensor_file::by_name(&self.tensors), &metadata)
+    }
+
+    fn read(folder: &Path) -> Result<Self, SchemaError> {
+        let path = folder.join(WEIGHTS_FILE);
+        let weights = TensorFile::read(&path)?;
+        let LoraMetadata { rank, alpha, .. } = weights.header(&path)?;
+        let camera = TensorFile::read(&folder.join(CAMERA_FILE))?.tensors;
+        let lora = Self { rank, alpha, tensors: weights.tensors, camera };
+        lora.check().map_err(|error| error.in_file(&path))?;
+        Ok(lora)
+    }
+
+    fn semantic_digest(&self) -> Digest {
+        let mut hasher = ContentHasher::new(Self::KIND);
+        hasher.count(self.rank);
+        hasher.real(self.alpha);
+        hasher.tensors(self.tensors.iter());
+        hasher.tensors(self.camera.iter());
+        hasher.finish()
+    }
+}

@@ -1,0 +1,154 @@
+//! One view as one OpenEXR file: float channels R, G, B (A) (Z), scene-linear Rec.709, and the camera in the standard attributes.
+//!
+//! The `exr` crate writes custom attributes in random order, so each file has one, `srnerf`: the provenance as canonical JSON.
+//! The camera in the file is a single-precision copy for viewers; `transforms.json` holds the exact one.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::block::reader::Reader;
+use exr::meta::attribute::{AttributeValue, Chromaticities, SampleType, Text};
+use exr::meta::header::Header;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
+    ReadChannels, ReadLayers, Vec2, WritableImage,
+};
+use glam::{DMat4, DVec4};
+
+use crate::camera::Camera;
+use crate::error::SchemaError;
+use crate::images::View;
+
+/// No deflate stream unpacks to more than this many times its length.
+const LARGEST_COMPRESSION_RATIO: u64 = 1032;
+
+const REC_709: Chromaticities = Chromaticities {
+    red: Vec2(0.64, 0.33),
+    green: Vec2(0.30, 0.60),
+    blue: Vec2(0.15, 0.06),
+    white: Vec2(0.3127, 0.3290),
+};
+
+/// Writes a view. `provenance` is canonical JSON.
+pub fn write(path: &Path, view: &View, provenance: &str) -> Result<(), SchemaError> {
+    let mut image = Image::from_layer(Layer::new(
+        (view.camera.width as usize, view.camera.height as usize),
+        attributes(&view.camera, provenance)?,
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing },
+        AnyChannels::sort(channels(view).into()),
+    ));
+    image.attributes.chromaticities = Some(REC_709);
+    let mut bytes = Cursor::new(Vec::new());
+    // The parallel writer may order the blocks by who comes first.
+    let written = image.write().non_parallel().to_buffered(&mut bytes);
+    written.map_err(|error| SchemaError::content(format!("view {:?}", view.name), error))?;
+    std::fs::write(path, bytes.into_inner()).map_err(|error| SchemaError::io(path, error))
+}
+
+fn channels(view: &View) -> Vec<AnyChannel<FlatSamples>> {
+    let plane = |offset: usize| view.rgb.iter().skip(offset).step_by(3).copied().collect();
+    let color = [("R", plane(0)), ("G", plane(1)), ("B", plane(2))].into_iter();
+    let alpha = view.alpha.iter().map(|alpha| ("A", alpha.clone()));
+    let depth = view.depth.iter().map(|depth| ("Z", depth.clone()));
+    color.chain(alpha).chain(depth).map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values))).collect()
+}
+
+fn attributes(camera: &Camera, provenance: &str) -> Result<LayerAttributes, SchemaError> {
+    let text = Text::new_or_none(provenance).ok_or_else(|| {
+        SchemaError::content("provenance", "holds characters that OpenEXR cannot; write them as JSON escapes")
+    })?;
+    let world_to_camera = world_to_camera(camera);
+    let mut attributes = LayerAttributes {
+        world_to_camera: Some(row_vector_matrix(world_to_camera)),
+        world_to_normalized_device: Some(row_vector_matrix(camera_to_ndc(camera) * world_to_camera)),
+        near_clip_plane: Some(camera.near as f32),
+        far_clip_plane: Some(camera.far as f32),
+        ..LayerAttributes::default()
+    };
+    attributes.other.insert(Text::new_or_panic("srnerf"), AttributeValue::Text(text));
+    Ok(attributes)
+}
+
+/// World to OpenEXR's camera space: left-handed, +x right, +y up, +z forward.
+fn world_to_camera(camera: &Camera) -> DMat4 {
+    let flip_z = DMat4::from_diagonal(DVec4::new(1.0, 1.0, -1.0, 1.0));
+    flip_z * DMat4::from_cols_array_2d(&camera.camera_to_world).transpose().inverse()
+}
+
+/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w. Readers discard z, here 1/depth.
+fn camera_to_ndc(camera: &Camera) -> DMat4 {
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    DMat4::from_cols_array_2d(&[
+        [camera.fl_x / width, 0.0, 0.0, 0.0],
+        [0.0, -camera.fl_y / height, 0.0, 0.0],
+        [camera.cx / width, camera.cy / height, 0.0, 1.0],
+        [0.0, 0.0, 1.0, 0.0],
+    ])
+}
+
+/// Imath multiplies row vectors from the left, so its rows are our columns.
+fn row_vector_matrix(matrix: DMat4) -> [f32; 16] {
+    matrix.to_cols_array().map(|value| value as f32)
+}
+
+/// Reads the view of this name, which must have the camera's size.
+pub fn read(path: &Path, name: &str, camera: Camera) -> Result<View, SchemaError> {
+    let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
+    let malformed = |error: exr::error::Error| SchemaError::malformed(path, "OpenEXR", error);
+    let reader = Reader::read_from_buffered(Cursor::new(&bytes), true).map_err(malformed)?;
+    check(reader.headers(), &camera, bytes.len() as u64)
+        .map_err(|(place, problem)| SchemaError::malformed(path, place, problem))?;
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_chunks(reader)
+        .map_err(malformed)?;
+    let mut planes = image
+        .layer_data
+        .channel_data
+        .list
+        .into_iter()
+        .filter_map(|channel| match channel.sample_data {
+            FlatSamples::F32(values) => Some((channel.name.to_string(), values)),
+            _ => None,
+        })
+        .collect::<std::collections::BTreeMap<_, _>>();
+    let (red, green, blue) = match (planes.remove("R"), planes.remove("G"), planes.remove("B")) {
+        (Some(red), Some(green), Some(blue)) => (red, green, blue),
+        _ => return Err(SchemaError::malformed(path, "channels", "R, G and B are not all there")),
+    };
+    let rgb = red.into_iter().zip(green).zip(blue).flat_map(|((red, green), blue)| [red, green, blue]).collect();
+    Ok(View { name: name.to_owned(), camera, rgb, alpha: planes.remove("A"), depth: planes.remove("Z") })
+}
+
+/// Refuses a header that does not describe the view, before anything is allocated for it.
+fn check(headers: &[Header], camera: &Camera, file_length: u64) -> Result<(), (&'static str, String)> {
+    let [header] = headers else {
+        return Err(("parts", format!("there are {}; expected 1", headers.len())));
+    };
+    let (Vec2(width, height), expected) = (header.layer_size, (camera.width as usize, camera.height as usize));
+    if (width, height) != expected {
+        return Err((
+            "data window",
+            format!("is {width}x{height}; transforms.json says {}x{}", expected.0, expected.1),
+        ));
+    }
+    let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
+    let color: Vec<&str> = names.iter().map(String::as_str).filter(|name| !matches!(*name, "A" | "Z")).collect();
+    if color != ["B", "G", "R"] {
+        return Err(("channels", format!("are {}; expected R, G, B and perhaps A and Z", names.join(", "))));
+    }
+    let plain = |sampling: Vec2<usize>| sampling == Vec2(1, 1);
+    if !header.channels.list.iter().all(|channel| channel.sample_type == SampleType::F32 && plain(channel.sampling)) {
+        return Err(("channels", "must all be 32-bit float without subsampling".to_owned()));
+    }
+    let size = 4 * names.len() as u64 * width as u64 * height as u64;
+    if size / LARGEST_COMPRESSION_RATIO > file_length {
+        return Err(("data window", format!("{width}x{height} cannot be held by {file_length} bytes")));
+    }
+    Ok(())
+}

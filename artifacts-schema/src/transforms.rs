@@ -1,0 +1,136 @@
+//! `transforms.json`: the cameras of an image set, as nerfstudio and instant-ngp read them. It is exact: every number is the
+//! shortest text that reads back as the same f64. Knows no pixels.
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::canonical;
+use crate::error::SchemaError;
+use crate::provenance::Provenance;
+
+/// The file's name.
+pub const FILE: &str = "transforms.json";
+
+/// The file.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Transforms {
+    /// Always `OPENCV` (without distortion): a pinhole camera.
+    pub camera_model: String,
+    /// The scene box: its lower and its upper corner.
+    pub aabb: [[f64; 3]; 2],
+    /// What all cameras share; empty if they differ.
+    #[serde(flatten)]
+    pub lens: Lens,
+    /// One frame per view, sorted by file.
+    pub frames: Vec<Frame>,
+    /// Where the images come from.
+    #[serde(rename = "srnerf")]
+    pub provenance: Provenance,
+}
+
+/// One view.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+pub struct Frame {
+    /// The image, beside this file.
+    pub file_path: String,
+    /// Rows of the camera-to-world matrix, OpenGL axes.
+    pub transform_matrix: [[f64; 4]; 4],
+    /// This camera's own lens, if the cameras differ.
+    #[serde(flatten)]
+    pub lens: Lens,
+}
+
+/// All of a camera but its pose; in pixels, near and far in scene units along the viewing axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[allow(missing_docs)]
+pub struct Lens {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub w: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub h: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fl_x: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fl_y: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cx: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cy: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub near: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub far: Option<f64>,
+}
+
+impl Lens {
+    fn of(camera: &Camera) -> Self {
+        Self {
+            w: Some(camera.width),
+            h: Some(camera.height),
+            fl_x: Some(camera.fl_x),
+            fl_y: Some(camera.fl_y),
+            cx: Some(camera.cx),
+            cy: Some(camera.cy),
+            near: Some(camera.near),
+            far: Some(camera.far),
+        }
+    }
+}
+
+impl Transforms {
+    /// The file for these cameras, given by view name.
+    pub fn new(cameras: &[(&str, Camera)], bounds: [[f64; 3]; 2], provenance: &Provenance) -> Self {
+        let lenses: Vec<Lens> = cameras.iter().map(|(_, camera)| Lens::of(camera)).collect();
+        let shared = lenses.first().copied().filter(|first| lenses.iter().all(|lens| lens == first));
+        let frame = |&(name, camera): &(&str, Camera)| Frame {
+            file_path: format!("{name}.exr"),
+            transform_matrix: camera.camera_to_world,
+            lens: if shared.is_some() { Lens::default() } else { Lens::of(&camera) },
+        };
+        Self {
+            camera_model: "OPENCV".to_owned(),
+            aabb: bounds,
+            lens: shared.unwrap_or_default(),
+            frames: cameras.iter().map(frame).collect(),
+            provenance: provenance.clone(),
+        }
+    }
+
+    /// Reads the file in a folder: it, and its cameras by view name, sorted.
+    pub fn read(folder: &Path) -> Result<(Self, Vec<(String, Camera)>), SchemaError> {
+        let path = folder.join(FILE);
+        let transforms: Self = canonical::read(&path)?;
+        let cameras = transforms.cameras().map_err(|error| error.in_file(&path))?;
+        Ok((transforms, cameras))
+    }
+
+    fn cameras(&self) -> Result<Vec<(String, Camera)>, SchemaError> {
+        let mut cameras = self.frames.iter().map(|frame| self.camera(frame)).collect::<Result<Vec<_>, _>>()?;
+        cameras.sort_by(|(left, _), (right, _)| left.cmp(right));
+        canonical::check_names(cameras.iter().map(|(name, _)| name.as_str()))?;
+        Ok(cameras)
+    }
+
+    fn camera(&self, frame: &Frame) -> Result<(String, Camera), SchemaError> {
+        let place = format!("frame {:?}", frame.file_path);
+        let missing =
+            |field: &str| SchemaError::content(&place, format!("has no {field}, nor is there one for all frames"));
+        let name = frame.file_path.strip_suffix(".exr");
+        let name = name.ok_or_else(|| SchemaError::content(&place, "is not the name of an .exr file"))?;
+        let camera = Camera {
+            width: frame.lens.w.or(self.lens.w).ok_or_else(|| missing("w"))?,
+            height: frame.lens.h.or(self.lens.h).ok_or_else(|| missing("h"))?,
+            fl_x: frame.lens.fl_x.or(self.lens.fl_x).ok_or_else(|| missing("fl_x"))?,
+            fl_y: frame.lens.fl_y.or(self.lens.fl_y).ok_or_else(|| missing("fl_y"))?,
+            cx: frame.lens.cx.or(self.lens.cx).ok_or_else(|| missing("cx"))?,
+            cy: frame.lens.cy.or(self.lens.cy).ok_or_else(|| missing("cy"))?,
+            camera_to_world: frame.transform_matrix,
+            near: frame.lens.near.or(self.lens.near).ok_or_else(|| missing("near"))?,
+            far: frame.lens.far.or(self.lens.far).ok_or_else(|| missing("far"))?,
+        };
+        Ok((name.to_owned(), camera))
+    }
+}
