@@ -1,0 +1,113 @@
+//! The one data type: a contiguous row-major `f32` array. It knows its shape and its device, not what its axes mean.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::device::Device;
+
+/// An immutable `f32` array on a [`Device`], contiguous and row-major. A clone shares the values.
+#[derive(Clone)]
+pub struct Array {
+    device: Device,
+    shape: Arc<[usize]>,
+    storage: Storage,
+}
+
+#[derive(Clone)]
+enum Storage {
+    Cpu(Arc<Vec<f32>>),
+}
+
+impl Array {
+    /// An array in host memory.
+    pub(crate) fn on_cpu(shape: &[usize], values: Vec<f32>) -> Array {
+        let expected: usize = shape.iter().product();
+        assert_eq!(values.len(), expected, "array: {} values do not fill the shape {shape:?}", values.len());
+        Array { device: Device::cpu(), shape: shape.into(), storage: Storage::Cpu(Arc::new(values)) }
+    }
+
+    /// The extents of the axes, outermost first.
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    /// The extent of the last axis; 1 for a scalar.
+    pub(crate) fn last(&self) -> usize {
+        self.shape.last().copied().unwrap_or(1)
+    }
+
+    /// The number of elements.
+    pub fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    /// Whether the array has no elements.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The device the values lie on.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// Copies the values to the host.
+    pub fn to_vec(&self) -> Vec<f32> {
+        match &self.storage {
+            Storage::Cpu(values) => values.to_vec(),
+        }
+    }
+
+    /// The same values under another shape of the same size, without a copy.
+    pub fn reshape(&self, shape: &[usize]) -> Array {
+        let expected: usize = shape.iter().product();
+        assert_eq!(self.len(), expected, "reshape: {:?} does not fit {shape:?}", self.shape);
+        Array { shape: shape.into(), ..self.clone() }
+    }
+
+    /// The values in host memory, for CPU kernels only.
+    pub(crate) fn host(&self) -> &[f32] {
+        match &self.storage {
+            Storage::Cpu(values) => values,
+        }
+    }
+
+    /// The values in host memory to change in place; copied first if another array shares them.
+    pub(crate) fn host_mut(&mut self) -> &mut [f32] {
+        match &mut self.storage {
+            Storage::Cpu(values) => Arc::make_mut(values).as_mut_slice(),
+        }
+    }
+}
+
+impl fmt::Debug for Array {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Array{:?} on {}", self.shape, self.device.kind())
+    }
+}
+
+/// The extents of a four-axis array `[N, C, H, W]`; `op` names the caller in the message.
+pub(crate) fn nchw(op: &str, x: &Array) -> [usize; 4] {
+    match *x.shape() {
+        [n, c, h, w] => [n, c, h, w],
+        _ => panic!("{op}: expected [N, C, H, W], got {:?}", x.shape()),
+    }
+}
+
+/// The extents of a two-axis array `[rows, columns]`.
+pub(crate) fn matrix(op: &str, x: &Array) -> [usize; 2] {
+    match *x.shape() {
+        [rows, columns] => [rows, columns],
+        _ => panic!("{op}: expected [rows, columns], got {:?}", x.shape()),
+    }
+}
+
+/// Asserts that two arrays have the same shape.
+pub(crate) fn same_shape(op: &str, a: &Array, b: &Array) {
+    assert_eq!(a.shape(), b.shape(), "{op}: the shapes differ");
+}
+
+/// Asserts that `x` holds one value for each of `count` things.
+pub(crate) fn vector(op: &str, what: &str, x: &Array, count: usize) {
+    assert_eq!(x.len(), count, "{op}: {what} has shape {:?}, expected {count} values", x.shape());
+}

@@ -1,0 +1,154 @@
+//! Group and layer normalisation, forward and backward to the input.
+
+use super::activation::{silu, silu_slope};
+use super::map::fill;
+use super::simd::vectorize;
+use crate::norm::{Activation, Groups};
+
+/// Sums run in this many lanes side by side, then over the lanes in their order, whatever the vectors' width.
+const LANES: usize = 64;
+/// Rows per task of layer normalisation.
+const ROWS: usize = 16;
+
+/// The sum of `term(i)` for `i` in `0..len`.
+#[inline(always)]
+fn lane_sum(len: usize, term: impl Fn(usize) -> f32) -> f32 {
+    let mut lanes = [0.0f32; LANES];
+    let whole = len - len % LANES;
+    for start in (0..whole).step_by(LANES) {
+        for (lane, sum) in lanes.iter_mut().enumerate() {
+            *sum += term(start + lane);
+        }
+    }
+    for i in whole..len {
+        lanes[i - whole] += term(i);
+    }
+    lanes.iter().sum()
+}
+
+/// The mean of `x` and the reciprocal of its standard deviation.
+#[inline(always)]
+fn moments(x: &[f32], eps: f32) -> [f32; 2] {
+    let count = x.len() as f32;
+    let mean = lane_sum(x.len(), |i| x[i]) / count;
+    let variance = lane_sum(x.len(), |i| (x[i] - mean) * (x[i] - mean)) / count;
+    [mean, 1.0 / (variance + eps).sqrt()]
+}
+
+/// Group `i` of all images: its range of elements begins here, and its channels begin there.
+fn group_at(i: usize, g: Groups) -> (usize, usize) {
+    let channels = g.channels / g.groups;
+    (i * channels * g.plane, i % g.groups * channels)
+}
+
+/// `x` normalised group by group, scaled, shifted and activated.
+pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation) -> Vec<f32> {
+    let mut out = vec![0.0; x.len()];
+    fill(&mut out, (g.channels / g.groups * g.plane).max(1), |i, out| {
+        let (start, channel) = group_at(i, g);
+        let x = &x[start..start + out.len()];
+        vectorize(
+            #[inline(always)]
+            || {
+                let [mean, rstd] = moments(x, g.eps);
+                for (c, (out, x)) in out.chunks_mut(g.plane).zip(x.chunks(g.plane)).enumerate() {
+                    let scale = gamma[channel + c] * rstd;
+                    let shift = beta[channel + c] - mean * scale;
+                    match activation {
+                        Activation::None => out.iter_mut().zip(x).for_each(|(out, x)| *out = x * scale + shift),
+                        Activation::Silu => out.iter_mut().zip(x).for_each(|(out, x)| *out = silu(x * scale + shift)),
+                    }
+                }
+            },
+        );
+    });
+    out
+}
+
+/// The gradient of [`group`] to `x`.
+pub fn group_backward(
+    x: &[f32],
+    gamma: &[f32],
+    beta: &[f32],
+    g: Groups,
+    activation: Activation,
+    dy: &[f32],
+) -> Vec<f32> {
+    let mut dx = vec![0.0; x.len()];
+    fill(&mut dx, (g.channels / g.groups * g.plane).max(1), |i, dx| {
+        let (start, channel) = group_at(i, g);
+        let (x, dy) = (&x[start..start + dx.len()], &dy[start..start + dx.len()]);
+        vectorize(
+            #[inline(always)]
+            || {
+                let [mean, rstd] = moments(x, g.eps);
+                for (c, dx) in dx.chunks_mut(g.plane).enumerate() {
+                    let (x, dy) = (&x[c * g.plane..], &dy[c * g.plane..]);
+                    let gamma = gamma[channel + c];
+                    let (scale, shift) = (gamma * rstd, beta[channel + c] - mean * gamma * rstd);
+                    match activation {
+                        Activation::None => dx.iter_mut().zip(dy).for_each(|(dx, dy)| *dx = dy * gamma),
+                        Activation::Silu => dx
+                            .iter_mut()
+                            .zip(x)
+                            .zip(dy)
+                            .for_each(|((dx, x), dy)| *dx = dy * silu_slope(x * scale + shift) * gamma),
+                    }
+                }
+                project(x, dx, [mean, rstd]);
+            },
+        );
+    });
+    dx
+}
+
+/// Takes `dx` from the gradient to the normalised values to the gradient to `x`: what the mean and the variance fix
+/// cannot change.
+#[inline(always)]
+fn project(x: &[f32], dx: &mut [f32], [mean, rstd]: [f32; 2]) {
+    let count = x.len() as f32;
+    let along_mean = lane_sum(x.len(), |i| dx[i]) / count;
+    let along_value = lane_sum(x.len(), |i| dx[i] * ((x[i] - mean) * rstd)) / count;
+    for (dx, x) in dx.iter_mut().zip(x) {
+        *dx = rstd * (*dx - along_mean - (x - mean) * rstd * along_value);
+    }
+}
+
+/// Each row of `gamma.len()` elements normalised, scaled and shifted.
+pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Vec<f32> {
+    let width = gamma.len();
+    let mut out = vec![0.0; x.len()];
+    fill(&mut out, ROWS * width, |i, out| {
+        for (out, x) in out.chunks_mut(width).zip(x[i * ROWS * width..].chunks(width)) {
+            vectorize(
+                #[inline(always)]
+                || {
+                    let [mean, rstd] = moments(x, eps);
+                    for (i, out) in out.iter_mut().enumerate() {
+                        *out = (x[i] - mean) * rstd * gamma[i] + beta[i];
+                    }
+                },
+            );
+        }
+    });
+    out
+}
+
+/// The gradient of [`layer`] to `x`.
+pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Vec<f32> {
+    let width = gamma.len();
+    let mut dx = vec![0.0; x.len()];
+    fill(&mut dx, ROWS * width, |i, dx| {
+        let rows = x[i * ROWS * width..].chunks(width).zip(dy[i * ROWS * width..].chunks(width));
+        for (dx, (x, dy)) in dx.chunks_mut(width).zip(rows) {
+            vectorize(
+                #[inline(always)]
+                || {
+                    dx.iter_mut().zip(dy).zip(gamma).for_each(|((dx, dy), gamma)| *dx = dy * gamma);
+                    project(x, dx, moments(x, eps));
+                },
+            );
+        }
+    });
+    dx
+}

@@ -1,0 +1,96 @@
+//! Moving values around.
+
+use std::ops::Range;
+
+use super::map::fill;
+
+/// Planes of at least this many elements are a task of their own.
+const BLOCK: usize = 32;
+
+/// Joins `outer` rows of every part; a part is its values with the length of its rows.
+pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> Vec<f32> {
+    let row: usize = parts.iter().map(|(_, len)| len).sum();
+    let mut out = Vec::with_capacity(outer * row);
+    for i in 0..outer {
+        parts.iter().for_each(|(values, len)| out.extend_from_slice(&values[i * len..(i + 1) * len]));
+    }
+    out
+}
+
+/// The part `range` of each of `outer` rows of `row` elements.
+pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Vec<f32> {
+    let mut out = Vec::with_capacity(outer * range.len());
+    for i in 0..outer {
+        out.extend_from_slice(&x[i * row..][range.clone()]);
+    }
+    out
+}
+
+/// Each of `batch` matrices `[rows, columns]` as `[columns, rows]`, in square blocks that stay in the cache.
+pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Vec<f32> {
+    let mut out = vec![0.0; batch * rows * columns];
+    let blocks = columns.div_ceil(BLOCK);
+    if rows == 0 || columns == 0 {
+        return out;
+    }
+    for (x, out) in x.chunks(rows * columns).zip(out.chunks_mut(rows * columns)) {
+        debug_assert_eq!(blocks, out.chunks(BLOCK * rows).len());
+        fill(out, BLOCK * rows, |block, out| {
+            for row0 in (0..rows).step_by(BLOCK) {
+                for (j, out) in out.chunks_mut(rows).enumerate() {
+                    let column = block * BLOCK + j;
+                    let end = rows.min(row0 + BLOCK);
+                    (row0..end).for_each(|row| out[row] = x[row * columns + column]);
+                }
+            }
+        });
+    }
+    out
+}
+
+/// Every pixel repeated `factor` times both ways; `[planes, h, w]` is the extent of `x`.
+pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Vec<f32> {
+    let wide = w * factor;
+    let mut out = vec![0.0; planes * h * factor * wide];
+    fill(&mut out, (factor * wide).max(1), |i, out| {
+        let row = &x[i * w..(i + 1) * w];
+        for out in out.chunks_mut(wide) {
+            out.chunks_mut(factor).zip(row).for_each(|(out, &x)| out.fill(x));
+        }
+    });
+    out
+}
+
+/// The sum over every block of `factor` by `factor`; `[planes, h, w]` is the extent of the result.
+pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Vec<f32> {
+    let wide = w * factor;
+    let mut out = vec![0.0; planes * h * w];
+    fill(&mut out, w.max(1), |i, out| {
+        for dy in dy[i * factor * wide..(i + 1) * factor * wide].chunks(wide) {
+            out.iter_mut().zip(dy.chunks(factor)).for_each(|(out, dy)| *out += dy.iter().sum::<f32>());
+        }
+    });
+    out
+}
+
+/// Mirrors an index at the first and last of `len` pixels.
+fn mirrored(index: usize, before: usize, len: usize) -> usize {
+    let distance = index.abs_diff(before);
+    if index < before || distance < len { distance } else { 2 * (len - 1) - distance }
+}
+
+/// `[planes, h, w]` continued by mirroring, `[top, bottom, left, right]` pixels wide.
+pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, right]: [usize; 4]) -> Vec<f32> {
+    let (height, width) = (top + h + bottom, left + w + right);
+    let mut out = vec![0.0; planes * height * width];
+    fill(&mut out, width.max(1), |i, out| {
+        let row = &x[(i / height * h + mirrored(i % height, top, h)) * w..][..w];
+        out.iter_mut().enumerate().for_each(|(j, out)| *out = row[mirrored(j, left, w)]);
+    });
+    out
+}
+
+/// Row `id` of the table for every id.
+pub fn gather_rows(table: &[f32], depth: usize, ids: &[u32]) -> Vec<f32> {
+    ids.iter().flat_map(|&id| &table[id as usize * depth..][..depth]).copied().collect()
+}

@@ -1,0 +1,14 @@
+//! The plain matrix product. It knows two axes and nothing of layers.
+
+use crate::array::{Array, matrix};
+use crate::cpu;
+use crate::device::Backend;
+
+/// `a b` for `a [M, K]` and `b [K, N]`, giving `[M, N]`.
+pub fn matmul(a: &Array, b: &Array) -> Array {
+    let ([m, k], [k2, n]) = (matrix("matmul", a), matrix("matmul", b));
+    assert_eq!(k, k2, "matmul: {:?} times {:?}", a.shape(), b.shape());
+    match a.device().backend() {
+        Backend::Cpu => Array::on_cpu(&[m, n], cpu::linear::matmul(a.host(), b.host(), [m, k, n])),
+    }
+}

@@ -1,0 +1,74 @@
+//! Random numbers as pure functions of (seed, domain, step, element): a counter-based generator has no state to save, and
+//! any thread may draw any number. Philox4x32-10, Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3".
+
+use crate::array::Array;
+use crate::device::Device;
+
+const MULTIPLIERS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
+const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
+
+/// Ten rounds of the Philox bijection on 128 bits.
+fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+    for _ in 0..10 {
+        let [a, b] = [0, 2].map(|lane| u64::from(MULTIPLIERS[lane / 2]) * u64::from(counter[lane]));
+        counter = [(b >> 32) as u32 ^ counter[1] ^ key[0], b as u32, (a >> 32) as u32 ^ counter[3] ^ key[1], a as u32];
+        key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
+    }
+    counter
+}
+
+/// The 64-bit FNV-1a hash, which folds a domain's name into the key.
+fn fnv1a(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3))
+}
+
+/// 24 random bits as a number in [0, 1).
+fn unit(bits: u32) -> f32 {
+    (bits >> 8) as f32 / (1 << 24) as f32
+}
+
+/// An independent stream of random numbers for each (seed, domain).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rng {
+    key: [u32; 2],
+}
+
+impl Rng {
+    /// The stream of `domain`, a name for what the numbers are used for, under `seed`.
+    pub fn new(seed: u64, domain: &str) -> Rng {
+        let name = fnv1a(domain.as_bytes());
+        let [seed_low, seed_high, name_low, name_high] = [seed, seed >> 32, name, name >> 32].map(|x| x as u32);
+        let mixed = philox4x32_10([seed_low, seed_high, name_low, name_high], [0, 0]);
+        Rng { key: [mixed[0], mixed[1]] }
+    }
+
+    fn draw(&self, step: u64, element: u64) -> [u32; 4] {
+        philox4x32_10([element as u32, (element >> 32) as u32, step as u32, (step >> 32) as u32], self.key)
+    }
+
+    /// Uniform in [0, 1), a multiple of 2^-24.
+    pub fn uniform(&self, step: u64, element: u64) -> f32 {
+        unit(self.draw(step, element)[0])
+    }
+
+    /// Standard normal, by the transform of Box and Muller 1958.
+    pub fn normal(&self, step: u64, element: u64) -> f32 {
+        let [a, b, ..] = self.draw(step, element);
+        let radius = (-2.0 * ((f64::from(a) + 0.5) / 4_294_967_296.0).ln()).sqrt();
+        (radius * (std::f64::consts::TAU * f64::from(b) / 4_294_967_296.0).cos()) as f32
+    }
+
+    /// Uniform in `0..n`, without bias beyond 2^-64.
+    pub fn below(&self, step: u64, element: u64, n: u32) -> u32 {
+        assert!(n > 0, "below: no number is below 0");
+        let [a, b, ..] = self.draw(step, element);
+        let bits = u128::from(u64::from(a) << 32 | u64::from(b));
+        ((bits * u128::from(n)) >> 64) as u32
+    }
+
+    /// An array whose element `i` is [`Rng::normal`]`(step, i)`.
+    pub fn normals(&self, step: u64, shape: &[usize], device: &Device) -> Array {
+        let len: usize = shape.iter().product();
+        device.array(shape, (0..len as u64).map(|element| self.normal(step, element)).collect())
+    }
+}
