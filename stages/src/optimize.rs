@@ -1,0 +1,190 @@
+//! `Optimize`: residual latents by score distillation (paper section 2.2, algorithm 1). Knows nothing of images.
+
+use std::ops::ControlFlow;
+
+use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residuals};
+use compute::Device;
+use compute::elementwise::add;
+use diffusion::guidance::{Guidance, Loss};
+use diffusion::optimize::{Optimized, Optimizer, Options, StepLog, ViewLatents, optimize};
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::model::Model;
+use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+
+/// Refines latents: one residual latent per view, guided by the prior.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Optimize {
+    /// The latents, z.
+    pub latents: Input,
+    /// The low-resolution photos of the same views, on which the prior is conditioned.
+    pub low: Input,
+    /// The prior.
+    pub model: Model,
+    /// The rule to follow, with its own options.
+    pub guidance: Guidance,
+    /// Guidance steps in all.
+    pub steps: u32,
+    /// Views in each step.
+    pub batch: u32,
+    /// How a residual descends its gradient.
+    pub optimizer: Optimizer,
+    /// How the direction becomes a gradient.
+    pub loss: Loss,
+    /// Scale of classifier-free guidance; at 1 the negative prompt is not asked.
+    pub guidance_scale: f64,
+    /// Height and width of the crops that a step looks at, in latent pixels.
+    pub crop: u32,
+    /// The timestep to which the low-resolution photo is noised.
+    pub noise_level: u32,
+    /// What the pictures should be.
+    pub prompt: String,
+    /// What they should not be.
+    pub negative_prompt: String,
+}
+
+impl Default for Optimize {
+    fn default() -> Self {
+        let options = Options::default();
+        Self {
+            latents: Input::default(),
+            low: Input::default(),
+            model: Model::default(),
+            guidance: options.guidance,
+            steps: options.steps,
+            batch: options.batch,
+            optimizer: options.optimizer,
+            loss: options.loss,
+            guidance_scale: options.guidance_scale,
+            crop: options.crop,
+            noise_level: options.noise_level,
+            prompt: options.prompt,
+            negative_prompt: options.negative_prompt,
+        }
+    }
+}
+
+impl Optimize {
+    fn options(&self) -> Options {
+        Options {
+            guidance: self.guidance,
+            steps: self.steps,
+            batch: self.batch,
+            optimizer: self.optimizer,
+            loss: self.loss,
+            guidance_scale: self.guidance_scale,
+            crop: self.crop,
+            noise_level: self.noise_level,
+            prompt: self.prompt.clone(),
+            negative_prompt: self.negative_prompt.clone(),
+        }
+    }
+}
+
+/// A latent with the photo that the prior sees beside it.
+fn view(latent: &LatentView, low: &ImageSet, device: &Device) -> Result<ViewLatents, StageError> {
+    let photo = convert::view_named(low, &latent.name)?;
+    let size = |side: u32| side as usize;
+    let low = convert::signed_array(photo, device).reshape(&[3, size(photo.camera.height), size(photo.camera.width)]);
+    let matrix = latent.camera.camera_to_world;
+    Ok(ViewLatents {
+        name: latent.name.clone(),
+        latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
+        low,
+        camera: std::array::from_fn(|i| matrix[i / 4][i % 4] as f32),
+    })
+}
+
+/// The latents with other tensors.
+fn with_tensors(latents: &Latents, tensors: impl Iterator<Item = artifacts_schema::Tensor>) -> Latents {
+    let views = latents.views.iter().zip(tensors).map(|(view, tensor)| LatentView { tensor, ..view.clone() }).collect();
+    Latents { views, ..latents.clone() }
+}
+
+impl Stage for Optimize {
+    fn kind(&self) -> &'static str {
+        "Optimize"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        let wrong = self.options().check();
+        wrong.map_err(|option| StageError::parameter(option.field, option.problem))
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![
+            InputPort::new("latents", &self.latents, ArtifactKind::Latents),
+            InputPort::new("low", &self.low, ArtifactKind::Images),
+        ]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        let mut ports = vec![
+            OutputPort { name: "latents", kind: ArtifactKind::Latents },
+            OutputPort { name: "residuals", kind: ArtifactKind::Residuals },
+            OutputPort { name: "log", kind: ArtifactKind::Log },
+        ];
+        if matches!(self.guidance, Guidance::Vsd(_)) {
+            ports.push(OutputPort { name: "lora", kind: ArtifactKind::Lora });
+        }
+        ports
+    }
+
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        self.model.sources()
+    }
+
+    fn locations(&self) -> &'static [&'static str] {
+        &["model"]
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let (latents, low): (Latents, ImageSet) = (io.read("latents")?, io.read("low")?);
+        let options = self.options();
+        let prior = self.model.load(io)?;
+        let views: Vec<_> = latents.views.iter().map(|v| view(v, &low, io.device)).collect::<Result<_, _>>()?;
+        let total = (options.steps + options.warm_up()) as usize;
+        let mut on_step = |log: &StepLog| report(log, total, io);
+        let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
+        let optimized = optimize(&denoiser, &views, &options, io.seed, &mut on_step)
+            .map_err(|error| StageError::Mismatch(error.to_string()))?;
+        io.check_cancelled()?;
+        write(&latents, &views, optimized, io)
+    }
+}
+
+/// Says how far it is; stops the optimisation when the run is being stopped.
+fn report(log: &StepLog, total: usize, io: &Io) -> ControlFlow<()> {
+    let mut values = Vec::new();
+    if let Some(guidance) = log.guidance {
+        values.extend([("loss", guidance.loss), ("residual", guidance.residual)]);
+    }
+    values.extend(log.lora_loss.map(|loss| ("lora", loss)));
+    match io.progress(log.step as usize + 1, total, &values) {
+        Ok(()) => ControlFlow::Continue(()),
+        Err(_) => ControlFlow::Break(()),
+    }
+}
+
+fn write(latents: &Latents, views: &[ViewLatents], optimized: Optimized, io: &Io) -> Result<(), StageError> {
+    let batched = |array: &compute::Array| {
+        let shape: Vec<usize> = [1].iter().chain(array.shape()).copied().collect();
+        convert::tensor(&array.reshape(&shape))
+    };
+    let residuals = optimized.residuals.iter();
+    let refined = with_tensors(latents, residuals.clone().zip(views).map(|(h, view)| batched(&add(&view.latent, h))));
+    io.write("latents", &refined)?;
+    io.write("residuals", &Residuals(with_tensors(latents, residuals.map(batched))))?;
+    if let Some(lora) = &optimized.lora {
+        io.write("lora", &convert::lora(lora))?;
+    }
+    let lines = optimized.log.iter().map(serde_json::to_value).collect::<Result<_, _>>();
+    io.write("log", &Log { lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))? })
+}
