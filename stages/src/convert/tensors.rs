@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use artifacts_schema::{self as disk, LatentView, Latents, Tensor};
 use compute::{Array, Device};
-use diffusion::LoraNetwork;
+use diffusion::optimize::LoraParameters;
 use nerf::{Field, FieldConfig};
 
 use crate::error::StageError;
@@ -42,10 +42,11 @@ pub fn disk_field(field: &Field) -> Result<disk::Field, StageError> {
     Ok(disk::Field { config, tensors, bounds: field.bounds().map(|corner| corner.map(f64::from)) })
 }
 
-/// LoRA weights and camera embedding for disk.
-pub fn lora(network: &LoraNetwork) -> disk::Lora {
-    let disk = |map: &BTreeMap<String, Array>| {
-        map.iter().map(|(name, a)| (name.clone(), Tensor { shape: a.shape().to_vec(), values: a.to_vec() })).collect()
-    };
-    disk::Lora { rank: network.rank, alpha: network.alpha, tensors: disk(&network.adapters), camera: disk(&network.camera) }
+/// LoRA weights and camera embedding for disk; what is no adapter belongs to the embedding. The scale is 1: alpha is the rank.
+pub fn lora(parameters: &LoraParameters) -> disk::Lora {
+    let tensor = |array: &Array| Tensor { shape: array.shape().to_vec(), values: array.to_vec() };
+    let (tensors, camera): (BTreeMap<_, _>, BTreeMap<_, _>) =
+        parameters.iter().map(|(name, a)| (name.clone(), tensor(a))).partition(|(name, _)| name.contains(".lora_"));
+    let rank = tensors.iter().find(|(name, _)| name.contains(".lora_A.")).map_or(0, |(_, down)| down.shape[0]);
+    disk::Lora { rank, alpha: rank as f64, tensors, camera }
 }
