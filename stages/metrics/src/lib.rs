@@ -1,1 +1,48 @@
-//! PSNR, SSIM, NIQE and consistency, each under an honest name.
+//! PSNR, SSIM, NIQE and consistency, each under an honest name, and the drawing of comparison figures.
+//!
+//! Knows pictures as plain slices of sRGB-encoded numbers. Knows nothing of stages, artefacts, cameras or fields:
+//! whoever calls it decides which pictures may be compared. What each figure measures is told on its function and,
+//! for readers of results, in `docs/metrics.md`.
+
+mod consistency;
+mod eigen;
+mod figure;
+mod gaussian;
+mod image;
+mod niqe;
+mod psnr;
+mod ssim;
+mod warp;
+
+pub use consistency::psnr_lr_consistency;
+pub use figure::{Figure, Panel, comparison};
+pub use image::Image;
+pub use niqe::{Niqe, niqe};
+pub use psnr::{MAX_PSNR, psnr};
+pub use ssim::ssim;
+pub use warp::{Surface, Warped, warped};
+
+/// The columns of a table of metrics: each name with one sentence on what it measures.
+pub const DEFINITIONS: [(&str, &str); 6] = [
+    (
+        "psnr_hr",
+        "PSNR in dB against a held-out photo: sRGB, all pixels and channels of one view, at most 100; higher is better",
+    ),
+    (
+        "ssim_hr",
+        "SSIM against a held-out photo: sRGB, 11x11 Gaussian of sigma 1.5, mean over channels, borders of 5 left out; higher is better",
+    ),
+    (
+        "niqe_y",
+        "NIQE without a reference: BT.601 luma, no border crop, BasicSR's parameters; compare at equal size only; lower is better",
+    ),
+    (
+        "psnr_lr_consistency",
+        "PSNR in dB of the render, reduced by antialiased bicubic, against the low-resolution input; higher is better",
+    ),
+    (
+        "psnr_warped",
+        "PSNR in dB of a view warped into another by its own depth, over the visible part; higher is more consistent",
+    ),
+    ("coverage_warped", "share of a view's pixels that psnr_warped could compare, 0 to 1"),
+];

@@ -1,0 +1,74 @@
+"""Writes metrics.json: what scikit-image and BasicSR say of the pictures beside this script.
+
+    python metrics.py .../basicsr-1.4.2/basicsr        (an unpacked source distribution; it need not be installed)
+
+needs numpy, scipy, scikit-image, Pillow and torch. skyline.png and portrait.png are cut from two CC0 photos of the
+gb82 image set; the degraded versions and the texture are made here and, in the same way, by the test.
+"""
+
+import importlib
+import json
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import scipy.ndimage
+from PIL import Image
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+HERE = Path(__file__).parent
+
+
+def load_niqe(basicsr):
+    """Imports BasicSR's niqe.py alone: stubs stand for OpenCV (unused for the Y channel) and for its registry."""
+    for name, path in {"basicsr": basicsr, "basicsr.utils": basicsr / "utils", "basicsr.metrics": basicsr / "metrics"}.items():
+        sys.modules[name] = types.ModuleType(name)
+        sys.modules[name].__path__ = [str(path)]
+    registry = types.ModuleType("basicsr.utils.registry")
+    registry.METRIC_REGISTRY = types.SimpleNamespace(register=lambda: lambda function: function)
+    sys.modules["basicsr.utils.registry"] = registry
+    sys.modules.setdefault("cv2", types.ModuleType("cv2"))
+    sys.modules["scipy.ndimage.filters"] = scipy.ndimage  # its name before SciPy 2
+    sys.modules["basicsr.utils"].bgr2ycbcr = importlib.import_module("basicsr.utils.color_util").bgr2ycbcr
+    return importlib.import_module("basicsr.metrics.niqe").calculate_niqe
+
+
+def read(name):
+    return np.asarray(Image.open(HERE / name).convert("RGB"))
+
+
+def texture(width, height):
+    """Integer arithmetic, so that every language agrees: waves with noise, and a flat quarter."""
+    y, x, c = np.mgrid[0:height, 0:width, 0:3]
+    noise = (x * 7919 + y * 104729 + c * 1299709 + x * y * 31) % 97
+    value = (x * x // 64 + y * 3 + c * 40) % 128 + noise
+    return np.where((x < width // 2) & (y < height // 2), 200, value).astype(np.uint8)
+
+
+def degraded(image):
+    """Each row mixed with its left neighbour's, darkened and coarsened, in integers."""
+    wide = image.astype(np.int64)
+    mixed = (wide + np.roll(wide, 1, axis=1)) // 2
+    return (mixed * 9 // 10 // 8 * 8).astype(np.uint8)
+
+
+def main(basicsr):
+    niqe = load_niqe(Path(basicsr))
+    pictures = {"skyline": read("skyline.png"), "portrait": read("portrait.png"), "texture": texture(300, 200)}
+    golden = {}
+    for name, truth in pictures.items():
+        image = degraded(truth)
+        a, b = truth / 255.0, image / 255.0
+        options = dict(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1.0, channel_axis=2)
+        golden[name] = {
+            "psnr": peak_signal_noise_ratio(a, b, data_range=1.0),
+            "ssim": structural_similarity(a, b, **options),
+            "niqe": niqe(truth[..., ::-1], 0),
+            "niqe_degraded": niqe(image[..., ::-1], 0),
+        }
+    (HERE / "metrics.json").write_text(json.dumps(golden, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
