@@ -72,3 +72,65 @@ impl Rng {
         device.array(shape, (0..len as u64).map(|element| self.normal(step, element)).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn philox_gives_the_published_answers() {
+        let zeros = philox4x32_10([0; 4], [0; 2]);
+        assert_eq!(zeros, [0x6627_E8D5, 0xE169_C58D, 0xBC57_AC4C, 0x9B00_DBD8]);
+        let ones = philox4x32_10([u32::MAX; 4], [u32::MAX; 2]);
+        assert_eq!(ones, [0x408F_276D, 0x41C8_3B0E, 0xA20B_C7C6, 0x6D54_51FD]);
+        let pi = [0x243F_6A88, 0x85A3_08D3, 0x1319_8A2E, 0x0370_7344];
+        let digits = philox4x32_10(pi, [0xA409_3822, 0x299F_31D0]);
+        assert_eq!(digits, [0xD16C_FE09, 0x94FD_CCEB, 0x5001_E420, 0x2412_6EA1]);
+    }
+
+    #[test]
+    fn normals_have_the_moments_of_the_normal_distribution() {
+        let n = 1 << 20;
+        let values = Rng::new(7, "test").normals(3, &[n], &Device::cpu()).to_vec();
+        let moment = |p: i32| values.iter().map(|&x| f64::from(x).powi(p)).sum::<f64>() / n as f64;
+        // Five standard errors of each.
+        let bounds = [(1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0)];
+        for (p, expected, variance) in bounds {
+            let bound = 5.0 * (variance / n as f64).sqrt();
+            assert!((moment(p) - expected).abs() < bound, "moment {p} is {}", moment(p));
+        }
+    }
+
+    #[test]
+    fn uniform_and_below_fill_their_range_evenly() {
+        let rng = Rng::new(1, "test");
+        let mut counts = [[0u32; 10]; 2];
+        for element in 0..100_000 {
+            let u = rng.uniform(0, element);
+            assert!((0.0..1.0).contains(&u));
+            counts[0][(u * 10.0) as usize] += 1;
+            counts[1][rng.below(1, element, 10) as usize] += 1;
+        }
+        assert!(counts.iter().flatten().all(|&count| count.abs_diff(10_000) < 500), "{counts:?}");
+    }
+
+    #[test]
+    fn seed_domain_step_and_element_all_matter() {
+        let base = Rng::new(1, "a").normal(1, 1);
+        let others = [
+            Rng::new(2, "a").normal(1, 1),
+            Rng::new(1, "b").normal(1, 1),
+            Rng::new(1, "a").normal(2, 1),
+            Rng::new(1, "a").normal(1, 2),
+            Rng::new(1 << 40, "a").normal(1, 1),
+        ];
+        assert!(others.iter().all(|&other| other != base), "{base} and {others:?}");
+    }
+
+    #[test]
+    fn an_array_of_normals_is_the_numbers_one_by_one() {
+        let rng = Rng::new(9, "test");
+        let values = rng.normals(4, &[3, 5], &Device::cpu()).to_vec();
+        assert_eq!(values[11], rng.normal(4, 11));
+    }
+}

@@ -86,3 +86,39 @@ pub fn normal_cdf(x: f32) -> f32 {
 pub fn normal_density(x: f32) -> f32 {
     0.398_942_3 * exp(-0.5 * x * x)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exp_is_right_to_two_units_in_the_last_place() {
+        for i in -87_000..88_000 {
+            let x = i as f32 * 1e-3;
+            let exact = f64::from(x).exp();
+            assert!((f64::from(exp(x)) / exact - 1.0).abs() < 1.6e-7, "exp({x}) is {}, not {exact}", exp(x));
+        }
+        assert_eq!(exp(0.0), 1.0);
+        assert!(exp(-1e30) < 1.3e-38 && exp(1e30).is_finite());
+    }
+
+    #[test]
+    fn erf_matches_its_series() {
+        for i in -350..350 {
+            let x = f64::from(i) * 0.01 + 0.001;
+            // 2/sqrt(pi) times the sum of (-1)^n x^(2n+1) / (n! (2n+1)).
+            let (mut term, mut sum) = (x, x);
+            for n in 1..80 {
+                term *= -x * x / f64::from(n);
+                sum += term / f64::from(2 * n + 1);
+            }
+            let exact = sum * std::f64::consts::FRAC_2_SQRT_PI;
+            assert!(
+                (f64::from(erf(x as f32)) / exact - 1.0).abs() < 4e-7,
+                "erf({x}) is {}, not {exact}",
+                erf(x as f32)
+            );
+        }
+        assert_eq!((erf(0.0), erf(-9.0)), (0.0, -1.0));
+    }
+}
