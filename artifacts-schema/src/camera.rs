@@ -1,5 +1,6 @@
 //! A pinhole camera as files hold it. Knows no rays and no images.
 
+use glam::DMat4;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -29,14 +30,21 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Refuses what JSON cannot hold.
+    /// Refuses numbers that JSON cannot hold, and poses that cannot be inverted.
     pub(crate) fn check(&self, place: &str) -> Result<(), SchemaError> {
         let lens = [self.fl_x, self.fl_y, self.cx, self.cy, self.near, self.far];
         let mut numbers = lens.iter().chain(self.camera_to_world.as_flattened());
         match numbers.find(|number| !number.is_finite()) {
             Some(number) => Err(SchemaError::content(place, format!("its camera holds {number}; all must be finite"))),
+            None if self.determinant() == 0.0 => {
+                Err(SchemaError::content(place, "its camera-to-world matrix cannot be inverted"))
+            }
             None => Ok(()),
         }
+    }
+
+    fn determinant(&self) -> f64 {
+        DMat4::from_cols_array_2d(&self.camera_to_world).determinant()
     }
 }
 

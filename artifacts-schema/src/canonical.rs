@@ -15,9 +15,17 @@ pub fn value(content: &impl Serialize) -> Result<Value, SchemaError> {
     Ok(value)
 }
 
-/// The one JSON text of `content`, on one line.
+/// The one JSON text of `content`, on one line, in ASCII.
 pub fn line(content: &impl Serialize) -> Result<String, SchemaError> {
-    Ok(value(content)?.to_string())
+    let mut line = String::new();
+    for character in value(content)?.to_string().chars() {
+        // Only strings hold other characters, and there an escape means the same.
+        match character.is_ascii() {
+            true => line.push(character),
+            false => line.extend(character.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}"))),
+        }
+    }
+    Ok(line)
 }
 
 /// The one JSON text of `content`, indented for people.
@@ -41,7 +49,7 @@ pub fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), SchemaError>
 /// Refuses names that cannot be a file's stem or a tensor's key everywhere.
 pub fn check_name(name: &str) -> Result<(), SchemaError> {
     let bad = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
-    if name.is_empty() || name.len() > 200 || name.starts_with('.') || name == "__metadata__" || name.contains(bad) {
+    if name.is_empty() || name.len() > 200 || name.starts_with('.') || name.contains(bad) {
         return Err(SchemaError::content(
             format!("name {name:?}"),
             "cannot name a file: expected 1 to 200 bytes, no leading dot, no / \\ : or control characters",

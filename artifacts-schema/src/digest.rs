@@ -126,8 +126,8 @@ impl ContentHasher {
         self.count(values.len());
         for chunk in values.chunks(CHUNK) {
             let canonical = |&value: &f32| if value.is_nan() { f32::NAN } else { value + 0.0 };
-            let bytes: Vec<u8> = chunk.iter().flat_map(|value| canonical(value).to_bits().to_le_bytes()).collect();
-            self.0.update_rayon(&bytes);
+            let bytes: Vec<[u8; 4]> = chunk.iter().map(|value| canonical(value).to_bits().to_le_bytes()).collect();
+            self.0.update_rayon(bytes.as_flattened());
         }
     }
 

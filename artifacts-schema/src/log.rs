@@ -1,8 +1,8 @@
-//! What happened while a stage ran: `log.jsonl`, one JSON value per line, with the provenance in a file beside it.
+//! What happened while a stage ran: `log.jsonl`, one JSON object per line, with the provenance in a file beside it.
 
 use std::path::Path;
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::canonical;
@@ -15,16 +15,25 @@ const FILE: &str = "log.jsonl";
 /// A log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Log {
-    /// The lines in order, each usually an object such as `{"step": 1, "loss": 0.5}`.
+    /// The lines in order, each an object such as `{"step": 1, "loss": 0.5}`.
     pub lines: Vec<Value>,
 }
+
+/// A line of the file.
+pub(crate) type LogLine = Map<String, Value>;
 
 impl Artifact for Log {
     const KIND: ArtifactKind = ArtifactKind::Log;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         let mut text = String::new();
-        for line in &self.lines {
+        for (index, line) in self.lines.iter().enumerate() {
+            if !line.is_object() {
+                return Err(SchemaError::content(
+                    format!("line {}", index + 1),
+                    format!("is {line}; expected an object"),
+                ));
+            }
             text += &canonical::line(line)?;
             text.push('\n');
         }
@@ -35,9 +44,9 @@ impl Artifact for Log {
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let path = folder.join(FILE);
         let text = std::fs::read_to_string(&path).map_err(|error| SchemaError::io(&path, error))?;
-        let parse = |(index, line): (usize, &str)| {
-            serde_json::from_str(line)
-                .map_err(|error| SchemaError::malformed(&path, format!("line {}", index + 1), error))
+        let parse = |(index, line): (usize, &str)| match serde_json::from_str::<LogLine>(line) {
+            Ok(line) => Ok(Value::Object(line)),
+            Err(error) => Err(SchemaError::malformed(&path, format!("line {}", index + 1), error)),
         };
         Ok(Self { lines: text.lines().enumerate().map(parse).collect::<Result<_, _>>()? })
     }

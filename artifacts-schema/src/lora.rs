@@ -46,24 +46,32 @@ impl Lora {
         if !self.alpha.is_finite() {
             return Err(SchemaError::content("alpha", format!("is {}; expected a number", self.alpha)));
         }
-        self.tensors.iter().try_for_each(|(name, tensor)| check_pair(name, tensor, self.rank))
+        self.tensors.iter().try_for_each(|(name, tensor)| check_tensor(name, tensor, self.rank))?;
+        match self.modules(".lora_A.weight").eq(self.modules(".lora_B.weight")) {
+            true => Ok(()),
+            false => Err(SchemaError::content("tensors", "lora_A and lora_B do not come in pairs")),
+        }
+    }
+
+    /// The adapted layers: the names of the tensors with this suffix, without it.
+    fn modules<'a>(&'a self, suffix: &'a str) -> impl Iterator<Item = &'a str> {
+        self.tensors.keys().filter_map(move |name| name.strip_prefix("unet.")?.strip_suffix(suffix))
     }
 
     /// What PEFT wants to know of the adapter, as diffusers stores it.
     fn adapter_metadata(&self) -> Value {
-        let modules = self.tensors.keys().filter_map(|name| name.strip_prefix("unet.")?.strip_suffix(".lora_A.weight"));
         json!({
             "unet.bias": "none",
             "unet.lora_alpha": self.alpha,
             "unet.peft_type": "LORA",
             "unet.r": self.rank,
-            "unet.target_modules": modules.collect::<Vec<_>>(),
+            "unet.target_modules": self.modules(".lora_A.weight").collect::<Vec<_>>(),
         })
     }
 }
 
 /// Refuses tensors that diffusers would not load.
-fn check_pair(name: &str, tensor: &Tensor, rank: usize) -> Result<(), SchemaError> {
+fn check_tensor(name: &str, tensor: &Tensor, rank: usize) -> Result<(), SchemaError> {
     let module = name.strip_prefix("unet.").unwrap_or_default();
     let fits = match tensor.shape[..] {
         [down, _] if module.ends_with(".lora_A.weight") => down == rank,

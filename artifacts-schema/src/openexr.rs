@@ -1,12 +1,15 @@
 //! One view as one OpenEXR file: float channels R, G, B (A) (Z), scene-linear Rec.709, and the camera in the standard attributes.
 //!
-//! The `exr` crate writes custom attributes in random order, so each file has one, `srnerf`: the provenance as canonical JSON.
+//! The `exr` crate writes custom attributes in random order, so that there is one per list: `srnerf`, the provenance as
+//! canonical JSON, among the layer's attributes, and `colorInteropID` among the image's.
 //! The camera in the file is a single-precision copy for viewers; `transforms.json` holds the exact one.
 
+use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::Path;
 
 use exr::block::reader::Reader;
+use exr::meta::BlockDescription;
 use exr::meta::attribute::{AttributeValue, Chromaticities, SampleType, Text};
 use exr::meta::header::Header;
 use exr::prelude::{
@@ -38,6 +41,8 @@ pub fn write(path: &Path, view: &View, provenance: &str) -> Result<(), SchemaErr
         AnyChannels::sort(channels(view).into()),
     ));
     image.attributes.chromaticities = Some(REC_709);
+    let color_space = AttributeValue::Text(Text::new_or_panic("lin_rec709_scene"));
+    image.attributes.other.insert(Text::new_or_panic("colorInteropID"), color_space);
     let mut bytes = Cursor::new(Vec::new());
     // The parallel writer may order the blocks by who comes first.
     let written = image.write().non_parallel().to_buffered(&mut bytes);
@@ -54,18 +59,21 @@ fn channels(view: &View) -> Vec<AnyChannel<FlatSamples>> {
 }
 
 fn attributes(camera: &Camera, provenance: &str) -> Result<LayerAttributes, SchemaError> {
-    let text = Text::new_or_none(provenance).ok_or_else(|| {
-        SchemaError::content("provenance", "holds characters that OpenEXR cannot; write them as JSON escapes")
-    })?;
+    let provenance = Text::new_or_none(provenance)
+        .ok_or_else(|| SchemaError::content("provenance", "holds characters that OpenEXR cannot"))?;
     let world_to_camera = world_to_camera(camera);
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let off_center = [(width / 2.0 - camera.cx) / camera.fl_x, (camera.cy - height / 2.0) / camera.fl_y];
     let mut attributes = LayerAttributes {
         world_to_camera: Some(row_vector_matrix(world_to_camera)),
         world_to_normalized_device: Some(row_vector_matrix(camera_to_ndc(camera) * world_to_camera)),
         near_clip_plane: Some(camera.near as f32),
         far_clip_plane: Some(camera.far as f32),
+        screen_window_width: (width / camera.fl_x) as f32,
+        screen_window_center: Vec2(off_center[0] as f32, off_center[1] as f32),
         ..LayerAttributes::default()
     };
-    attributes.other.insert(Text::new_or_panic("srnerf"), AttributeValue::Text(text));
+    attributes.other.insert(Text::new_or_panic("srnerf"), AttributeValue::Text(provenance));
     Ok(attributes)
 }
 
@@ -75,7 +83,8 @@ fn world_to_camera(camera: &Camera) -> DMat4 {
     flip_z * DMat4::from_cols_array_2d(&camera.camera_to_world).transpose().inverse()
 }
 
-/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w. Readers discard z, here 1/depth.
+/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w; z, which readers discard,
+/// is 1/depth.
 fn camera_to_ndc(camera: &Camera) -> DMat4 {
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     DMat4::from_cols_array_2d(&[
@@ -107,48 +116,54 @@ pub fn read(path: &Path, name: &str, camera: Camera) -> Result<View, SchemaError
         .non_parallel()
         .from_chunks(reader)
         .map_err(malformed)?;
-    let mut planes = image
-        .layer_data
-        .channel_data
-        .list
-        .into_iter()
+    view(image.layer_data.channel_data.list.into_iter(), name, camera)
+        .ok_or_else(|| SchemaError::malformed(path, "channels", "R, G and B are not all there"))
+}
+
+fn view(channels: impl Iterator<Item = AnyChannel<FlatSamples>>, name: &str, camera: Camera) -> Option<View> {
+    let mut planes: BTreeMap<String, Vec<f32>> = channels
         .filter_map(|channel| match channel.sample_data {
             FlatSamples::F32(values) => Some((channel.name.to_string(), values)),
             _ => None,
         })
-        .collect::<std::collections::BTreeMap<_, _>>();
-    let (red, green, blue) = match (planes.remove("R"), planes.remove("G"), planes.remove("B")) {
-        (Some(red), Some(green), Some(blue)) => (red, green, blue),
-        _ => return Err(SchemaError::malformed(path, "channels", "R, G and B are not all there")),
-    };
-    let rgb = red.into_iter().zip(green).zip(blue).flat_map(|((red, green), blue)| [red, green, blue]).collect();
-    Ok(View { name: name.to_owned(), camera, rgb, alpha: planes.remove("A"), depth: planes.remove("Z") })
+        .collect();
+    let (red, green, blue) = (planes.remove("R")?, planes.remove("G")?, planes.remove("B")?);
+    let rgb: Vec<[f32; 3]> = red.into_iter().zip(green).zip(blue).map(|((r, g), b)| [r, g, b]).collect();
+    let (alpha, depth) = (planes.remove("A"), planes.remove("Z"));
+    Some(View { name: name.to_owned(), camera, rgb: rgb.into_flattened(), alpha, depth })
 }
 
-/// Refuses a header that does not describe the view, before anything is allocated for it.
+/// Refuses a header that does not describe the view, by place and problem, before anything is allocated for its pixels.
 fn check(headers: &[Header], camera: &Camera, file_length: u64) -> Result<(), (&'static str, String)> {
     let [header] = headers else {
         return Err(("parts", format!("there are {}; expected 1", headers.len())));
     };
-    let (Vec2(width, height), expected) = (header.layer_size, (camera.width as usize, camera.height as usize));
+    if header.compression != Compression::ZIP16 || header.blocks != BlockDescription::ScanLines || header.deep {
+        return Err(("encoding", format!("is {}; expected flat scan lines, zip compression", header.compression)));
+    }
+    let channels = &header.channels.list;
+    let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let (["B", "G", "R"] | ["A", "B", "G", "R"] | ["B", "G", "R", "Z"] | ["A", "B", "G", "R", "Z"]) = names[..] else {
+        return Err(("channels", format!("are {}; expected B, G, R, perhaps A and Z", names.join(", "))));
+    };
+    if channels.iter().any(|channel| channel.sample_type != SampleType::F32 || channel.sampling != Vec2(1, 1)) {
+        return Err(("channels", "are not all 32-bit float without subsampling".to_owned()));
+    }
+    check_size(header, (camera.width as usize, camera.height as usize), file_length)
+}
+
+fn check_size(header: &Header, expected: (usize, usize), file_length: u64) -> Result<(), (&'static str, String)> {
+    let Vec2(width, height) = header.layer_size;
     if (width, height) != expected {
         return Err((
             "data window",
             format!("is {width}x{height}; transforms.json says {}x{}", expected.0, expected.1),
         ));
     }
-    let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
-    let color: Vec<&str> = names.iter().map(String::as_str).filter(|name| !matches!(*name, "A" | "Z")).collect();
-    if color != ["B", "G", "R"] {
-        return Err(("channels", format!("are {}; expected R, G, B and perhaps A and Z", names.join(", "))));
-    }
-    let plain = |sampling: Vec2<usize>| sampling == Vec2(1, 1);
-    if !header.channels.list.iter().all(|channel| channel.sample_type == SampleType::F32 && plain(channel.sampling)) {
-        return Err(("channels", "must all be 32-bit float without subsampling".to_owned()));
-    }
-    let size = 4 * names.len() as u64 * width as u64 * height as u64;
-    if size / LARGEST_COMPRESSION_RATIO > file_length {
-        return Err(("data window", format!("{width}x{height} cannot be held by {file_length} bytes")));
+    let pixels = width as u64 * height as u64;
+    if pixels * 4 * header.channels.list.len() as u64 / LARGEST_COMPRESSION_RATIO > file_length {
+        return Err(("data window", format!("is {width}x{height}, which {file_length} bytes cannot hold")));
     }
     Ok(())
 }

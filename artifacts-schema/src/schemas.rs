@@ -4,6 +4,7 @@ use schemars::{Schema, schema_for};
 
 use crate::field::FieldMetadata;
 use crate::latents::LatentsMetadata;
+use crate::log::LogLine;
 use crate::lora::LoraMetadata;
 use crate::metrics::MetricsFile;
 use crate::provenance::Provenance;
@@ -14,6 +15,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
     vec![
         ("field", schema_for!(FieldMetadata)),
         ("latents", schema_for!(LatentsMetadata)),
+        ("log", schema_for!(LogLine)),
         ("lora", schema_for!(LoraMetadata)),
         ("metrics", schema_for!(MetricsFile)),
         ("provenance", schema_for!(Provenance)),

@@ -6,7 +6,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use safetensors::{Dtype, SafeTensors};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use serde::de::DeserializeOwned;
 use serde_json::json;
 
@@ -23,24 +24,34 @@ pub fn write(
     tensors: &BTreeMap<&str, &Tensor>,
     metadata: &BTreeMap<&str, String>,
 ) -> Result<(), SchemaError> {
+    let header = header(tensors, metadata)?;
+    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+    bytes.extend(header);
+    for tensor in tensors.values() {
+        let values: Vec<[u8; 4]> = tensor.values.iter().map(|value| value.to_le_bytes()).collect();
+        bytes.extend_from_slice(values.as_flattened());
+    }
+    crate::canonical::write(folder, file, &bytes)
+}
+
+fn header(tensors: &BTreeMap<&str, &Tensor>, metadata: &BTreeMap<&str, String>) -> Result<Vec<u8>, SchemaError> {
     let mut header = serde_json::Map::new();
-    header.insert("__metadata__".to_owned(), json!(metadata));
     let mut end = 0;
     for (&name, tensor) in tensors {
-        tensor.check(name)?;
+        tensor.check(&format!("tensor {name:?}"))?;
         let begin = end;
         end += 4 * tensor.values.len();
         header.insert(name.to_owned(), json!({ "dtype": "F32", "shape": tensor.shape, "data_offsets": [begin, end] }));
     }
+    if header.insert("__metadata__".to_owned(), json!(metadata)).is_some() {
+        return Err(SchemaError::content(
+            "tensor \"__metadata__\"",
+            "has the one name that safetensors keeps for itself",
+        ));
+    }
     let mut header = crate::canonical::line(&header)?.into_bytes();
     header.resize(header.len().next_multiple_of(8), b' ');
-    let mut bytes = Vec::with_capacity(8 + header.len() + end);
-    bytes.extend((header.len() as u64).to_le_bytes());
-    bytes.extend(header);
-    for tensor in tensors.values() {
-        bytes.extend(tensor.values.iter().flat_map(|value| value.to_le_bytes()));
-    }
-    crate::canonical::write(folder, file, &bytes)
+    Ok(header)
 }
 
 /// Owned tensors as [`write`] takes them.
@@ -60,21 +71,12 @@ impl TensorFile {
     /// Reads a file. Nothing is allocated that the file does not hold.
     pub fn read(path: &Path) -> Result<Self, SchemaError> {
         let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
-        let malformed = |error: safetensors::SafeTensorError| SchemaError::malformed(path, "header", error);
+        let malformed = |error: SafeTensorError| SchemaError::malformed(path, "header", error);
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(malformed)?;
         let metadata = header.metadata().iter().flatten().map(|(key, text)| (key.clone(), text.clone())).collect();
-        let file = SafeTensors::deserialize(&bytes).map_err(malformed)?;
-        let mut tensors = BTreeMap::new();
-        for (name, view) in file.iter() {
-            if view.dtype() != Dtype::F32 {
-                let problem = format!("is {}; expected F32", view.dtype());
-                return Err(SchemaError::malformed(path, format!("tensor {name:?}"), problem));
-            }
-            let value = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-            let values = view.data().chunks_exact(4).map(value).collect();
-            tensors.insert(name.to_owned(), Tensor { shape: view.shape().to_vec(), values });
-        }
-        Ok(Self { tensors, metadata })
+        let views = SafeTensors::deserialize(&bytes).map_err(malformed)?;
+        let tensor = |(name, view): (&str, TensorView)| Ok((name.to_owned(), tensor(path, name, &view)?));
+        Ok(Self { tensors: views.iter().map(tensor).collect::<Result<_, SchemaError>>()?, metadata })
     }
 
     /// Our own JSON in the metadata.
@@ -96,4 +98,13 @@ impl TensorFile {
             None => Ok(()),
         }
     }
+}
+
+fn tensor(path: &Path, name: &str, view: &TensorView) -> Result<Tensor, SchemaError> {
+    if view.dtype() != Dtype::F32 {
+        let problem = format!("is {}; expected F32", view.dtype());
+        return Err(SchemaError::malformed(path, format!("tensor {name:?}"), problem));
+    }
+    let (values, _) = view.data().as_chunks::<4>();
+    Ok(Tensor { shape: view.shape().to_vec(), values: values.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect() })
 }
