@@ -5,9 +5,18 @@
 
 mod camera;
 pub mod color;
+mod downscale;
 mod error;
+mod image_file;
+mod llff;
+mod normalize;
+mod npy;
 mod photo;
+mod still_life;
 
 pub use camera::{Camera, Ray};
+pub use downscale::{DownscaleFilter, downscale};
 pub use error::SceneError;
+pub use llff::llff;
 pub use photo::{Photo, SceneData, split_holdout};
+pub use still_life::still_life;

@@ -1,0 +1,222 @@
+//! Reads an LLFF scene: `poses_bounds.npy` beside folders of photos. Knows nothing of what is done with it.
+//!
+//! Each row of the table is a 3x5 row-major matrix `[R | t | (h, w, f)]` and then near and far. `R`'s columns are the
+//! camera's *down, right and backwards* axes; h, w and f belong to the full-size photos, whatever size lies beside
+//! them. Near and far are percentiles of visible depths, so they hold no outliers.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat4, DVec3};
+use rayon::prelude::*;
+
+use crate::downscale::shrink;
+use crate::image_file::{self, Pixels};
+use crate::normalize::normalize;
+use crate::npy::{Table, read_table};
+use crate::photo::bounding_box;
+use crate::{Camera, DownscaleFilter, Photo, SceneData, SceneError};
+
+const POSES_FILE: &str = "poses_bounds.npy";
+const COLUMNS: usize = 17;
+const EXPECTED: &str = "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
+/// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
+const ORTHONORMAL: f64 = 1e-3;
+/// Photos reduced by whole factors differ from the full size's shape by a pixel's rounding, not by more.
+const SAME_SHAPE: f64 = 0.03;
+
+/// Reads the LLFF scene in `folder`.
+///
+/// `images` names the subfolder of photos; without it the smallest of `images`, `images_2`, `images_4`, ... that is not
+/// below `size` is taken, or the largest there is. Photos of another size are resized by an antialiased bicubic filter
+/// (see [`crate::downscale`] for the colour space); intrinsics follow exactly. The scene is moved into its average
+/// camera's frame with the nearest near plane at depth 1 (`docs/conventions.md`); its box is the hull of all frusta.
+///
+/// # Errors
+/// Every way in which the folder can be unfit, as a [`SceneError`] that names the file.
+pub fn llff(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<SceneData, SceneError> {
+    reject_empty(folder, size)?;
+    let poses = read_poses(folder)?;
+    let photos_folder = choose_images(folder, images, size)?;
+    let files = image_file::list(&photos_folder)?;
+    check_count(folder, &photos_folder, files.len(), poses.rows)?;
+    let source_size = one_size(&files)?;
+    let target_size = size.unwrap_or(source_size);
+    let cameras = normalize(&cameras(&folder.join(POSES_FILE), &poses, source_size)?);
+    let photos = files.par_iter().zip(&cameras).map(|(file, camera)| read_photo(file, camera, target_size));
+    Ok(SceneData {
+        photos: photos.collect::<Result<_, _>>()?,
+        bounds: bounding_box(cameras.iter().flat_map(Camera::frustum_corners)),
+        description: describe(folder, &photos_folder, files.len(), target_size),
+    })
+}
+
+fn describe(folder: &Path, photos: &Path, count: usize, (width, height): (u32, u32)) -> String {
+    let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    format!(
+        "LLFF scene {}: {count} photos from {}, {width}x{height}; average camera at the origin, nearest near plane at 1",
+        name(folder),
+        name(photos)
+    )
+}
+
+fn reject_empty(folder: &Path, size: Option<(u32, u32)>) -> Result<(), SceneError> {
+    match size {
+        Some(size @ ((0, _) | (_, 0))) => Err(SceneError::EmptyImage {
+            what: format!("{}: the size asked for", folder.display()),
+            size,
+            remedy: "give a width and a height of at least one pixel",
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn read_poses(folder: &Path) -> Result<Table, SceneError> {
+    let path = folder.join(POSES_FILE);
+    if !path.is_file() {
+        let remedy = "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses".into();
+        return Err(SceneError::Missing { path, expected: "the table of camera poses", remedy });
+    }
+    let table = read_table(&path, EXPECTED)?;
+    if table.columns != COLUMNS || table.rows == 0 {
+        let fault = format!("the array is {} x {}", table.rows, table.columns);
+        return Err(SceneError::Npy { path, fault, expected: EXPECTED });
+    }
+    Ok(table)
+}
+
+fn choose_images(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<PathBuf, SceneError> {
+    if let Some(path) = images.map(|name| folder.join(name)) {
+        let holds_photos = path.is_dir() && !image_file::list(&path)?.is_empty();
+        return if holds_photos { Ok(path) } else { Err(no_photos(folder, path)) };
+    }
+    let candidates = candidates(folder)?;
+    let fits = |&&(_, (w, h)): &&(PathBuf, (u32, u32))| size.is_some_and(|size| w >= size.0 && h >= size.1);
+    let chosen = candidates.iter().find(fits).or(candidates.last());
+    chosen.map(|(path, _)| path.clone()).ok_or_else(|| no_photos(folder, folder.join("images")))
+}
+
+fn no_photos(folder: &Path, path: PathBuf) -> SceneError {
+    let there = candidates(folder).unwrap_or_default();
+    let names: Vec<_> = there.iter().filter_map(|(path, _)| path.file_name()?.to_str()).collect();
+    let remedy = match names.as_slice() {
+        [] => "put the photos into a subfolder `images`".into(),
+        names => format!("there is: {}", names.join(", ")),
+    };
+    SceneError::Missing { path, expected: "a folder of PNG or JPEG photos", remedy }
+}
+
+/// The subfolders `images` and `images_<factor>` that hold photos, with their first photo's size, smallest first.
+fn candidates(folder: &Path) -> Result<Vec<(PathBuf, (u32, u32))>, SceneError> {
+    let io = |source| SceneError::Io { path: folder.into(), source };
+    let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(io)?.collect();
+    let mut found = Vec::new();
+    for path in entries.map_err(io)?.into_iter().map(|entry| entry.path()).filter(|path| is_images_folder(path)) {
+        if let Some(first) = image_file::list(&path)?.first() {
+            found.push((path, image_file::size(first)?));
+        }
+    }
+    found.sort_by_key(|(path, (width, height))| (u64::from(*width) * u64::from(*height), path.clone()));
+    Ok(found)
+}
+
+fn is_images_folder(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix("images"));
+    let factor = |suffix: &str| suffix.strip_prefix('_').is_some_and(|f| f.parse::<u32>().is_ok());
+    path.is_dir() && name.is_some_and(|suffix| suffix.is_empty() || factor(suffix))
+}
+
+fn check_count(folder: &Path, photos: &Path, images: usize, poses: usize) -> Result<(), SceneError> {
+    if images == poses {
+        return Ok(());
+    }
+    Err(SceneError::Count { folder: photos.into(), images, poses_file: folder.join(POSES_FILE), poses })
+}
+
+/// The one size that all photos have, from their headers, before any of them is decoded.
+fn one_size(files: &[PathBuf]) -> Result<(u32, u32), SceneError> {
+    let sizes = files.iter().map(|file| image_file::size(file)).collect::<Result<Vec<_>, _>>()?;
+    match sizes.iter().position(|size| *size != sizes[0]) {
+        None => Ok(sizes[0]),
+        Some(odd) => Err(SceneError::MixedSizes {
+            path: files[odd].clone(),
+            size: sizes[odd],
+            first: files[0].clone(),
+            first_size: sizes[0],
+        }),
+    }
+}
+
+fn cameras(path: &Path, poses: &Table, size: (u32, u32)) -> Result<Vec<Camera>, SceneError> {
+    let faulty = |row, fault| SceneError::Pose { path: path.into(), row, fault };
+    let rows = poses.values.chunks_exact(COLUMNS).enumerate();
+    rows.map(|(row, values)| camera(values, size).map_err(|fault| faulty(row, fault))).collect()
+}
+
+/// One row of the table as a camera for photos of `size`, in OpenGL axes.
+fn camera(row: &[f64], size: (u32, u32)) -> Result<Camera, String> {
+    if let Some(bad) = row.iter().position(|value| !value.is_finite()) {
+        return Err(format!("value {bad} is {}", row[bad]));
+    }
+    let column = |i: usize| DVec3::new(row[i], row[i + 5], row[i + 10]);
+    let (down, right, back, position) = (column(0), column(1), column(2), column(3));
+    let [full_height, full_width, focal] = column(4).to_array();
+    check_rotation(right, -down, back)?;
+    check_intrinsics((full_width, full_height), focal, size)?;
+    let (near, far) = (row[15], row[16]);
+    if near <= 0.0 || near >= far {
+        return Err(format!("near {near} and far {far} are not 0 < near < far"));
+    }
+    let (width, height) = (f64::from(size.0), f64::from(size.1));
+    Ok(Camera {
+        width: size.0,
+        height: size.1,
+        fl_x: focal * width / full_width,
+        fl_y: focal * height / full_height,
+        cx: width / 2.0,
+        cy: height / 2.0,
+        camera_to_world: DMat4::from_cols(
+            right.extend(0.0),
+            (-down).extend(0.0),
+            back.extend(0.0),
+            position.extend(1.0),
+        ),
+        near,
+        far,
+    })
+}
+
+fn check_rotation(right: DVec3, up: DVec3, back: DVec3) -> Result<(), String> {
+    let lengths = [right, up, back].map(|axis| (axis.length() - 1.0).abs());
+    // Right x up = backwards also fails for axes that are skewed or mirrored.
+    let skew = right.cross(up).distance(back);
+    let off = lengths.into_iter().fold(skew, f64::max);
+    if off < ORTHONORMAL {
+        return Ok(());
+    }
+    Err(format!("its rotation's columns are not orthonormal axes [down, right, backwards] (off by {off:.3})"))
+}
+
+fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<(), String> {
+    if full.0 <= 0.0 || full.1 <= 0.0 || focal <= 0.0 {
+        return Err(format!("width {}, height {} and focal length {focal} are not all positive", full.0, full.1));
+    }
+    let (shrunk_x, shrunk_y) = (f64::from(size.0) / full.0, f64::from(size.1) / full.1);
+    if (shrunk_x / shrunk_y - 1.0).abs() > SAME_SHAPE {
+        return Err(format!(
+            "its poses belong to photos of {}x{}, the photos are {}x{}: another aspect ratio",
+            full.0, full.1, size.0, size.1
+        ));
+    }
+    Ok(())
+}
+
+fn read_photo(file: &Path, camera: &Camera, size: (u32, u32)) -> Result<Photo, SceneError> {
+    let Pixels { size: found, rgb, alpha } = image_file::read(file)?;
+    let resize = |values: &[f32], channels| shrink(values, channels, found, size, DownscaleFilter::Bicubic);
+    Ok(Photo {
+        name: file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+        camera: camera.scaled(size.0, size.1),
+        rgb: resize(&rgb, 3),
+        alpha: alpha.map(|alpha| resize(&alpha, 1)),
+    })
+}

@@ -1,0 +1,80 @@
+//! The embedded procedural scene: a still life on a table, photographed from an arc of cameras.
+//!
+//! It is traced analytically at any resolution, so that the high-resolution truth is really known. `objects` says what
+//! stands where, `texture` and `glyphs` what it is made of, `shape` and `world` where rays meet it, `light` how bright it
+//! is, `render` what a pixel is.
+
+mod glyphs;
+mod light;
+mod objects;
+mod render;
+mod shape;
+mod texture;
+mod world;
+
+use compute::Rng;
+use glam::DVec3;
+
+use crate::{Camera, Photo, SceneData};
+use light::Lights;
+use render::{Picture, Seen, render};
+
+/// What the cameras look at, and from how far.
+const TARGET: DVec3 = DVec3::new(0.0, 0.44, -0.3);
+const DISTANCE: f64 = 3.3;
+const HEIGHT: f64 = 0.95;
+/// The arc reaches this far to either side of straight ahead, in radians.
+const HALF_ARC: f64 = 0.45;
+/// Focal length over image width (or over 4/3 of the height, if that is more): 37 degrees across.
+const FOCAL: f64 = 1.5;
+/// Room between the outermost surface that any ray meets and near, far and the box.
+const MARGIN: f32 = 0.02;
+
+/// Photographs the still life: `views` cameras on an arc, `size` = (width, height) pixels, `samples` x `samples` rays a
+/// pixel (4 and more resolve the finest patterns). `seed` turns the things and shifts the cameras a little.
+///
+/// One unit is about the length of a forearm. All cameras share near and far; these and the box lie as close around the
+/// surfaces that are seen as [`SceneData::bounds`] allows. The same arguments give the same bits for any thread count.
+/// No views, or a size or sample count of zero, give photos without pixels: callers check what they are asked for.
+pub fn still_life(views: usize, size: (u32, u32), samples: u32, seed: u64) -> SceneData {
+    let (world, lights) = (objects::still_life(seed), Lights::new());
+    let cameras: Vec<Camera> = (0..views).map(|view| camera(view, views, size, seed)).collect();
+    let pictures: Vec<Picture> = cameras.iter().map(|camera| render(&world, &lights, camera, samples)).collect();
+    let seen = pictures.iter().map(|picture| picture.seen).fold(Seen::NOTHING, Seen::and);
+    let [near, far] = [seen.depth[0] * (1.0 - MARGIN), seen.depth[1] * (1.0 + MARGIN)].map(f64::from);
+    let photo = |(view, (camera, picture)): (usize, (Camera, Picture))| Photo {
+        name: format!("view_{view:03}"),
+        camera: Camera { near, far, ..camera },
+        rgb: picture.rgb,
+        alpha: None,
+    };
+    let margin = MARGIN * (seen.high - seen.low);
+    SceneData {
+        photos: cameras.into_iter().zip(pictures).enumerate().map(photo).collect(),
+        bounds: [seen.low - margin, seen.high + margin].map(|corner| corner.as_dvec3().to_array()),
+        description: format!("procedural still life: {views} views of {}x{}, seed {seed}", size.0, size.1),
+    }
+}
+
+/// The cameras go round from left to right, up and down by turns, each a little off its place.
+fn camera(view: usize, views: usize, (width, height): (u32, u32), seed: u64) -> Camera {
+    let rng = Rng::new(seed, "still life: cameras");
+    let jitter = |what| f64::from(rng.uniform(view as u64, what)) - 0.5;
+    let along = if views > 1 { 2.0 * view as f64 / (views - 1) as f64 - 1.0 } else { 0.0 };
+    let angle = HALF_ARC * along + 0.02 * jitter(0);
+    let raised = HEIGHT + 0.16 * (2.4 * view as f64).sin() + 0.05 * jitter(1);
+    let distance = DISTANCE + 0.1 * jitter(2);
+    let position = TARGET + DVec3::new(distance * angle.sin(), raised, distance * angle.cos());
+    let focal = FOCAL * f64::from(width).max(f64::from(height) * 4.0 / 3.0);
+    Camera {
+        width,
+        height,
+        fl_x: focal,
+        fl_y: focal,
+        cx: f64::from(width) / 2.0,
+        cy: f64::from(height) / 2.0,
+        camera_to_world: Camera::look_at(position, TARGET),
+        near: 0.0,
+        far: f64::INFINITY,
+    }
+}
