@@ -21,6 +21,11 @@ macro_rules! registry {
                 match self { $(Self::$Kind(stage) => stage),* }
             }
 
+            /// The stage, whatever kind it is of.
+            pub fn into_stage(self) -> Box<dyn Stage> {
+                match self { $(Self::$Kind(stage) => Box::new(stage)),* }
+            }
+
             /// The stage itself, with access to its fields as text: what `--set` edits.
             pub fn parameters(&self) -> serde_json::Result<serde_json::Value> {
                 match self { $(Self::$Kind(stage) => serde_json::to_value(stage)),* }
