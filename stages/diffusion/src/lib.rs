@@ -1,5 +1,23 @@
 //! The latent upscaler: UNet, VAE, text encoder, noise schedule, LoRA and guidance.
 
+pub mod config;
 pub mod error;
+pub mod guidance;
+mod layers;
+pub mod lora;
+pub mod optimize;
+pub mod prior;
+pub mod schedule;
+mod source;
+pub mod text_encoder;
+pub mod tokenizer;
+pub mod unet;
+pub mod vae;
+mod weights;
 
 pub use error::ModelError;
+pub use lora::{LoraGradients, LoraNetwork};
+pub use prior::Prior;
+pub use source::ModelSource;
+pub use unet::Unet;
+pub use vae::{Posterior, Vae};

@@ -1,0 +1,139 @@
+//! Low-rank adapters of the UNet's attention (Hu et al. 2021, equation 3) and the camera embedding that is trained with them.
+//!
+//! Holds tensors by name; knows neither the layers they belong to nor how they are trained.
+
+use std::collections::BTreeMap;
+
+use compute::{Array, Device, Rng};
+
+use crate::error::ModelError;
+
+/// Numbers that describe a camera: a 4x4 matrix, row by row.
+pub const CAMERA_NUMBERS: usize = 16;
+
+/// The trainable part of a network: what a frozen UNet becomes another one with.
+#[derive(Clone, Debug)]
+pub struct LoraNetwork {
+    /// The rank r of every adapter.
+    pub rank: usize,
+    /// The adapters' product is scaled by alpha / r.
+    pub alpha: f64,
+    /// `unet.<layer>.lora_A.weight` `[r, inputs]` and `unet.<layer>.lora_B.weight` `[outputs, r]`, named as PEFT names them.
+    pub adapters: BTreeMap<String, Array>,
+    /// The camera embedding, 16 numbers -> D -> SiLU -> D, D the width of the time embedding to which it is added:
+    /// `camera_embedding.linear_1.weight` `[D, 16]`, `.bias` `[D]`, `camera_embedding.linear_2.weight` `[D, D]`, `.bias` `[D]`.
+    pub camera: BTreeMap<String, Array>,
+}
+
+/// Gradients of a loss by the tensors of a [`LoraNetwork`], under the same names.
+#[derive(Clone, Debug, Default)]
+pub struct LoraGradients {
+    /// By the adapters.
+    pub adapters: BTreeMap<String, Array>,
+    /// By the camera embedding; empty if the forward pass had no camera.
+    pub camera: BTreeMap<String, Array>,
+    /// By the UNet's input `[N, C, h, w]`, if it was asked for.
+    pub sample: Option<Array>,
+}
+
+/// Names and sizes of one adapter.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct AdapterSite {
+    /// Name of the matrix A, which reduces.
+    pub down: String,
+    /// Name of the matrix B, which expands.
+    pub up: String,
+    pub inputs: usize,
+    pub outputs: usize,
+}
+
+impl AdapterSite {
+    pub fn new(layer: &str, inputs: usize, outputs: usize) -> Self {
+        let name = |matrix| format!("unet.{layer}.lora_{matrix}.weight");
+        Self { down: name("A"), up: name("B"), inputs, outputs }
+    }
+}
+
+pub(crate) const CAMERA_1: &str = "camera_embedding.linear_1";
+pub(crate) const CAMERA_2: &str = "camera_embedding.linear_2";
+
+impl LoraNetwork {
+    /// A network that computes exactly what the frozen one does: A is normal with standard deviation 1/r, B and the camera
+    /// embedding's last layer are zero.
+    pub(crate) fn new(
+        sites: &[AdapterSite],
+        width: usize,
+        rank: usize,
+        alpha: f64,
+        seed: u64,
+        device: &Device,
+    ) -> Self {
+        let rng = Rng::new(seed, "lora");
+        let mut adapters = BTreeMap::new();
+        for (step, site) in sites.iter().enumerate() {
+            let normals = rng.normals(step as u64, &[rank, site.inputs], device);
+            adapters.insert(site.down.clone(), compute::elementwise::scale(&normals, 1.0 / rank as f32));
+            adapters.insert(site.up.clone(), device.zeros(&[site.outputs, rank]));
+        }
+        Self { rank, alpha, adapters, camera: camera_embedding(width, seed, device) }
+    }
+
+    /// alpha / r.
+    pub(crate) fn scale(&self) -> f32 {
+        (self.alpha / self.rank as f64) as f32
+    }
+
+    /// The matrices A and B of one layer, if it is adapted.
+    pub(crate) fn adapter(&self, site: &AdapterSite) -> Option<(&Array, &Array)> {
+        Some((self.adapters.get(&site.down)?, self.adapters.get(&site.up)?))
+    }
+
+    /// Fails if a tensor belongs to no layer or has another shape than its layer needs; `file` is where they came from.
+    pub(crate) fn check(&self, sites: &[AdapterSite], width: usize, file: &str) -> Result<(), ModelError> {
+        let mut shapes = BTreeMap::new();
+        for site in sites {
+            shapes.insert(site.down.as_str(), vec![self.rank, site.inputs]);
+            shapes.insert(site.up.as_str(), vec![site.outputs, self.rank]);
+        }
+        let camera = camera_shapes(width);
+        shapes.extend(camera.iter().map(|(name, shape)| (name.as_str(), shape.clone())));
+        for (name, tensor) in self.adapters.iter().chain(&self.camera) {
+            let wrong = |problem| Err(ModelError::tensor(file, name, problem));
+            match shapes.get(name.as_str()) {
+                None => return wrong("belongs to no layer of this model".into()),
+                Some(shape) if shape != tensor.shape() => {
+                    return wrong(format!("has the shape {:?}; this model needs {shape:?}", tensor.shape()));
+                }
+                Some(_) => {}
+            }
+        }
+        let names = sites.iter().flat_map(|site| [&site.down, &site.up]).chain(camera.keys());
+        match { names }.find(|name| !self.adapters.contains_key(*name) && !self.camera.contains_key(*name)) {
+            Some(name) => Err(ModelError::tensor(file, name, "is missing")),
+            None => Ok(()),
+        }
+    }
+}
+
+fn camera_shapes(width: usize) -> BTreeMap<String, Vec<usize>> {
+    BTreeMap::from([
+        (format!("{CAMERA_1}.weight"), vec![width, CAMERA_NUMBERS]),
+        (format!("{CAMERA_1}.bias"), vec![width]),
+        (format!("{CAMERA_2}.weight"), vec![width, width]),
+        (format!("{CAMERA_2}.bias"), vec![width]),
+    ])
+}
+
+/// The first layer uniform within 1/sqrt(16), as PyTorch initialises a linear layer; the second zero.
+fn camera_embedding(width: usize, seed: u64, device: &Device) -> BTreeMap<String, Array> {
+    let rng = Rng::new(seed, "camera_embedding");
+    let bound = 1.0 / (CAMERA_NUMBERS as f32).sqrt();
+    let tensor = |(step, (name, shape)): (usize, (String, Vec<usize>))| {
+        let values = (0..shape.iter().product::<usize>()).map(|i| match name.starts_with(CAMERA_1) {
+            true => bound * (2.0 * rng.uniform(step as u64, i as u64) - 1.0),
+            false => 0.0,
+        });
+        (name.clone(), device.array(&shape, values.collect()))
+    };
+    camera_shapes(width).into_iter().enumerate().map(tensor).collect()
+}

@@ -1,0 +1,100 @@
+//! `CLIPTextModel` of transformers: token ids to the states that the UNet attends to. Inference only.
+
+use compute::Array;
+use compute::activation::{gelu, quick_gelu};
+use compute::attention::attention;
+use compute::elementwise::add;
+use compute::shape::gather_rows;
+
+use crate::config::{TextActivation, TextConfig};
+use crate::error::ModelError;
+use crate::layers::{LayerNorm, Linear};
+use crate::weights::{Scope, Weights};
+
+/// The text encoder.
+pub struct TextEncoder {
+    config: TextConfig,
+    tokens: Array,
+    positions: Array,
+    layers: Vec<Layer>,
+    norm: LayerNorm,
+}
+
+/// A transformer layer in which a token sees those before it and itself.
+struct Layer {
+    norm1: LayerNorm,
+    query: Linear,
+    key: Linear,
+    value: Linear,
+    out: Linear,
+    norm2: LayerNorm,
+    expand: Linear,
+    contract: Linear,
+    heads: usize,
+    activation: TextActivation,
+}
+
+impl TextEncoder {
+    /// Reads the encoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
+    pub(crate) fn read(config: TextConfig, weights: Weights) -> Result<Self, ModelError> {
+        let root = weights.root();
+        let nested = root.at("text_model");
+        let root = if nested.has("final_layer_norm.weight") { nested } else { root };
+        let (width, eps) = (config.hidden_size, config.layer_norm_eps);
+        let layer = |i| Layer::read(&root.at(format!("encoder.layers.{i}")), &config);
+        let encoder = Self {
+            tokens: root.tensor("embeddings.token_embedding.weight", &[config.vocab_size, width])?,
+            positions: root.tensor("embeddings.position_embedding.weight", &[config.max_position_embeddings, width])?,
+            layers: (0..config.num_hidden_layers).map(layer).collect::<Result<_, _>>()?,
+            norm: LayerNorm::read(&root.at("final_layer_norm"), width, eps)?,
+            config,
+        };
+        weights.finish(&["position_ids", "text_projection.weight"])?;
+        Ok(encoder)
+    }
+
+    /// The encoder's configuration.
+    pub fn config(&self) -> &TextConfig {
+        &self.config
+    }
+
+    /// The last hidden states `[N, T, D]` of N texts of T ids each.
+    pub fn forward(&self, texts: &[Vec<u32>]) -> Array {
+        let length = texts.first().map_or(0, Vec::len);
+        let positions: Vec<u32> = texts.iter().flat_map(|_| 0..length as u32).collect();
+        let x = add(&gather_rows(&self.tokens, &texts.concat()), &gather_rows(&self.positions, &positions));
+        let x = x.reshape(&[texts.len(), length, self.config.hidden_size]);
+        self.norm.forward(&self.layers.iter().fold(x, |x, layer| layer.forward(&x)))
+    }
+}
+
+impl Layer {
+    fn read(scope: &Scope, config: &TextConfig) -> Result<Self, ModelError> {
+        let (width, wide, eps) = (config.hidden_size, config.intermediate_size, config.layer_norm_eps);
+        let projection = |name: &str| Linear::read(&scope.at("self_attn").at(name), width, width);
+        Ok(Self {
+            norm1: LayerNorm::read(&scope.at("layer_norm1"), width, eps)?,
+            query: projection("q_proj")?,
+            key: projection("k_proj")?,
+            value: projection("v_proj")?,
+            out: projection("out_proj")?,
+            norm2: LayerNorm::read(&scope.at("layer_norm2"), width, eps)?,
+            expand: Linear::read(&scope.at("mlp.fc1"), width, wide)?,
+            contract: Linear::read(&scope.at("mlp.fc2"), wide, width)?,
+            heads: config.num_attention_heads,
+            activation: config.hidden_act,
+        })
+    }
+
+    fn forward(&self, x: &Array) -> Array {
+        let normalised = self.norm1.forward(x);
+        let [q, k, v] = [&self.query, &self.key, &self.value].map(|layer| layer.forward(&normalised));
+        let x = add(x, &self.out.forward(&attention(&q, &k, &v, self.heads, true).out));
+        let expanded = self.expand.forward(&self.norm2.forward(&x));
+        let activated = match self.activation {
+            TextActivation::Gelu => gelu(&expanded),
+            TextActivation::QuickGelu => quick_gelu(&expanded),
+        };
+        add(&x, &self.contract.forward(&activated))
+    }
+}

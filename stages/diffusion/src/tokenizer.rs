@@ -1,0 +1,220 @@
+//! CLIP's tokenizer: byte-level byte-pair encoding (Sennrich et al. 2016) of cleaned-up, lower-cased text.
+//!
+//! Gives the ids that `CLIPTokenizer(..., padding="max_length", truncation=True)` of transformers gives. Knows no model.
+
+use std::collections::BTreeMap;
+
+use regex::Regex;
+use serde::Deserialize;
+use serde_json::json;
+use unicode_normalization::UnicodeNormalization;
+
+use crate::config;
+use crate::error::ModelError;
+use crate::source::{ModelFile, ModelSource};
+
+/// Contractions, words, single digits and runs of other signs.
+const WORDS: &str = r"'s|'t|'re|'ve|'m|'ll|'d|\p{L}+|\p{N}|[^\s\p{L}\p{N}]+";
+
+/// What marks the end of a word in the vocabulary.
+const END: &str = "</w>";
+
+/// Text to token ids.
+pub struct Tokenizer {
+    vocabulary: BTreeMap<String, u32>,
+    /// Pairs of symbols, joined by a space, in the order in which they are merged.
+    merges: BTreeMap<String, usize>,
+    words: Regex,
+    spaces: Regex,
+    specials: Regex,
+    begin: u32,
+    end: u32,
+    pad: u32,
+    unknown: u32,
+    length: usize,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct TokenizerConfig {
+    added_tokens_decoder: Option<serde_json::Value>,
+    model_max_length: Option<f64>,
+    #[serde(flatten)]
+    specials: Specials,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct Specials {
+    bos_token: Option<Special>,
+    eos_token: Option<Special>,
+    pad_token: Option<Special>,
+    unk_token: Option<Special>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Special {
+    Text(String),
+    Token { content: String },
+}
+
+impl Special {
+    /// The first of the candidates, or CLIP's own default.
+    fn choose(candidates: [Option<Self>; 2], default: &str) -> String {
+        match candidates.into_iter().flatten().next() {
+            Some(Self::Text(text) | Self::Token { content: text }) => text,
+            None => default.to_owned(),
+        }
+    }
+}
+
+impl Tokenizer {
+    /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder has.
+    pub(crate) fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
+        let vocabulary_file = source.file("tokenizer/vocab.json")?;
+        let vocabulary = config::parse(&vocabulary_file, &json!({}), &[])?;
+        let mut config = match source.find("tokenizer/tokenizer_config.json")? {
+            Some(file) => config::parse::<TokenizerConfig>(&file, &json!({}), &[])?,
+            None => TokenizerConfig::default(),
+        };
+        let map = match source.find("tokenizer/special_tokens_map.json")? {
+            // Newer files say all in the configuration.
+            Some(file) if config.added_tokens_decoder.is_none() => config::parse(&file, &json!({}), &[])?,
+            _ => Specials::default(),
+        };
+        let own = std::mem::take(&mut config.specials);
+        let names = [
+            Special::choose([map.bos_token, own.bos_token], "<|startoftext|>"),
+            Special::choose([map.eos_token, own.eos_token], "<|endoftext|>"),
+            Special::choose([map.pad_token, own.pad_token], "<|endoftext|>"),
+            Special::choose([map.unk_token, own.unk_token], "<|endoftext|>"),
+        ];
+        let length = config.model_max_length.map_or(longest, |length| longest.min(length as usize));
+        Self::new(vocabulary, &source.file("tokenizer/merges.txt")?, &names, length)
+            .map_err(|problem| ModelError::file(&vocabulary_file.name, problem))
+    }
+
+    fn new(
+        vocabulary: BTreeMap<String, u32>,
+        merges: &ModelFile,
+        names: &[String; 4],
+        length: usize,
+    ) -> Result<Self, String> {
+        let id = |name: &String| vocabulary.get(name).copied().ok_or_else(|| format!("lacks the token {name:?}"));
+        let [begin, end, pad, unknown] = [id(&names[0])?, id(&names[1])?, id(&names[2])?, id(&names[3])?];
+        let mut longest_first = names.clone().map(|name| regex::escape(&name));
+        longest_first.sort_by_key(|name| std::cmp::Reverse(name.len()));
+        let regex = |pattern: &str| Regex::new(pattern).map_err(|e| e.to_string());
+        let merges = String::from_utf8_lossy(merges);
+        let pairs = merges.lines().filter(|line| !line.starts_with("#version") && line.contains(' '));
+        Ok(Self {
+            merges: pairs.enumerate().map(|(rank, pair)| (pair.trim_end().to_owned(), rank)).collect(),
+            words: regex(WORDS)?,
+            spaces: regex(r"\s+")?,
+            specials: regex(&longest_first.join("|"))?,
+            begin,
+            end,
+            pad,
+            unknown,
+            length,
+            vocabulary,
+        })
+    }
+
+    /// How many ids a text becomes.
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// The largest id there is.
+    pub(crate) fn largest_id(&self) -> u32 {
+        self.vocabulary.values().copied().max().unwrap_or(0)
+    }
+
+    /// The ids of `text` between those of its begin and end, cut or filled to [`Tokenizer::length`].
+    pub fn encode(&self, text: &str) -> Vec<u32> {
+        let mut ids = vec![self.begin];
+        let mut rest = 0;
+        for special in self.specials.find_iter(text) {
+            self.encode_plain(&text[rest..special.start()], &mut ids);
+            ids.push(self.id(special.as_str()));
+            rest = special.end();
+        }
+        self.encode_plain(&text[rest..], &mut ids);
+        ids.truncate(self.length.saturating_sub(1));
+        ids.push(self.end);
+        ids.resize(self.length, self.pad);
+        ids
+    }
+
+    fn encode_plain(&self, text: &str, ids: &mut Vec<u32>) {
+        let composed: String = text.nfc().collect();
+        let lower: String = self.spaces.replace_all(&composed, " ").chars().flat_map(char::to_lowercase).collect();
+        for word in self.words.find_iter(&lower) {
+            ids.extend(self.merge(word.as_str()).iter().map(|symbol| self.id(symbol)));
+        }
+    }
+
+    fn id(&self, symbol: &str) -> u32 {
+        self.vocabulary.get(symbol).copied().unwrap_or(self.unknown)
+    }
+
+    /// A word's symbols: its bytes, merged pair by pair in the order of `merges`.
+    fn merge(&self, word: &str) -> Vec<String> {
+        let mut symbols: Vec<String> = word.bytes().map(|byte| letter(byte).to_string()).collect();
+        if let Some(last) = symbols.last_mut() {
+            last.push_str(END);
+        }
+        while let Some((_, first)) = self.best_pair(&symbols) {
+            let pair = [symbols[first].clone(), symbols[first + 1].clone()];
+            let mut i = first;
+            while i + 1 < symbols.len() {
+                if symbols[i..i + 2] == pair {
+                    symbols[i] = pair.concat();
+                    symbols.remove(i + 1);
+                }
+                i += 1;
+            }
+        }
+        symbols
+    }
+
+    /// The rank and place of the pair that is merged next.
+    fn best_pair(&self, symbols: &[String]) -> Option<(usize, usize)> {
+        let rank = |(i, pair): (usize, &[String])| Some((*self.merges.get(&pair.join(" "))?, i));
+        symbols.windows(2).enumerate().filter_map(rank).min()
+    }
+}
+
+/// The printable letter that stands for a byte: itself where it is one, else one from U+0100 on, in order.
+fn letter(byte: u8) -> char {
+    let printable = |b: &u8| matches!(b, 33..=126 | 161..=172 | 174..=255);
+    if printable(&byte) {
+        return char::from(byte);
+    }
+    let before = (0..byte).filter(|b| !printable(b)).count() as u32;
+    char::from_u32(256 + before).unwrap_or(char::REPLACEMENT_CHARACTER)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_have_distinct_printable_letters() {
+        let letters: std::collections::BTreeSet<char> = (0..=255).map(letter).collect();
+        assert_eq!(letters.len(), 256);
+        assert_eq!([letter(b'a'), letter(b' '), letter(0), letter(173)], ['a', 'Ġ', 'Ā', 'Ń']);
+    }
+
+    #[test]
+    fn a_text_is_framed_cut_and_filled() {
+        let tokenizer = Tokenizer::read(&ModelSource::Embedded, 8).unwrap();
+        let (begin, end) = (tokenizer.begin, tokenizer.end);
+        assert_eq!(tokenizer.encode(""), [begin, end, end, end, end, end, end, end]);
+        let long = tokenizer.encode("0 1 2 3 4 5 6 7 8 9");
+        assert_eq!((long.len(), long[0], long[7]), (8, begin, end));
+        assert_eq!(long[1..7], (0..6).map(|i| tokenizer.id(&format!("{i}</w>"))).collect::<Vec<_>>());
+    }
+}

@@ -1,0 +1,123 @@
+//! One step of the walk through the UNet: a layer, or a move on the stack of skip connections.
+
+use compute::Array;
+use compute::elementwise::add;
+use compute::shape::{concat, slice};
+
+use super::accumulate;
+use crate::layers::{Downsample, Resnet, ResnetTape, Transformer, TransformerTape, Upsample};
+use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
+
+/// A step of the walk.
+pub(super) enum Layer {
+    Resnet(Resnet),
+    Transformer(Transformer),
+    Downsample(Downsample),
+    /// Doubles to the size of the skip connection on top of the stack.
+    Upsample(Upsample),
+    /// Puts the image on the stack.
+    Push,
+    /// Takes an image from the stack and joins it to this one along the channels.
+    Pop,
+}
+
+/// What a step's backward pass needs.
+pub(super) enum LayerTape {
+    Resnet(ResnetTape),
+    Transformer(TransformerTape),
+    /// Height and width of the input.
+    Resize([usize; 2]),
+    Push,
+    /// Channels of the image before joining.
+    Pop(usize),
+}
+
+/// Where the walk stands: the image (or, backwards, its gradient) and the open skip connections.
+pub(super) struct Walk {
+    pub x: Array,
+    pub skips: Vec<Array>,
+}
+
+/// What does not change along the walk.
+pub(super) struct Pass<'a> {
+    /// The time embedding after its activation `[N, D]`.
+    pub time: &'a Array,
+    /// The text states `[N, S, D]`.
+    pub text: &'a Array,
+    pub lora: Option<&'a LoraNetwork>,
+}
+
+impl Layer {
+    pub fn sites(&self) -> Vec<&AdapterSite> {
+        match self {
+            Self::Transformer(transformer) => transformer.sites().collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    pub fn forward(&self, walk: &mut Walk, pass: &Pass) -> LayerTape {
+        let x = &walk.x;
+        let size = [x.shape()[2], x.shape()[3]];
+        let (y, tape) = match self {
+            Self::Resnet(resnet) => {
+                let (y, tape) = resnet.forward(x, Some(pass.time));
+                (y, LayerTape::Resnet(tape))
+            }
+            Self::Transformer(transformer) => {
+                let (y, tape) = transformer.forward(x, pass.text, pass.lora);
+                (y, LayerTape::Transformer(tape))
+            }
+            Self::Downsample(downsample) => (downsample.forward(x), LayerTape::Resize(size)),
+            Self::Upsample(upsample) => {
+                let to = walk.skips.last().map_or(size, |skip| [skip.shape()[2], skip.shape()[3]]);
+                (upsample.forward(x, to), LayerTape::Resize(size))
+            }
+            Self::Push => {
+                walk.skips.push(x.clone());
+                return LayerTape::Push;
+            }
+            Self::Pop => {
+                let tape = LayerTape::Pop(x.shape()[1]);
+                let skip = walk.skips.pop();
+                (skip.map_or_else(|| x.clone(), |skip| concat(&[x, &skip], 1)), tape)
+            }
+        };
+        walk.x = y;
+        tape
+    }
+
+    /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it. Backwards, joining puts a
+    /// gradient on the stack and putting takes it off. `time` gathers the gradient by the time embedding, if there is one.
+    pub fn backward(
+        &self,
+        tape: LayerTape,
+        walk: &mut Walk,
+        lora: Option<&LoraNetwork>,
+        gradients: &mut LoraGradients,
+        time: &mut Option<Array>,
+        input: bool,
+    ) {
+        let dy = &walk.x;
+        let dx = match (self, tape) {
+            (Self::Resnet(resnet), LayerTape::Resnet(tape)) => {
+                let backward = resnet.backward(&tape, dy, input, time.is_some());
+                accumulate(time, backward.time);
+                backward.x
+            }
+            (Self::Transformer(layer), LayerTape::Transformer(tape)) => {
+                layer.backward(tape, dy, lora, gradients, input)
+            }
+            (Self::Downsample(downsample), LayerTape::Resize(size)) => Some(downsample.backward(dy, size)),
+            (Self::Upsample(upsample), LayerTape::Resize(size)) => Some(upsample.backward(dy, size)),
+            (Self::Push, LayerTape::Push) => walk.skips.pop().map(|skip| add(dy, &skip)),
+            (Self::Pop, LayerTape::Pop(channels)) => {
+                walk.skips.push(slice(dy, 1, channels, dy.shape()[1] - channels));
+                Some(slice(dy, 1, 0, channels))
+            }
+            _ => unreachable!("a tape belongs to the layer that made it"),
+        };
+        if let Some(dx) = dx {
+            walk.x = dx;
+        }
+    }
+}

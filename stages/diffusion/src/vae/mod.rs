@@ -1,0 +1,123 @@
+//! `AutoencoderKL` of diffusers: images to latents and back, in f32, of any size.
+//!
+//! Knows nothing of diffusion but the factor that latents are scaled by for it.
+
+mod coder;
+mod tiles;
+
+use compute::Array;
+use compute::elementwise::{clamp, scale};
+use compute::shape::{crop, pad_reflect, slice};
+
+use crate::config::VaeConfig;
+use crate::error::ModelError;
+use crate::layers::Conv2d;
+use crate::weights::Weights;
+use coder::Coder;
+use tiles::Tiling;
+
+/// The smallest tile, in latent pixels.
+const MIN_TILE: usize = 8;
+
+/// The autoencoder.
+pub struct Vae {
+    config: VaeConfig,
+    encoder: Coder,
+    quant: Option<Conv2d>,
+    post_quant: Option<Conv2d>,
+    decoder: Coder,
+}
+
+/// The distribution of latents that the encoder gives for an image: normal and independent in each element `[N, C, h, w]`, unscaled.
+#[derive(Clone, Debug)]
+pub struct Posterior {
+    /// Means.
+    pub mean: Array,
+    /// Logarithms of variances, within [-30, 20] as diffusers bounds them.
+    pub logvar: Array,
+}
+
+impl Vae {
+    /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
+    pub(crate) fn read(config: VaeConfig, mut weights: Weights) -> Result<Self, ModelError> {
+        weights.rename(current_name);
+        let (root, latent) = (weights.root(), config.latent_channels);
+        let quant = config.use_quant_conv.then(|| Conv2d::pointwise(&root.at("quant_conv"), 2 * latent, 2 * latent));
+        let post = config.use_post_quant_conv.then(|| Conv2d::pointwise(&root.at("post_quant_conv"), latent, latent));
+        let vae = Self {
+            encoder: Coder::encoder(&config, &root.at("encoder"))?,
+            quant: quant.transpose()?,
+            post_quant: post.transpose()?,
+            decoder: Coder::decoder(&config, &root.at("decoder"))?,
+            config,
+        };
+        weights.finish(&[])?;
+        Ok(vae)
+    }
+
+    /// The autoencoder's configuration.
+    pub fn config(&self) -> &VaeConfig {
+        &self.config
+    }
+
+    /// How many image pixels a latent pixel spans each way: 4 for the x4 upscaler.
+    pub fn factor(&self) -> usize {
+        1 << (self.config.block_out_channels.len() - 1)
+    }
+
+    /// What a latent is multiplied by before the UNet sees it.
+    pub fn scaling_factor(&self) -> f64 {
+        self.config.scaling_factor
+    }
+
+    /// Encodes `image [N, 3, H, W]` in [-1, 1], H and W multiples of [`Vae::factor`], in one piece.
+    pub fn encode(&self, image: &Array) -> Posterior {
+        let hidden = self.encoder.forward(image);
+        let moments = self.quant.as_ref().map_or_else(|| hidden.clone(), |quant| quant.forward(&hidden));
+        let latent = self.config.latent_channels;
+        let logvar = clamp(&slice(&moments, 1, latent, latent), -30.0, 20.0);
+        Posterior { mean: slice(&moments, 1, 0, latent), logvar }
+    }
+
+    /// Decodes an unscaled `latent [N, C, h, w]` in one piece: `[N, 3, factor h, factor w]`, around [-1, 1].
+    pub fn decode(&self, latent: &Array) -> Array {
+        match &self.post_quant {
+            Some(post_quant) => self.decoder.forward(&post_quant.forward(latent)),
+            None => self.decoder.forward(latent),
+        }
+    }
+
+    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in [-1, 1], at least `factor`
+    /// pixels each way: the posterior's mean times the scaling factor. The image is continued by reflection to whole latent
+    /// pixels, and taken in overlapping tiles of `tile` image pixels if it is larger.
+    pub fn encode_image(&self, image: &Array, tile: usize) -> Array {
+        let (factor, [height, width]) = (self.factor(), [image.shape()[2], image.shape()[3]]);
+        let missing = |extent: usize| extent.next_multiple_of(factor) - extent;
+        let image = pad_reflect(image, [0, missing(height), 0, missing(width)]);
+        let tiling = Tiling::new([height.div_ceil(factor), width.div_ceil(factor)], self.tile(tile));
+        let mean = tiling.blend(1, |[top, left], [h, w]| {
+            self.encode(&crop(&image, factor * top, factor * left, factor * h, factor * w)).mean
+        });
+        scale(&mean, self.config.scaling_factor as f32)
+    }
+
+    /// The image `[N, 3, H, W]` of a scaled `latent`, where `[H, W]` = `size` is that of the image before it was encoded;
+    /// in overlapping tiles of `tile` image pixels if it is larger.
+    pub fn decode_latent(&self, latent: &Array, size: [usize; 2], tile: usize) -> Array {
+        let latent = scale(latent, (1.0 / self.config.scaling_factor) as f32);
+        let tiling = Tiling::new([latent.shape()[2], latent.shape()[3]], self.tile(tile));
+        let image = tiling.blend(self.factor(), |[top, left], [h, w]| self.decode(&crop(&latent, top, left, h, w)));
+        crop(&image, 0, 0, size[0], size[1])
+    }
+
+    /// A tile's side in latent pixels.
+    fn tile(&self, pixels: usize) -> usize {
+        (pixels / self.factor()).max(MIN_TILE)
+    }
+}
+
+/// Attention layers of files from before diffusers 0.18 have other names.
+fn current_name(name: &str) -> String {
+    let renamed = [(".query.", ".to_q."), (".key.", ".to_k."), (".value.", ".to_v."), (".proj_attn.", ".to_out.0.")];
+    renamed.iter().fold(name.to_owned(), |name, (old, new)| name.replace(old, new))
+}
