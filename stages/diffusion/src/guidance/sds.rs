@@ -1,0 +1,40 @@
+//! Score distillation sampling (DreamFusion, ICLR 2023): descend what the network takes for more noise than there is.
+
+use compute::Array;
+use compute::elementwise::sub;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::invalid_option::{InvalidOption, positive};
+use super::{Estimate, Timesteps};
+use crate::schedule::{Schedule, scale};
+
+/// Options of score distillation sampling.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Sds {
+    /// Step size of the residual's optimiser.
+    pub rate: f64,
+    /// Which timesteps it looks at.
+    pub timesteps: Timesteps,
+}
+
+impl Default for Sds {
+    fn default() -> Self {
+        Self { rate: 0.02, timesteps: Timesteps::UNIFORM }
+    }
+}
+
+impl Sds {
+    /// The direction (1 - alpha_bar) (eps_hat - eps).
+    pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+        let surplus = sub(&schedule.noise(estimate.noisy, estimate.velocity, estimate.t), estimate.noise);
+        scale(&surplus, estimate.t, |t| 1.0 - schedule.alpha_bar(t))
+    }
+
+    /// Refuses numbers that make no sense.
+    pub fn check(&self) -> Result<(), InvalidOption> {
+        positive("guidance.rate", self.rate)?;
+        self.timesteps.check()
+    }
+}

@@ -1,0 +1,75 @@
+//! Variational score distillation (ProlificDreamer, NeurIPS 2023): descend the difference between the prior's score and the
+//! score of what there is, which a LoRA of the same network learns along the way.
+
+use compute::Array;
+use compute::elementwise::{scaled_sum, sub};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::invalid_option::{InvalidOption, at_least_one, not_negative, positive, share};
+use super::{Estimate, Timesteps, rsd};
+use crate::schedule::{Schedule, scale};
+
+/// Options of variational score distillation.
+///
+/// Unlike the other rules' directions, this one need not vanish where the latent is good: before the LoRA has adapted it is the
+/// pure difference between prompts, afterwards the two networks' disagreement. `warm_up`, `anchor` and a low `rate` keep it
+/// from drifting.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Vsd {
+    /// Step size of the residual's optimiser.
+    pub rate: f64,
+    /// Which timesteps it looks at.
+    pub timesteps: Timesteps,
+    /// The LoRA learns on every such step: 1 for all of them, 3 for the paper's "spaced" training.
+    pub lora_every: u32,
+    /// Steps for the LoRA alone before the first guidance step.
+    pub warm_up: u32,
+    /// Step size of the LoRA's optimiser.
+    pub lora_rate: f64,
+    /// Rank of the LoRA.
+    pub lora_rank: u32,
+    /// How often the LoRA learns without its camera.
+    pub camera_drop: f64,
+    /// Weight of renoised score distillation's z' - x0_hat in the direction; 0 for none.
+    pub anchor: f64,
+}
+
+impl Default for Vsd {
+    fn default() -> Self {
+        Self {
+            rate: 0.002,
+            timesteps: Timesteps::ANNEALED,
+            lora_every: 1,
+            warm_up: 50,
+            lora_rate: 1e-4,
+            lora_rank: 4,
+            camera_drop: 0.1,
+            anchor: 0.1,
+        }
+    }
+}
+
+impl Vsd {
+    /// The direction (1 - alpha_bar) (eps_prior - eps_lora) = (1 - alpha_bar) a (v_prior - v_lora), plus the anchor.
+    pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+        let disagreement = sub(estimate.velocity, estimate.lora_velocity.unwrap_or(estimate.velocity));
+        let direction = scale(&disagreement, estimate.t, |t| (1.0 - schedule.alpha_bar(t)) * schedule.a(t));
+        if self.anchor == 0.0 {
+            return direction;
+        }
+        scaled_sum(&[(1.0, &direction), (self.anchor as f32, &rsd::towards_clean(schedule, estimate))])
+    }
+
+    /// Refuses numbers that make no sense.
+    pub fn check(&self) -> Result<(), InvalidOption> {
+        positive("guidance.rate", self.rate)?;
+        self.timesteps.check()?;
+        at_least_one("guidance.lora_every", self.lora_every)?;
+        positive("guidance.lora_rate", self.lora_rate)?;
+        at_least_one("guidance.lora_rank", self.lora_rank)?;
+        share("guidance.camera_drop", self.camera_drop)?;
+        not_negative("guidance.anchor", self.anchor)
+    }
+}

@@ -1,0 +1,47 @@
+//! The LoRA in training: its parameters and their optimiser. Knows no network.
+
+use std::collections::BTreeMap;
+
+use compute::adam::{AdamState, update};
+use compute::{elementwise, reduce};
+
+use super::denoiser::LoraParameters;
+use super::options::lora_adam;
+
+/// A LoRA in training.
+#[derive(Clone, Debug)]
+pub struct LoraState {
+    /// The parameters.
+    pub parameters: LoraParameters,
+    /// Each parameter's moments.
+    pub moments: BTreeMap<String, AdamState>,
+    /// Steps taken.
+    pub steps: u64,
+}
+
+/// Gradients of a larger norm, over all parameters together, are scaled down to it.
+const MAX_NORM: f64 = 1.0;
+
+impl LoraState {
+    /// Before the first step.
+    pub fn new(parameters: LoraParameters) -> Self {
+        let moments = parameters.iter().map(|(name, values)| (name.clone(), AdamState::new(values))).collect();
+        Self { parameters, moments, steps: 0 }
+    }
+
+    /// One step of AdamW down the clipped gradients. Panics if there is none for some parameter.
+    pub fn descend(&mut self, gradients: &LoraParameters, rate: f64) {
+        self.steps += 1;
+        let clip = (MAX_NORM / norm(gradients)).min(1.0) as f32;
+        for ((name, values), moments) in self.parameters.iter_mut().zip(self.moments.values_mut()) {
+            let gradient = elementwise::scale(&gradients[name], clip);
+            update(&lora_adam(rate), values, &gradient, moments, self.steps);
+        }
+    }
+}
+
+/// The Euclidean norm over all arrays together.
+fn norm(arrays: &LoraParameters) -> f64 {
+    let square = |array| f64::from(reduce::mean_square(array)) * array.len() as f64;
+    arrays.values().map(square).sum::<f64>().sqrt()
+}

@@ -1,0 +1,133 @@
+//! A prior as the optimisation asks it: with two prompts, and the low-resolution image beside the latent. Knows no rule.
+
+use compute::elementwise::{scale, sub};
+use compute::shape::{concat, slice};
+use compute::{Array, Device, reduce};
+
+use crate::guidance::Prompt;
+use crate::lora::LoraNetwork;
+use crate::optimize::{Denoiser, LoraParameters, Query};
+use crate::prior::Prior;
+use crate::schedule::Schedule;
+
+/// A latent upscaler and the states of its two prompts.
+pub struct Upscaler<'a> {
+    prior: &'a Prior,
+    /// Text states `[1, T, D]`.
+    good: Array,
+    bad: Array,
+}
+
+impl Prior {
+    /// This prior as the optimisation asks it: guided from `negative_prompt` to `prompt`.
+    pub fn denoiser(&self, prompt: &str, negative_prompt: &str) -> Upscaler<'_> {
+        Upscaler { prior: self, good: self.text(&[prompt]), bad: self.text(&[negative_prompt]) }
+    }
+}
+
+impl Upscaler<'_> {
+    fn text(&self, prompt: Prompt, batch: usize) -> Array {
+        let states = match prompt {
+            Prompt::Good => &self.good,
+            Prompt::Bad => &self.bad,
+        };
+        concat(&vec![states; batch], 0)
+    }
+
+    /// The loss of the one sample of `query`, and its gradient.
+    fn sample_gradients(
+        &self,
+        query: &Query,
+        camera: &Array,
+        target: &Array,
+        lora: &LoraNetwork,
+    ) -> (f64, LoraParameters) {
+        let (schedule, labels) = (&self.prior.schedule, [query.noise_level]);
+        let (input, text) = (input(query), self.text(Prompt::Good, 1));
+        let (output, tape) = self.prior.unet.forward_train(&input, query.t, &text, &labels, Some(lora), Some(camera));
+        let error = sub(&schedule.velocity(&output, query.noisy, query.t), target);
+        let gradient = schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
+        let gradients = self.prior.unet.backward(tape, &gradient, false);
+        (reduce::mean_square(&error).into(), gradients.adapters.into_iter().chain(gradients.camera).collect())
+    }
+}
+
+impl Denoiser for Upscaler<'_> {
+    fn device(&self) -> &Device {
+        self.good.device()
+    }
+
+    fn schedule(&self) -> &Schedule {
+        &self.prior.schedule
+    }
+
+    fn low_schedule(&self) -> &Schedule {
+        &self.prior.low_schedule
+    }
+
+    fn max_noise_level(&self) -> u32 {
+        self.prior.max_noise_level
+    }
+
+    fn velocity(&self, query: &Query, prompt: Prompt) -> Array {
+        let (text, labels) = (self.text(prompt, query.t.len()), vec![query.noise_level; query.t.len()]);
+        let output = self.prior.unet.forward(&input(query), query.t, &text, &labels, None, None);
+        self.prior.schedule.velocity(&output, query.noisy, query.t)
+    }
+
+    fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters {
+        let lora = self.prior.unet.new_lora(rank as usize, rank.into(), seed);
+        lora.adapters.into_iter().chain(lora.camera).collect()
+    }
+
+    fn lora_velocity(&self, query: &Query, cameras: &Array, lora: &LoraParameters) -> Array {
+        let (text, labels) = (self.text(Prompt::Good, query.t.len()), vec![query.noise_level; query.t.len()]);
+        let lora = network(lora);
+        let output = self.prior.unet.forward(&input(query), query.t, &text, &labels, Some(&lora), Some(cameras));
+        self.prior.schedule.velocity(&output, query.noisy, query.t)
+    }
+
+    /// One sample after the other, so that never more than one sample's activations are kept.
+    fn lora_gradients(
+        &self,
+        query: &Query,
+        cameras: &Array,
+        target: &Array,
+        lora: &LoraParameters,
+    ) -> (f64, LoraParameters) {
+        let (lora, share) = (network(lora), 1.0 / query.t.len() as f32);
+        let (mut loss, mut sum) = (0.0, LoraParameters::new());
+        for i in 0..query.t.len() {
+            let part = |x: &Array| slice(x, 0, i, 1);
+            let (noisy, low) = (part(query.noisy), part(query.low));
+            let sample = Query { noisy: &noisy, low: &low, t: &query.t[i..=i], noise_level: query.noise_level };
+            let (sample_loss, gradients) = self.sample_gradients(&sample, &part(cameras), &part(target), &lora);
+            loss += sample_loss * f64::from(share);
+            add_scaled(&mut sum, gradients, share);
+        }
+        (loss, sum)
+    }
+}
+
+/// The network's input: the noised latent and, beside it, the noised low-resolution image.
+fn input(query: &Query) -> Array {
+    concat(&[query.noisy, query.low], 1)
+}
+
+/// `sum + factor * terms`, name by name.
+fn add_scaled(sum: &mut LoraParameters, terms: LoraParameters, factor: f32) {
+    for (name, term) in terms {
+        let scaled = scale(&term, factor);
+        let total = sum.get(&name).map(|sum| compute::elementwise::add(sum, &scaled));
+        sum.insert(name, total.unwrap_or(scaled));
+    }
+}
+
+/// The parameters as the network takes them; the adapters' product is not scaled.
+fn network(parameters: &LoraParameters) -> LoraNetwork {
+    let is_adapter = |name: &String| name.contains(".lora_");
+    let (adapters, camera): (LoraParameters, LoraParameters) =
+        parameters.iter().map(|(name, values)| (name.clone(), values.clone())).partition(|(name, _)| is_adapter(name));
+    let rank = adapters.iter().find(|(name, _)| name.contains(".lora_A.")).map_or(1, |(_, down)| down.shape()[0]);
+    LoraNetwork { rank, alpha: rank as f64, adapters, camera }
+}
