@@ -1,0 +1,57 @@
+//! Equal content and equal provenance give equal files, in any process and on any number of threads.
+
+use std::process::Command;
+
+use tempfile::tempdir;
+
+use crate::samples;
+
+/// Set for the child process of the test below: the folder that it writes into.
+const FOLDER: &str = "SRNERF_TEST_FOLDER";
+
+#[test]
+fn equal_artifacts_are_equal_files() {
+    let first = tempdir().unwrap();
+    samples::write_all(first.path(), &samples::provenance()).unwrap();
+    let expected = samples::files(first.path());
+    for threads in 1..=16 {
+        let again = tempdir().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads % 4 + 1).build().unwrap();
+        pool.install(|| samples::write_all(again.path(), &samples::provenance())).unwrap();
+        assert_eq!(samples::files(again.path()), expected);
+    }
+}
+
+#[test]
+fn equal_artifacts_of_two_processes_are_equal_files() {
+    let (here, there) = (tempdir().unwrap(), tempdir().unwrap());
+    samples::write_all(here.path(), &samples::provenance()).unwrap();
+    let child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "bytes::write_into_the_folder_of_the_environment", "--ignored"])
+        .env(FOLDER, there.path())
+        .output()
+        .unwrap();
+    assert!(child.status.success(), "{child:?}");
+    assert_eq!(samples::files(there.path()), samples::files(here.path()));
+}
+
+#[test]
+#[ignore = "the child process of the test above"]
+fn write_into_the_folder_of_the_environment() {
+    let folder = std::env::var(FOLDER).unwrap();
+    samples::write_all(folder.as_ref(), &samples::provenance()).unwrap();
+}
+
+#[test]
+fn provenance_changes_the_files() {
+    let (one, other) = (tempdir().unwrap(), tempdir().unwrap());
+    let mut provenance = samples::provenance();
+    samples::write_all(one.path(), &provenance).unwrap();
+    provenance.key = "00".repeat(32);
+    samples::write_all(other.path(), &provenance).unwrap();
+    let (one, other) = (samples::files(one.path()), samples::files(other.path()));
+    for file in ["images/view_000.exr", "images/transforms.json", "latents/latents.safetensors", "log/provenance.json"]
+    {
+        assert_ne!(one[file], other[file], "{file}");
+    }
+}

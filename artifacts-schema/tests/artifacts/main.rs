@@ -1,0 +1,10 @@
+//! What artifacts promise: they come back exactly, equal ones are equal files, digests see content only, and no file makes a
+//! reader panic.
+
+mod bytes;
+mod digests;
+mod malformed;
+mod openexr;
+mod round_trip;
+mod samples;
+mod schemas;

@@ -1,0 +1,130 @@
+//! Every artifact comes back from disk as it was.
+
+use std::fmt::Debug;
+
+use artifacts_schema::{Artifact, ImageSet, SchemaError, View};
+use proptest::prelude::*;
+use tempfile::tempdir;
+
+use crate::samples;
+
+fn round_trip<A: Artifact>(artifact: &A) -> A {
+    let folder = tempdir().unwrap();
+    artifact.write(folder.path(), &samples::provenance()).unwrap();
+    A::read(folder.path()).unwrap()
+}
+
+fn comes_back<A: Artifact + PartialEq + Debug>(artifact: A) {
+    assert_eq!(round_trip(&artifact), artifact);
+}
+
+#[test]
+fn every_kind_comes_back() {
+    comes_back(samples::images());
+    comes_back(samples::latents());
+    comes_back(samples::residuals());
+    comes_back(samples::lora());
+    comes_back(samples::metrics());
+    comes_back(samples::log());
+    comes_back(samples::figures());
+}
+
+#[test]
+fn tensors_come_back_bit_by_bit_with_nan_and_negative_zero() {
+    let field = samples::field();
+    let read = round_trip(&field);
+    let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&read.tensors["table"].values), bits(&field.tensors["table"].values));
+    assert_eq!(read.tensors["scalar"], field.tensors["scalar"]);
+    assert_eq!((read.config, read.bounds), (field.config, field.bounds));
+}
+
+#[test]
+fn pixels_come_back_bit_by_bit_with_nan_and_negative_zero() {
+    let mut images = samples::images();
+    images.views[0].rgb[..4].copy_from_slice(&[f32::NAN, -0.0, f32::NEG_INFINITY, 1e-42]);
+    let bits = |view: &View| view.rgb.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&round_trip(&images).views[0]), bits(&images.views[0]));
+}
+
+#[test]
+fn views_come_back_sorted_by_name() {
+    let mut images = samples::images();
+    images.views.reverse();
+    assert_eq!(round_trip(&images), samples::images());
+}
+
+#[test]
+fn cameras_of_different_sizes_come_back() {
+    let mut images = samples::images();
+    let view = &mut images.views[1];
+    (view.camera.width, view.camera.height, view.camera.fl_x) = (4, 5, 0.1);
+    comes_back(images);
+}
+
+#[test]
+fn an_empty_image_set_comes_back() {
+    comes_back(ImageSet { views: Vec::new(), bounds: samples::BOUNDS });
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_camera_comes_back_exactly(numbers in prop::array::uniform24(prop::num::f64::NORMAL)) {
+        let mut images = samples::images();
+        images.views.truncate(1);
+        let camera = &mut images.views[0].camera;
+        (camera.fl_x, camera.fl_y, camera.cx, camera.cy) = (numbers[0], numbers[1], numbers[2], numbers[3]);
+        (camera.near, camera.far) = (numbers[4], numbers[5]);
+        // Upper triangular, its diagonal moderate: any such matrix can be inverted.
+        camera.camera_to_world = [
+            [0.3, numbers[6], numbers[7], numbers[8]],
+            [0.0, 1.7, numbers[9], numbers[10]],
+            [0.0, 0.0, -0.9, numbers[11]],
+            [0.0, 0.0, 0.0, 1.0],
+        ];
+        images.bounds = [[numbers[12], numbers[13], numbers[14]], [numbers[15], numbers[16], numbers[17]]];
+        prop_assert_eq!(round_trip(&images), images);
+    }
+}
+
+/// The message of a refused write, and that nothing was written.
+fn refused<A: Artifact>(artifact: &A) -> String {
+    let folder = tempdir().unwrap();
+    let error = artifact.write(folder.path(), &samples::provenance()).unwrap_err();
+    assert!(matches!(error, SchemaError::Content { .. }), "{error}");
+    assert!(samples::files(folder.path()).is_empty(), "{error}");
+    error.to_string()
+}
+
+#[test]
+fn what_has_no_form_on_disk_is_refused_by_name() {
+    let mut images = samples::images();
+    images.views[1].name = "view_000".to_owned();
+    assert_eq!(refused(&images), "name \"view_000\": is there twice; each view needs its own");
+
+    let mut images = samples::images();
+    images.views[0].name = "../elsewhere".to_owned();
+    assert!(refused(&images).starts_with("name \"../elsewhere\": cannot name a file"));
+
+    let mut images = samples::images();
+    images.views[1].depth = Some(vec![1.0; 19]);
+    assert_eq!(refused(&images), "view \"view_001\": depth has 19 values; expected 20");
+
+    let mut images = samples::images();
+    images.views[0].camera.far = f64::INFINITY;
+    assert_eq!(refused(&images), "view \"view_000\": its camera holds inf; all must be finite");
+
+    let mut metrics = samples::metrics();
+    metrics.rows.get_mut("vsd").unwrap().mean.insert("niqe".to_owned(), f64::NAN);
+    assert!(refused(&metrics).starts_with("row \"vsd\", mean: niqe: is NaN"));
+
+    let mut lora = samples::lora();
+    lora.tensors.pop_last();
+    assert_eq!(refused(&lora), "tensors: lora_A and lora_B do not come in pairs");
+
+    let mut latents = samples::latents();
+    latents.views[0].tensor.shape = vec![4, 2, 2];
+    assert_eq!(refused(&latents), "tensor \"view_000\": 8 values do not fill the shape [4, 2, 2]");
+}
