@@ -73,7 +73,8 @@ impl Tokenizer {
     /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder has.
     pub(crate) fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
         let vocabulary_file = source.file("tokenizer/vocab.json")?;
-        let vocabulary = config::parse(&vocabulary_file, &json!({}), &[])?;
+        let vocabulary = serde_json::from_slice(&vocabulary_file)
+            .map_err(|e| ModelError::file(&vocabulary_file.name, format!("is not a JSON object of ids: {e}")))?;
         let mut config = match source.find("tokenizer/tokenizer_config.json")? {
             Some(file) => config::parse::<TokenizerConfig>(&file, &json!({}), &[])?,
             None => TokenizerConfig::default(),
