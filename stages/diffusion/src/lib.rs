@@ -12,6 +12,7 @@ mod source;
 pub mod text_encoder;
 pub mod tokenizer;
 pub mod unet;
+pub mod upscaler;
 pub mod vae;
 mod weights;
 
@@ -20,4 +21,5 @@ pub use lora::{LoraGradients, LoraNetwork};
 pub use prior::Prior;
 pub use source::ModelSource;
 pub use unet::Unet;
+pub use upscaler::Upscaler;
 pub use vae::{Posterior, Vae};

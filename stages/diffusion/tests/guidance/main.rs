@@ -2,5 +2,6 @@
 
 mod fixed_points;
 mod gaussian;
+mod golden;
 mod rules;
 mod run;
