@@ -11,7 +11,7 @@ pub(crate) struct Eigen {
     pub vectors: Vec<Vec<f64>>,
 }
 
-/// Eigenvalues and vectors of a symmetric matrix given by rows. The order of rotations is fixed: same bits, same result.
+/// Eigenvalues and vectors of a symmetric matrix given by rows. The order of rotations is fixed.
 pub(crate) fn eigen(mut matrix: Vec<Vec<f64>>) -> Eigen {
     let n = matrix.len();
     let mut vectors: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();

@@ -178,7 +178,7 @@ mod tests {
         let panels = [panel("truth", 400, 300, &rgb), panel("bicubic", 400, 300, &rgb)];
         let figure = comparison(&panels);
         assert_eq!(figure.width, 24 + 400 + 20 + 400 + 24);
-        assert_eq!(figure.height, 24 + 22 + 300 + 8 + 49 * 4 + 24);
+        assert_eq!(figure.height, 24 + 31 + 300 + 8 + 49 * 4 + 24);
         assert_eq!(figure.rgb8.len(), figure.width * figure.height * 3);
         assert_eq!(comparison(&panels), figure);
     }
@@ -196,6 +196,6 @@ mod tests {
         let rgb = picture(256, 64);
         let label = "a label that leaves no room beside";
         let plain = comparison(&[panel("short", 256, 64, &rgb)]);
-        assert_eq!(comparison(&[panel(label, 256, 64, &rgb)]).height, plain.height + 22);
+        assert_eq!(comparison(&[panel(label, 256, 64, &rgb)]).height, plain.height + 31);
     }
 }

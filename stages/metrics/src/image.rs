@@ -51,9 +51,9 @@ impl<'a> Image<'a> {
     }
 }
 
-/// Clamps to 0..1; `max` and `min` drop a NaN, which so becomes 0.
+/// Clamps to 0..1; a NaN is not above 0 and so becomes 0.
 fn unit(value: f32) -> f32 {
-    value.max(0.0).min(1.0)
+    if value > 0.0 { value.min(1.0) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -26,23 +26,20 @@ pub use warp::{Surface, Warped, warped};
 pub const DEFINITIONS: [(&str, &str); 6] = [
     (
         "psnr_hr",
-        "PSNR in dB against a held-out photo: sRGB, all pixels and channels of one view, at most 100; higher is better",
+        "PSNR in dB against a held-out photo: sRGB, all pixels and channels of a view, at most 100; higher is better",
     ),
     (
         "ssim_hr",
-        "SSIM against a held-out photo: sRGB, 11x11 Gaussian of sigma 1.5, mean over channels, borders of 5 left out; higher is better",
+        "SSIM against a held-out photo: sRGB, 11x11 Gaussian of sigma 1.5, mean over channels; higher is better",
     ),
-    (
-        "niqe_y",
-        "NIQE without a reference: BT.601 luma, no border crop, BasicSR's parameters; compare at equal size only; lower is better",
-    ),
+    ("niqe_y", "NIQE, no reference: BT.601 luma, BasicSR's parameters; compare at equal size only; lower is better"),
     (
         "psnr_lr_consistency",
-        "PSNR in dB of the render, reduced by antialiased bicubic, against the low-resolution input; higher is better",
+        "PSNR in dB of the bicubically reduced render against the low-resolution input; higher is better",
     ),
     (
         "psnr_warped",
-        "PSNR in dB of a view warped into another by its own depth, over the visible part; higher is more consistent",
+        "PSNR in dB of a view carried into another by its depth, over the visible part; higher is more consistent",
     ),
-    ("coverage_warped", "share of a view's pixels that psnr_warped could compare, 0 to 1"),
+    ("coverage_warped", "the share of a view's pixels that psnr_warped could compare, 0 to 1"),
 ];

@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     fn checker(width: usize, height: usize, dark: f32, light: f32) -> Vec<f32> {
-        let colour = |i: usize| if (i % width + i / width) % 2 == 0 { dark } else { light };
+        let colour = |i: usize| if (i % width + i / width).is_multiple_of(2) { dark } else { light };
         (0..width * height).flat_map(|i| [colour(i); 3]).collect()
     }
 

@@ -4,7 +4,7 @@ use super::font;
 use crate::Image;
 
 /// Pixels per unit square of the font.
-const TEXT_SCALE: usize = 2;
+const TEXT_SCALE: usize = 3;
 /// The height of a line of text.
 pub(super) const TEXT_HEIGHT: usize = font::GLYPH_ROWS * TEXT_SCALE;
 
