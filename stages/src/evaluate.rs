@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use artifacts_schema::{ArtifactKind, Figures, ImageSet, Metrics, Picture, Row, View};
 use compute::resize::{Filter, resize};
-use metrics::Image;
+use metrics::{Image, Panel};
 use nerf::Field;
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +53,7 @@ impl Picked {
     }
 
     fn image(&self) -> Image<'_> {
-        Image { width: self.width, height: self.height, rgb: &self.rgb }
+        Image::new(self.width, self.height, &self.rgb)
     }
 }
 
@@ -74,9 +74,13 @@ impl Evaluate {
         Picked { width, height, rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect() }
     }
 
-    fn figure(rows: &[(&str, &Picked)]) -> Picture {
-        let rows: Vec<_> = rows.iter().map(|(label, picked)| (*label, picked.image())).collect();
-        let figure = metrics::figure::comparison(&rows);
+    fn figure(columns: &[(&str, &Picked)]) -> Picture {
+        let truth = columns[0].1.image();
+        let psnr = |picked: &Picked| format!("{:.2} dB", metrics::psnr(truth, picked.image()));
+        let notes: Vec<String> = columns.iter().skip(1).map(|(_, picked)| psnr(picked)).collect();
+        let notes = [""].into_iter().chain(notes.iter().map(String::as_str));
+        let panels = columns.iter().zip(notes).map(|((label, picked), note)| Panel { label, note, image: picked.image() });
+        let figure = metrics::comparison(&panels.collect::<Vec<_>>());
         Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8 }
     }
 }
@@ -84,15 +88,19 @@ impl Evaluate {
 /// The figures of one image against the truth.
 fn measure(image: &Picked, truth: &Picked, low: &Picked) -> BTreeMap<String, f64> {
     let (image, truth, low) = (image.image(), truth.image(), low.image());
-    let mut values = BTreeMap::from([
-        ("psnr_hr".to_owned(), metrics::psnr(&image, &truth)),
-        ("ssim_hr".to_owned(), metrics::ssim(&image, &truth)),
-        ("psnr_lr_consistency".to_owned(), metrics::psnr_lr_consistency(&image, &low)),
-    ]);
-    if let Some(niqe) = metrics::niqe(&image) {
-        values.insert("niqe_y".to_owned(), niqe);
-    }
-    values
+    let values = [
+        ("psnr_hr", Some(metrics::psnr(truth, image))),
+        ("ssim_hr", metrics::ssim(truth, image)),
+        ("niqe_y", metrics::niqe(image).map(|niqe| niqe.value)),
+        ("psnr_lr_consistency", Some(metrics::psnr_lr_consistency(image, low))),
+    ];
+    values.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
+}
+
+/// What every column means.
+fn definitions() -> BTreeMap<String, String> {
+    let ours = [("psnr_lr", "PSNR in dB against the low-resolution photos that the field was trained on; higher is better")];
+    metrics::DEFINITIONS.iter().chain(&ours).map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
 }
 
 /// Adds the means over views to a row.
@@ -158,12 +166,12 @@ impl Stage for Evaluate {
             io.progress(done + 1, truths.views.len(), &[])?;
         }
         for view in &train.views {
-            let psnr = metrics::psnr(&self.render(&baseline, view).image(), &Picked::of(view).image());
+            let psnr = metrics::psnr(Picked::of(view).image(), self.render(&baseline, view).image());
             let values = BTreeMap::from([("psnr_lr".to_owned(), psnr)]);
             rows.entry("lr_nerf_on_training_views").or_default().insert(view.name.clone(), values);
         }
         let rows = rows.into_iter().map(|(name, views)| (name.to_owned(), row(views))).collect();
-        io.write("metrics", &Metrics { rows, definitions: metrics::definitions() })?;
+        io.write("metrics", &Metrics { rows, definitions: definitions() })?;
         io.write("figures", &figures)
     }
 }

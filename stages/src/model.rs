@@ -27,7 +27,7 @@ impl Model {
 
     /// The digest of its weights and configuration, for the key.
     pub fn sources(&self) -> Result<Vec<Source>, StageError> {
-        Ok(vec![Source { name: "model".into(), digest: Digest(self.source().digest()?) }])
+        Ok(vec![Source { name: "model".into(), digest: Digest::new(self.source().digest()?) }])
     }
 
     fn source(&self) -> ModelSource {

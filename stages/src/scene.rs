@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -152,7 +152,7 @@ impl Stage for Scene {
         match &self.source {
             Origin::Procedural { .. } => Ok(Vec::new()),
             Origin::Llff { path, images, size } => {
-                let digest = Digest(scene::llff_digest(path, images.as_deref(), *size)?);
+                let digest = Digest::new(scene::llff_digest(path, images.as_deref(), *size)?);
                 Ok(vec![Source { name: "photos and poses".into(), digest }])
             }
         }

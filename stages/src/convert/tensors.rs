@@ -32,7 +32,7 @@ pub fn field(field: disk::Field) -> Result<Field, StageError> {
         .map_err(|error| StageError::Mismatch(format!("the field's configuration is not ours: {error}")))?;
     let tensors = field.tensors.into_iter().map(|(name, t)| (name, (t.shape, t.values))).collect();
     let bounds = field.bounds.map(|corner| corner.map(|x| x as f32));
-    Field::from_tensors(&config, bounds, tensors).map_err(|error| StageError::Mismatch(error.to_string()))
+    Field::from_tensors(&config, bounds, &tensors).map_err(|error| StageError::Mismatch(error.to_string()))
 }
 
 /// A field for disk.
