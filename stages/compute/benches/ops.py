@@ -1,4 +1,4 @@
-"""Milliseconds of PyTorch on the shapes of ops.rs, under the same names. Run: python ops.py [part of a name ...]
+"""Milliseconds of PyTorch on the shapes of ops.rs, under the same names: median and least. Run: python ops.py [part of a name ...]
 
 The number of threads is OMP_NUM_THREADS, or 2.
 """
@@ -19,11 +19,12 @@ def clock(name, work):
         return
     work()
     start, times = time.perf_counter(), []
-    while len(times) < 3 or (time.perf_counter() - start < 0.5 and len(times) < 50):
+    while len(times) < 3 or (time.perf_counter() - start < 0.5 and len(times) < 100):
         begin = time.perf_counter()
         work()
         times.append((time.perf_counter() - begin) * 1e3)
-    print(f"{name} {sorted(times)[len(times) // 2]:.3f}", flush=True)
+    times.sort()
+    print(f"{name} {times[len(times) // 2]:.3f} {times[0]:.3f}", flush=True)
 
 
 def backward(out, inputs, dy):

@@ -7,10 +7,14 @@ use super::gemm::{Matrix, MatrixMut, Threads, column_blocks, multiply};
 use super::map::fill;
 use crate::conv::{Conv, Geometry};
 
-/// Output pixels per tile.
-const PIXELS: usize = 512;
-/// Rows of the column matrix per tile, about.
-const ROWS: usize = 256;
+/// Output pixels per task.
+const TILE: usize = 512;
+/// Output pixels per product: what a row of the widest kernel's registers holds. A panel this wide needs no packing.
+const PANEL: usize = 64;
+/// Rows of a panel, about: it should stay in the first cache.
+const CHANNELS_TIMES_TAPS: usize = 144;
+/// Output channels per product: with more, the `gemm` crate packs what needs no packing.
+const OUTPUTS: usize = 48;
 
 impl Geometry {
     fn taps(&self) -> usize {
@@ -28,11 +32,6 @@ impl Geometry {
     /// Whether the column matrix is the image itself.
     fn is_pointwise(&self) -> bool {
         self.kernel == [1, 1] && self.conv == Conv::default()
-    }
-
-    /// Channels per tile of the column matrix.
-    fn channel_step(&self) -> usize {
-        ROWS.div_ceil(self.taps())
     }
 }
 
@@ -70,46 +69,52 @@ fn copy_strided(source: &[f32], stride: usize, target: &mut [f32]) {
     }
 }
 
-/// The tile of the column matrix with the rows of `channels` and the columns of `pixels`, row-major in `buffer`.
-fn columns<'a>(
-    image: &'a [f32],
-    g: &Geometry,
-    channels: Range<usize>,
-    pixels: Range<usize>,
-    buffer: &'a mut Vec<f32>,
-) -> Matrix<'a> {
-    let (rows, width) = (channels.len() * g.taps(), pixels.len());
-    if g.is_pointwise() {
-        return Matrix::strided(&image[channels.start * g.plane() + pixels.start..], rows, width, g.plane());
-    }
-    buffer.resize(rows * width, 0.0);
-    for (i, out) in buffer.chunks_mut(width).enumerate() {
+/// The rows of the column matrix that belong to `channels`, for the `out`'s width of pixels from `pixel` on.
+fn columns(image: &[f32], g: &Geometry, channels: Range<usize>, pixel: usize, width: usize, out: &mut [f32]) {
+    for (i, out) in out.chunks_mut(width).enumerate() {
         let (channel, tap) = (channels.start + i / g.taps(), i % g.taps());
         let plane = &image[channel * g.plane()..][..g.plane()];
-        column_row(plane, g, [tap / g.kernel[1], tap % g.kernel[1]], pixels.start, out);
+        column_row(plane, g, [tap / g.kernel[1], tap % g.kernel[1]], pixel, out);
     }
-    Matrix::new(buffer, rows, width)
 }
 
 /// `weight [O, C, kh, kw]` over every image of `x`, plus `bias`.
 pub fn forward(x: &[f32], weight: &[f32], bias: Option<&[f32]>, g: &Geometry) -> Vec<f32> {
     let mut out = vec![0.0; g.batch * g.outputs * g.pixels()];
-    let step = g.channel_step();
-    column_blocks(&mut out, [g.outputs, g.pixels()], PIXELS, |image, first, mut out| {
-        if let Some(bias) = bias {
-            (0..g.outputs).for_each(|o| out.row(o).fill(bias[o]));
-        }
-        let image = &x[image * g.channels * g.plane()..];
-        let mut buffer = Vec::new();
-        for c in (0..g.channels).step_by(step) {
-            let channels = c..g.channels.min(c + step);
-            let kernel =
-                Matrix::strided(&weight[c * g.taps()..], g.outputs, channels.len() * g.taps(), g.channels * g.taps());
-            let tile = columns(image, g, channels, first..first + out.columns(), &mut buffer);
-            multiply(&mut out, kernel, tile, bias.is_some() || c > 0, Threads::One);
+    let weight = Matrix::new(weight, g.outputs, g.channels * g.taps());
+    column_blocks(&mut out, [g.outputs, g.pixels()], TILE, |image, first, mut out| {
+        (0..g.outputs).for_each(|o| out.row(o).fill(bias.map_or(0.0, |bias| bias[o])));
+        let image = &x[image * g.channels * g.plane()..][..g.channels * g.plane()];
+        if g.is_pointwise() {
+            let image = Matrix::strided(&image[first..], g.channels, out.columns(), g.plane());
+            multiply(&mut out, weight, image, true, Threads::One);
+        } else {
+            tile(image, weight, g, first, &mut out);
         }
     });
     out
+}
+
+/// Adds the convolution of one image at the pixels of `out`, which begin at `first`.
+fn tile(image: &[f32], weight: Matrix, g: &Geometry, first: usize, out: &mut MatrixMut) {
+    let step = CHANNELS_TIMES_TAPS.div_ceil(g.taps());
+    let mut panel = vec![0.0; step * g.taps() * PANEL];
+    for c in (0..g.channels).step_by(step) {
+        let channels = c..g.channels.min(c + step);
+        let weight = weight.columns(channels.start * g.taps()..channels.end * g.taps());
+        for pixel in (0..out.columns()).step_by(PANEL) {
+            let pixels = pixel..out.columns().min(pixel + PANEL);
+            let rows = channels.len() * g.taps();
+            let panel = &mut panel[..rows * pixels.len()];
+            columns(image, g, channels.clone(), first + pixel, pixels.len(), panel);
+            for o in (0..g.outputs).step_by(OUTPUTS) {
+                let outputs = o..g.outputs.min(o + OUTPUTS);
+                let panel = Matrix::new(panel, rows, pixels.len());
+                let out = &mut out.block(outputs.clone(), pixels.clone());
+                multiply(out, weight.rows(outputs), panel, true, Threads::One);
+            }
+        }
+    }
 }
 
 /// The gradient to the input. With stride 1 it is itself a convolution, with the kernel turned around.
@@ -185,14 +190,16 @@ pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Vec<f32> {
     let step = 64usize.div_ceil(taps);
     column_blocks(&mut dw, [g.outputs, g.channels * taps], step * taps, |_, first, mut dw| {
         let channels = first / taps..(first + dw.columns()) / taps;
-        let mut buffer = Vec::new();
+        let mut tile = vec![0.0; dw.columns() * TILE];
         for image in 0..g.batch {
             let (x, dy) = (&x[image * g.channels * g.plane()..], &dy[image * g.outputs * pixels..]);
-            for pixel in (0..pixels).step_by(PIXELS) {
-                let tile = pixel..pixels.min(pixel + PIXELS);
-                let dy = Matrix::strided(&dy[pixel..], g.outputs, tile.len(), pixels);
-                let columns = columns(x, g, channels.clone(), tile, &mut buffer).transposed();
-                multiply(&mut dw, dy, columns, image + pixel > 0, Threads::One);
+            for pixel in (0..pixels).step_by(TILE) {
+                let width = TILE.min(pixels - pixel);
+                let tile = &mut tile[..dw.columns() * width];
+                columns(x, g, channels.clone(), pixel, width, tile);
+                let dy = Matrix::strided(&dy[pixel..], g.outputs, width, pixels);
+                let columns = Matrix::new(tile, dw.columns(), width).transposed();
+                multiply(&mut dw, dy, columns, true, Threads::One);
             }
         }
     });

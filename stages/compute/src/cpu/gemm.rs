@@ -2,6 +2,7 @@
 #![allow(unsafe_code)]
 
 use std::marker::PhantomData;
+use std::ops::Range;
 
 use gemm::Parallelism;
 use rayon::prelude::*;
@@ -27,6 +28,18 @@ impl<'a> Matrix<'a> {
         let reach = if rows * columns == 0 { 0 } else { (rows - 1) * row_stride + columns };
         assert!(reach <= values.len(), "gemm: a {rows}x{columns} matrix reaches beyond its values");
         Matrix { values, rows, columns, row_stride, column_stride: 1 }
+    }
+
+    /// The rows of `range`.
+    pub fn rows(self, range: Range<usize>) -> Self {
+        assert!(range.start <= range.end && range.end <= self.rows, "gemm: no rows {range:?} in {}", self.rows);
+        let start = (range.start * self.row_stride).min(self.values.len());
+        Matrix { values: &self.values[start..], rows: range.len(), ..self }
+    }
+
+    /// The columns of `range`.
+    pub fn columns(self, range: Range<usize>) -> Self {
+        self.transposed().rows(range).transposed()
     }
 
     /// The same values read the other way.
@@ -60,6 +73,21 @@ impl<'a> MatrixMut<'a> {
     /// The number of columns.
     pub fn columns(&self) -> usize {
         self.columns
+    }
+
+    /// The part of the rows and columns given.
+    pub fn block(&mut self, rows: Range<usize>, columns: Range<usize>) -> MatrixMut<'_> {
+        let inside = rows.start <= rows.end && columns.start <= columns.end;
+        assert!(
+            inside && rows.end <= self.rows && columns.end <= self.columns,
+            "gemm: no rows {rows:?} or no columns {columns:?} in {}x{}",
+            self.rows,
+            self.columns
+        );
+        let offset = if rows.is_empty() { 0 } else { rows.start * self.row_stride + columns.start };
+        // SAFETY: the block lies within the borrowed values, and `&mut self` keeps others from being handed out.
+        let start = unsafe { self.start.add(offset) };
+        MatrixMut { start, rows: rows.len(), columns: columns.len(), row_stride: self.row_stride, borrow: PhantomData }
     }
 
     /// One row.

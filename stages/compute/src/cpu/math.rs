@@ -71,8 +71,8 @@ pub fn erf(x: f32) -> f32 {
             0.282_046_7,
         ],
     );
-    let value = if magnitude < 1.0 { magnitude * inner } else { 1.0 - exp(-square) * t * outer };
-    value.copysign(x)
+    let (near, far) = (magnitude * inner, 1.0 - exp(-square) * t * outer);
+    (if magnitude < 1.0 { near } else { far }).copysign(x)
 }
 
 /// The distribution function of the standard normal.
