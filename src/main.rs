@@ -1,1 +1,30 @@
-fn main() {}
+//! The command `srnerf-dag`: reads the command line, does it, and turns what went wrong into one message and an exit code.
+
+mod cli;
+mod content;
+mod error;
+mod explain;
+mod key;
+mod pipeline;
+mod plan;
+mod progress;
+mod report;
+mod scheduler;
+mod store;
+mod task;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    task::quiet_panics();
+    match std::panic::catch_unwind(|| cli::Cli::parse().run()) {
+        Ok(code) => ExitCode::from(code),
+        Err(panic) => {
+            let text = task::panic_text(&*panic);
+            eprintln!("internal error: {text}; this is a bug in srnerf-dag, please report it");
+            ExitCode::from(error::BUG)
+        }
+    }
+}

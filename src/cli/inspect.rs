@@ -1,0 +1,93 @@
+//! `inspect`: says what is in a file, or what a stage left. Writes nothing.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::options::{Choice, PipelineOptions};
+use super::output::{print, print_json, size, table};
+use super::session::Session;
+use crate::content::Content;
+use crate::error::Error;
+use crate::store::Store;
+use crate::store::result::Record;
+use crate::store::view::View;
+
+/// Options of `inspect`.
+#[derive(Args)]
+pub struct Inspect {
+    /// A file (.exr, .safetensors, .json) or a stage of the pipeline
+    what: String,
+    #[command(flatten)]
+    pipeline: PipelineOptions,
+}
+
+impl Inspect {
+    /// Prints what there is to say.
+    pub fn run(self, json: bool) -> Result<(), Error> {
+        let path = Path::new(&self.what);
+        if path.is_file() { file(path, json) } else { self.stage(json) }
+    }
+
+    fn stage(&self, json: bool) -> Result<(), Error> {
+        let PipelineOptions { pipeline, changes } = &self.pipeline;
+        let session = Session::new(pipeline, changes, &Choice::default())?;
+        let at = session.stage(&self.what)?;
+        let store = Store::open(&changes.folders.store)?;
+        let mut context = session.context(&store)?;
+        context.needed = session.graph.needed(&BTreeSet::from([at]));
+        let mut forecasts = context.forecast()?;
+        let name = &session.graph.nodes[at].name;
+        let record = forecasts.remove(&at).and_then(|forecast| forecast.into_record());
+        let Some(record) = record else {
+            let help = "run it first, with the same --set, --salt and --store";
+            return Err(Error::usage(format!("stage `{name}` has no result"), help));
+        };
+        let view = View::new(&changes.folders.out, &session.graph.pipeline);
+        if json { print_json(&json!(record)) } else { outputs(name, &record, &view) }
+        Ok(())
+    }
+}
+
+fn outputs(name: &str, record: &Record, view: &View) {
+    print(&format_args!("{name}\nkey {}\ncomputed in {:.1} s on {}", record.key, record.seconds, record.device));
+    for (output, artifact) in &record.outputs {
+        let folder = view.output(name, output);
+        print(&format_args!("\n{output}: {}, {}\nin {}", artifact.kind, artifact.digest, folder.display()));
+        let row = |file: &crate::store::result::StoredFile| vec![format!("  {}", file.path), size(file.bytes)];
+        print(&table(&artifact.files.iter().map(row).collect::<Vec<_>>(), true));
+    }
+}
+
+fn file(path: &Path, json: bool) -> Result<(), Error> {
+    let content = Content::read(path).map_err(|problem| {
+        let help = "inspect reads .exr, .safetensors and .json files, and stages of the pipeline";
+        Error::usage(format!("{}: {problem}", path.display()), help)
+    })?;
+    if json {
+        print_json(&content.json());
+        return Ok(());
+    }
+    print(&path.display());
+    let head = ["name", "shape", "type", "least", "mean", "most"].map(str::to_owned).to_vec();
+    let rows: Vec<Vec<String>> = std::iter::once(head).chain(content.arrays.iter().map(|array| array.row())).collect();
+    if rows.len() > 1 {
+        print(&table(&rows, true));
+    }
+    let facts = content.facts.iter().flat_map(|(name, value)| lines(name, value)).collect::<Vec<_>>();
+    print(&table(&facts, false));
+    Ok(())
+}
+
+/// Nested facts as one line for each value: `provenance.stage  fit`.
+fn lines(name: &str, value: &Value) -> Vec<Vec<String>> {
+    match value {
+        Value::Object(fields) if !fields.is_empty() => {
+            fields.iter().flat_map(|(field, value)| lines(&format!("{name}.{field}"), value)).collect()
+        }
+        Value::String(text) => vec![vec![name.to_owned(), text.clone()]],
+        other => vec![vec![name.to_owned(), other.to_string()]],
+    }
+}

@@ -1,0 +1,74 @@
+//! The command line: one file per subcommand. Knows how to print, and leaves deciding to others.
+
+mod explain;
+mod inspect;
+mod metrics;
+mod options;
+pub mod output;
+mod plan;
+mod run;
+mod session;
+
+use clap::{Parser, Subcommand};
+
+use crate::error::{EXIT_CODES, Error, OK};
+use output::print;
+
+/// Super-resolves radiance fields: a pipeline of cached, resumable stages.
+#[derive(Parser)]
+#[command(version, about, after_help = EXIT_CODES)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Print JSON on standard output
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a pipeline: compute what the store does not have
+    Run(run::Run),
+    /// Say what `run` would do, and why
+    Plan(plan::Plan),
+    /// Print what decides a stage's result, and what is different from before
+    Explain(explain::Explain),
+    /// Say what is in a file, or in a stage's outputs
+    Inspect(inspect::Inspect),
+    /// Print the metrics of the last run
+    Metrics(metrics::Metrics),
+}
+
+impl Cli {
+    /// Does what was asked, and says what went wrong.
+    pub fn run(self) -> u8 {
+        let done = match self.command {
+            Command::Run(run) => run.run(self.json),
+            Command::Plan(plan) => plan.run(self.json),
+            Command::Explain(explain) => explain.run(self.json),
+            Command::Inspect(inspect) => inspect.run(self.json),
+            Command::Metrics(metrics) => metrics.run(self.json),
+        };
+        match done {
+            Ok(()) => OK,
+            Err(error) => {
+                let code = error.code();
+                report(error, self.json);
+                code
+            }
+        }
+    }
+}
+
+/// Says what went wrong: on stderr for people, and with `--json` also as the last line on stdout.
+fn report(error: Error, json: bool) {
+    if json {
+        let (place, help) = match &error {
+            Error::Pipeline(problem) => (Some(problem.place()), problem.advice().map(str::to_owned)),
+            _ => (None, None),
+        };
+        let message = error.to_string();
+        print(&serde_json::json!({"event": "error", "message": message, "place": place, "help": help, "code": error.code()}));
+    }
+    eprintln!("{:?}", miette::Report::new(error));
+}

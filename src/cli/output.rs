@@ -1,0 +1,39 @@
+//! Standard output: lines and tables. A reader that has gone away ends the program quietly.
+
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+
+/// Prints one line on standard output.
+pub fn print(line: &dyn Display) {
+    let written = writeln!(std::io::stdout().lock(), "{line}");
+    if written.is_err_and(|error| error.kind() == ErrorKind::BrokenPipe) {
+        std::process::exit(0);
+    }
+}
+
+/// Prints JSON over several lines.
+pub fn print_json(value: &serde_json::Value) {
+    print(&format_args!("{value:#}"));
+}
+
+/// Rows of cells in aligned columns: the first to the left, the others to the right where `numbers` says so.
+pub fn table(rows: &[Vec<String>], numbers: bool) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+    let cell = |(column, text): (usize, &String)| {
+        if numbers && column > 0 { format!("{text:>0$}", widths[column]) } else { format!("{text:0$}", widths[column]) }
+    };
+    let line = |row: &Vec<String>| row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned();
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// A size as people say it.
+pub fn size(bytes: u64) -> String {
+    match bytes {
+        0..1_000 => format!("{bytes} B"),
+        1_000..1_000_000 => format!("{:.1} kB", bytes as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
+}

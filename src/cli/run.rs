@@ -1,0 +1,162 @@
+//! `run`: computes what the store does not have, and shows the results.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::json;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use super::options::{Choice, PipelineOptions};
+use super::output::print;
+use super::session::Session;
+use crate::error::{Error, INTERRUPTED};
+use crate::plan::Context;
+use crate::progress::{self, Verbosity, duration};
+use crate::report;
+use crate::scheduler::{Outcome, Scheduler};
+use crate::store::Store;
+use crate::store::error::StoreError;
+use crate::store::runs::{End, Run as Record, now};
+use crate::store::view::View;
+use crate::task::Failure;
+
+/// Threads need deep stacks where one stage's work is stolen by another's thread.
+const STACK: usize = 16 << 20;
+
+/// Options of `run`.
+#[derive(Args)]
+pub struct Run {
+    #[command(flatten)]
+    pipeline: PipelineOptions,
+    #[command(flatten)]
+    choice: Choice,
+    /// How many threads compute; by default one per core
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+    /// No bars: one line for each thing that happens
+    #[arg(long)]
+    no_progress: bool,
+    /// Also print keys and digests
+    #[arg(short, long)]
+    verbose: bool,
+    /// Print warnings and errors only
+    #[arg(short, long, conflicts_with = "verbose")]
+    quiet: bool,
+}
+
+impl Run {
+    /// Runs the pipeline.
+    pub fn run(self, json: bool) -> Result<(), Error> {
+        let begun = Instant::now();
+        let started = now();
+        let PipelineOptions { pipeline, changes } = &self.pipeline;
+        let session = Session::new(pipeline, changes, &self.choice)?;
+        let empty = Store::open(&changes.folders.store)?;
+        session.context(&empty)?;
+        let store = Store::create(&changes.folders.store)?;
+        let context = session.context(&store)?;
+        let view = View::new(&changes.folders.out, &session.graph.pipeline);
+        view.retain(session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?;
+        let outcome = self.compute(&context, &session, &view, json)?;
+        let seconds = begun.elapsed().as_secs_f64();
+        let record = record(&context, &outcome, started, seconds);
+        store.put_run(&record)?;
+        self.sum_up(&record, &outcome, &context, &view, json)?;
+        verdict(&outcome)
+    }
+
+    fn compute(&self, context: &Context, session: &Session, view: &View, json: bool) -> Result<Outcome, Error> {
+        let builder = rayon::ThreadPoolBuilder::new().num_threads(self.threads).stack_size(STACK);
+        let pool = builder.build().map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
+        let cancelled = stop_on_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))?;
+        let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
+        let scheduler = Scheduler { context, pool: &pool, device: &session.device, view, cancelled: &cancelled };
+        Ok(scheduler.run(progress.as_mut())?)
+    }
+
+    fn verbosity(&self) -> Verbosity {
+        match (self.quiet, self.verbose) {
+            (true, _) => Verbosity::Quiet,
+            (_, true) => Verbosity::Verbose,
+            _ => Verbosity::Normal,
+        }
+    }
+
+    fn sum_up(
+        &self,
+        run: &Record,
+        outcome: &Outcome,
+        context: &Context,
+        view: &View,
+        json: bool,
+    ) -> Result<(), StoreError> {
+        let names = |end| names(run, end);
+        if json {
+            print(&json!({
+                "event": "finished",
+                "ran": names(End::Ran), "cached": names(End::Cached), "failed": names(End::Failed),
+                "stopped": names(End::Stopped), "seconds": run.seconds,
+            }));
+            return Ok(());
+        }
+        for (&at, result) in &outcome.records {
+            let stage = &context.graph.nodes[at].name;
+            for table in report::tables(context.store, stage, result)? {
+                print(&format_args!("\n{table}"));
+            }
+        }
+        let figures: Vec<_> = outcome
+            .records
+            .iter()
+            .flat_map(|(&at, result)| report::figures(view, &context.graph.nodes[at].name, result))
+            .collect();
+        if !figures.is_empty() {
+            print(&format_args!("\nComparisons: {}", figures.join("\n             ")));
+        }
+        if self.verbosity() > Verbosity::Quiet {
+            let (ran, cached) = (names(End::Ran).len(), names(End::Cached).len());
+            eprintln!("\n{ran} stages ran, {cached} were cached, in {}", duration(run.seconds));
+        }
+        Ok(())
+    }
+}
+
+fn names(run: &Record, end: End) -> Vec<&str> {
+    run.stages.iter().filter(|(_, stage)| stage.end == end).map(|(name, _)| name.as_str()).collect()
+}
+
+fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> Record {
+    let name = |at: usize| context.graph.nodes[at].name.clone();
+    let stages = outcome.stages.iter().map(|(&at, stage)| (name(at), stage.clone())).collect();
+    Record { pipeline: context.graph.pipeline.clone(), started, seconds, stages }
+}
+
+/// The first signal asks for a stop, the second one stops at once.
+fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
+    let cancelled = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), cancelled.clone())?;
+        signal_hook::flag::register(signal, cancelled.clone())?;
+    }
+    Ok(cancelled)
+}
+
+fn verdict(outcome: &Outcome) -> Result<(), Error> {
+    let count = outcome.failures.len();
+    let message = format!("{count} {} failed", if count == 1 { "stage" } else { "stages" });
+    let any = |is: fn(&Failure) -> bool| outcome.failures.iter().any(is);
+    if any(|failure| matches!(failure, Failure::Bug(_))) {
+        Err(Error::Bug(message))
+    } else if any(|failure| matches!(failure, Failure::Store(_))) {
+        Err(Error::FailedStore(message))
+    } else if count > 0 {
+        Err(Error::Failed(message))
+    } else if outcome.interrupted {
+        Err(Error::Interrupted)
+    } else {
+        Ok(())
+    }
+}

@@ -1,0 +1,77 @@
+//! From options to a checked pipeline, its store and its context. Writes nothing.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use compute::Device;
+
+use super::options::{Changes, Choice};
+use crate::error::Error;
+use crate::pipeline::graph::Graph;
+use crate::pipeline::problem::Source;
+use crate::pipeline::set::Override;
+use crate::plan::Context;
+use crate::store::Store;
+
+/// A pipeline about to be planned or run.
+pub struct Session {
+    /// Its stages.
+    pub graph: Graph,
+    /// Where to compute.
+    pub device: Device,
+    salt: Option<String>,
+    forced: BTreeSet<usize>,
+    needed: BTreeSet<usize>,
+}
+
+impl Session {
+    /// Reads and checks everything that the options name.
+    pub fn new(pipeline: &Path, changes: &Changes, choice: &Choice) -> Result<Self, Error> {
+        let device = device(&changes.device)?;
+        let overrides = changes.set.iter().map(|set| Override::read(set)).collect::<Result<Vec<_>, _>>()?;
+        let source = Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
+        let graph = crate::pipeline::load(&source, &overrides)?;
+        let (targets, forced) = (find(&graph, &choice.target)?, find(&graph, &choice.force)?);
+        let all = || (0..graph.nodes.len()).collect();
+        let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
+        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed })
+    }
+
+    /// The context for planning and running.
+    pub fn context<'s>(&'s self, store: &'s Store) -> Result<Context<'s>, Error> {
+        let salt = self.salt.as_deref();
+        let (forced, needed) = (self.forced.clone(), self.needed.clone());
+        Ok(Context::new(&self.graph, store, self.device.kind(), salt, forced, needed)?)
+    }
+
+    /// The one stage of this name, even if the options left it out.
+    pub fn stage(&self, name: &str) -> Result<usize, Error> {
+        let found = self.graph.find(name)?;
+        let exact = found.iter().find(|&&at| self.graph.nodes[at].name == name);
+        match (exact, found.len(), found.first()) {
+            (Some(&at), ..) | (None, 1, Some(&at)) => Ok(at),
+            _ => {
+                let names: Vec<&str> = found.iter().map(|&at| self.graph.nodes[at].name.as_str()).collect();
+                Err(Error::usage(format!("`{name}` is more than one stage"), format!("name one of {}", names.join(", "))))
+            }
+        }
+    }
+}
+
+fn find(graph: &Graph, names: &[String]) -> Result<BTreeSet<usize>, Error> {
+    let mut all = BTreeSet::new();
+    for name in names {
+        all.extend(graph.find(name)?);
+    }
+    Ok(all)
+}
+
+fn device(name: &str) -> Result<Device, Error> {
+    match name.split_once(':').map_or((name, None), |(name, number)| (name, Some(number))) {
+        ("auto" | "cpu", None) => Ok(Device::cpu()),
+        ("gpu", number) if number.is_none_or(|number| number.parse::<usize>().is_ok()) => {
+            Err(Error::usage("this build computes on the CPU only", "leave --device out, or give --device cpu"))
+        }
+        _ => Err(Error::usage(format!("there is no device `{name}`"), "the devices are auto, cpu, gpu and gpu:N")),
+    }
+}

@@ -1,0 +1,105 @@
+//! Everything that can go wrong with a command, and the exit code that it gives.
+
+use std::path::PathBuf;
+
+use miette::Diagnostic;
+
+use crate::pipeline::graph::UnknownStage;
+use crate::pipeline::problem::Problem;
+use crate::plan::SourceError;
+use crate::store::error::StoreError;
+
+/// All went well.
+pub const OK: u8 = 0;
+/// A stage failed.
+pub const FAILED: u8 = 1;
+/// The command line makes no sense.
+pub const USAGE: u8 = 2;
+/// The pipeline, or something that it names, is not as it should be. Nothing was run.
+pub const PIPELINE: u8 = 3;
+/// The store or the output folder cannot be used.
+pub const STORE: u8 = 4;
+/// The run was interrupted; the same command goes on where it stopped.
+pub const INTERRUPTED: u8 = 75;
+/// A bug in the program.
+pub const BUG: u8 = 101;
+
+/// The same for `--help`.
+pub const EXIT_CODES: &str = "\
+Exit codes:
+  0    all went well
+  1    a stage failed
+  2    the command line makes no sense
+  3    the pipeline, or something it names, is not as it should be; nothing was run
+  4    the store or the output folder cannot be used
+  75   interrupted; the same command goes on where it stopped
+  101  a bug in the program";
+
+/// What went wrong with a command.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum Error {
+    /// The pipeline, or an override of it.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Pipeline(#[from] Problem),
+    /// The pipeline file cannot be read.
+    #[error("cannot read the pipeline {}: {error}", .path.display())]
+    #[diagnostic(help("give the path of a pipeline file, such as pipelines/i3ds.ron"))]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// Something that the pipeline names.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A stage that there is not.
+    #[error(transparent)]
+    UnknownStage(#[from] UnknownStage),
+    /// The store.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Store(#[from] StoreError),
+    /// The command line, in a way that its parser does not see.
+    #[error("{message}")]
+    Usage {
+        /// What makes no sense.
+        message: String,
+        /// How to mend it.
+        #[help]
+        help: Option<String>,
+    },
+    /// Stages failed, and said so when they did.
+    #[error("{0}")]
+    Failed(String),
+    /// A stage's result could not be kept, as was said when it happened.
+    #[error("{0}")]
+    FailedStore(String),
+    /// A stage has a bug, as was said when it happened.
+    #[error("{0}")]
+    Bug(String),
+    /// The run was interrupted.
+    #[error("interrupted; the same command goes on where this one stopped")]
+    Interrupted,
+}
+
+impl Error {
+    /// A command line that makes no sense.
+    pub fn usage(message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::Usage { message: message.into(), help: Some(help.into()) }
+    }
+
+    /// The exit code.
+    pub fn code(&self) -> u8 {
+        match self {
+            Self::Failed(_) => FAILED,
+            Self::Usage { .. } | Self::UnknownStage(_) => USAGE,
+            Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
+            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) => PIPELINE,
+            Self::Store(_) | Self::FailedStore(_) => STORE,
+            Self::Interrupted => INTERRUPTED,
+            Self::Bug(_) => BUG,
+        }
+    }
+}

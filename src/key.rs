@@ -1,0 +1,125 @@
+//! A stage's key: the digest of everything that decides its result.
+//!
+//! One function, [`walk`], goes through all of it, entry by entry, into a [`Sink`]. One sink hashes, the other collects text:
+//! so what is hashed and what `explain` prints cannot drift apart. Paths, hosts, threads and log levels are no part of it.
+//! Knows nothing of the store.
+
+use std::collections::BTreeMap;
+
+use artifacts_schema::Digest;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use stages::{Determinism, Source};
+
+use crate::pipeline::graph::Node;
+use crate::pipeline::set::variant;
+
+/// The domain of stage keys; a new number when the walk changes.
+const DOMAIN: &str = "srnerf-dag stage v1";
+
+/// Everything that decides a stage's result.
+pub struct Recipe<'a> {
+    /// The stage, its parameters and its seed.
+    pub node: &'a Node,
+    /// The semantic digests of its inputs, by input name.
+    pub inputs: &'a BTreeMap<&'static str, Digest>,
+    /// What it reads beside them.
+    pub sources: &'a [Source],
+    /// The kind of device that it computes on.
+    pub device: &'a str,
+    /// The user's own word, which sets a whole set of results apart.
+    pub salt: Option<&'a str>,
+}
+
+/// Takes the entries of a recipe in a fixed order.
+pub trait Sink {
+    /// One entry: what (`params.guidance.lora_every`) and its one text (`3`).
+    fn entry(&mut self, path: &str, text: &str);
+}
+
+/// Collects entries as text: what is stored beside a result and what `explain` compares.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Manifest(pub BTreeMap<String, String>);
+
+impl Sink for Manifest {
+    fn entry(&mut self, path: &str, text: &str) {
+        self.0.insert(path.to_owned(), text.to_owned());
+    }
+}
+
+/// Hashes entries, each text behind its length.
+struct Hash(blake3::Hasher);
+
+impl Sink for Hash {
+    fn entry(&mut self, path: &str, text: &str) {
+        for part in [path, text] {
+            self.0.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
+        }
+    }
+}
+
+impl Recipe<'_> {
+    /// The digest of all entries.
+    pub fn key(&self) -> Digest {
+        let mut hash = Hash(blake3::Hasher::new_derive_key(DOMAIN));
+        walk(self, &mut hash);
+        hash.0.finalize().into()
+    }
+
+    /// All entries as text.
+    pub fn manifest(&self) -> Manifest {
+        let mut manifest = Manifest::default();
+        walk(self, &mut manifest);
+        manifest
+    }
+}
+
+/// Goes through everything that decides a result.
+pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
+    let Recipe { node, inputs, sources, device, salt } = recipe;
+    sink.entry("kind", node.stage.kind());
+    sink.entry("version", &node.stage.version().to_string());
+    sink.entry("seed", &node.seed.to_string());
+    if node.stage.determinism() == Determinism::PerDeviceKind {
+        sink.entry("device", device);
+    }
+    if let Some(salt) = salt {
+        sink.entry("salt", salt);
+    }
+    let mut params = node.params.clone();
+    if let Some(fields) = params.as_object_mut() {
+        node.stage.inputs().iter().for_each(|port| drop(fields.remove(port.name)));
+    }
+    let locations: Vec<String> = node.stage.locations().iter().map(|location| format!("params.{location}")).collect();
+    walk_value("params", &params, &locations, sink);
+    for (name, digest) in *inputs {
+        sink.entry(&format!("inputs.{name}"), &digest.to_string());
+    }
+    for source in *sources {
+        sink.entry(&format!("sources.{}", source.name), &source.digest.to_string());
+    }
+}
+
+/// A value field by field, in the order of the fields' names. A variant's name is an entry, not a step of the path.
+fn walk_value(path: &str, value: &Value, locations: &[String], sink: &mut dyn Sink) {
+    if locations.iter().any(|location| location == path) {
+        return;
+    }
+    match (variant(value), value) {
+        (Some((name, Value::Object(fields))), _) => {
+            sink.entry(path, name);
+            walk_fields(path, fields, locations, sink);
+        }
+        (Some((name, content)), _) => sink.entry(path, &format!("{name}({content})")),
+        (None, Value::Object(fields)) if !fields.is_empty() => walk_fields(path, fields, locations, sink),
+        (None, other) => sink.entry(path, &other.to_string()),
+    }
+}
+
+fn walk_fields(path: &str, fields: &serde_json::Map<String, Value>, locations: &[String], sink: &mut dyn Sink) {
+    let sorted: BTreeMap<&String, &Value> = fields.iter().collect();
+    for (name, value) in sorted {
+        walk_value(&format!("{path}.{name}"), value, locations, sink);
+    }
+}

@@ -1,0 +1,166 @@
+//! What a pipeline file may say: named stages in order, and loops of them. Knows nothing of what references mean.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+use std::sync::LazyLock;
+
+use serde::Deserialize;
+use serde::de::{Deserializer, EnumAccess, Error, MapAccess, VariantAccess, Visitor};
+use stages::registry::{AnyStage, KINDS};
+use stages::stage::Input;
+
+/// A pipeline as written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pipeline {
+    /// Its name: that of its folder under `out/`.
+    pub name: String,
+    /// The seed of everything random.
+    #[serde(default)]
+    pub seed: u64,
+    /// Its stages and loops.
+    pub stages: Named<Node>,
+}
+
+/// A stage or a loop.
+#[derive(Clone, Debug)]
+pub enum Node {
+    /// One stage.
+    Stage(Box<AnyStage>),
+    /// A loop over stages.
+    Rounds(Rounds),
+}
+
+/// A loop with state, unrolled when the pipeline is loaded.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rounds {
+    /// How many rounds.
+    pub count: u32,
+    /// What `@name` means in the first round.
+    #[serde(default)]
+    pub carry: Named<Input>,
+    /// The stages of one round.
+    pub stages: Named<Node>,
+    /// What `@name` means in the next round, and `loop.name` after the last.
+    #[serde(default)]
+    pub next: Named<Input>,
+}
+
+/// Named things in the order of the file, each name once.
+#[derive(Clone, Debug)]
+pub struct Named<T> {
+    items: Vec<(String, T)>,
+    index: BTreeMap<String, usize>,
+}
+
+impl<T> Default for Named<T> {
+    fn default() -> Self {
+        Self { items: Vec::new(), index: BTreeMap::new() }
+    }
+}
+
+impl<T> Named<T> {
+    /// The thing of this name.
+    pub fn get(&self, name: &str) -> Option<&T> {
+        self.index.get(name).map(|&at| &self.items[at].1)
+    }
+
+    /// The thing of this name, to be changed.
+    pub fn get_mut(&mut self, name: &str) -> Option<&mut T> {
+        self.index.get(name).map(|&at| &mut self.items[at].1)
+    }
+
+    /// All, in the order of the file.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &T)> {
+        self.items.iter().map(|(name, item)| (name.as_str(), item))
+    }
+
+    /// All names, in the order of the file.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.items.iter().map(|(name, _)| name.as_str())
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Named<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(NamedVisitor(PhantomData))
+    }
+}
+
+struct NamedVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for NamedVisitor<T> {
+    type Value = Named<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a map of names: { \"name\": .. }")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let mut named = Named::default();
+        while let Some(name) = map.next_key::<String>()? {
+            if named.index.contains_key(&name) {
+                return Err(A::Error::custom(format!("`{name}` is defined twice")));
+            }
+            named.index.insert(name.clone(), named.items.len());
+            named.items.push((name, map.next_value()?));
+        }
+        Ok(named)
+    }
+}
+
+/// The loop's name where a stage kind could stand.
+const ROUNDS: &str = "Rounds";
+
+/// What may stand where a stage stands.
+static VARIANTS: LazyLock<Vec<&'static str>> = LazyLock::new(|| KINDS.iter().copied().chain([ROUNDS]).collect());
+
+impl<'de> Deserialize<'de> for Node {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_enum("Stage", &VARIANTS, NodeVisitor)
+    }
+}
+
+struct NodeVisitor;
+
+impl<'de> Visitor<'de> for NodeVisitor {
+    type Value = Node;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "a stage ({})", VARIANTS.join(", "))
+    }
+
+    fn visit_enum<A: EnumAccess<'de>>(self, access: A) -> Result<Node, A::Error> {
+        let (kind, fields) = access.variant::<Variant>()?;
+        match kind.0 {
+            ROUNDS => fields.newtype_variant().map(Node::Rounds),
+            kind => AnyStage::from_variant(kind, fields).map(|stage| Node::Stage(Box::new(stage))),
+        }
+    }
+}
+
+/// The name of a stage kind, refused before its fields are read, so that the error points at the name.
+struct Variant(&'static str);
+
+impl<'de> Deserialize<'de> for Variant {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_identifier(VariantVisitor)
+    }
+}
+
+struct VariantVisitor;
+
+impl Visitor<'_> for VariantVisitor {
+    type Value = Variant;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("the name of a stage kind")
+    }
+
+    fn visit_str<E: Error>(self, name: &str) -> Result<Variant, E> {
+        let known = VARIANTS.iter().find(|known| **known == name);
+        known.map(|known| Variant(known)).ok_or_else(|| E::unknown_variant(name, &VARIANTS))
+    }
+}

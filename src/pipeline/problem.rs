@@ -1,0 +1,124 @@
+//! What is wrong with a pipeline, and where: the message, the line, and the nearest name that would do.
+
+use std::io;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use miette::{Diagnostic, NamedSource, SourceSpan};
+
+/// A text that a user wrote: a pipeline file, or the argument of a `--set`.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The file's path as given, or the option's name.
+    pub name: String,
+    /// The text.
+    pub text: Arc<str>,
+}
+
+impl Source {
+    /// The name of arguments of `--set`.
+    pub const SET: &str = "--set";
+
+    /// Reads a pipeline file.
+    pub fn read(path: &Path) -> io::Result<Self> {
+        Ok(Self { name: path.display().to_string(), text: std::fs::read_to_string(path)?.into() })
+    }
+
+    /// A problem at these bytes of the text.
+    pub fn problem(&self, span: Range<usize>, message: impl Into<String>) -> Problem {
+        let start = span.start.min(self.text.len());
+        let length = span.end.clamp(start, self.text.len()) - start;
+        Problem {
+            message: message.into(),
+            source_code: NamedSource::new(&self.name, self.text.to_string()),
+            span: SourceSpan::from((start, length)),
+            label: "here",
+            help: None,
+        }
+    }
+
+    /// The byte at a line and a column, both counted from 1, the column in characters.
+    pub fn offset(&self, line: usize, column: usize) -> usize {
+        let start: usize = self.text.split_inclusive('\n').take(line.saturating_sub(1)).map(str::len).sum();
+        let rest = &self.text[start..];
+        start + rest.char_indices().nth(column.saturating_sub(1)).map_or(rest.len(), |(at, _)| at)
+    }
+}
+
+/// What is wrong with a pipeline.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{message}")]
+pub struct Problem {
+    message: String,
+    #[source_code]
+    source_code: NamedSource<String>,
+    #[label("{label}")]
+    span: SourceSpan,
+    label: &'static str,
+    #[help]
+    help: Option<String>,
+}
+
+impl Problem {
+    /// With advice on how to mend it.
+    pub fn with_help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// With the nearest of the names that would do, or all of them where none is near.
+    pub fn with_names<'a>(self, found: &str, known: impl IntoIterator<Item = &'a str>) -> Self {
+        let known: Vec<&str> = known.into_iter().collect();
+        match (nearest(found, &known), known.len()) {
+            (Some(near), _) => self.with_help(format!("did you mean `{near}`?")),
+            (None, 0) => self,
+            (None, _) => self.with_help(format!("known here: {}", known.join(", "))),
+        }
+    }
+
+    /// Where it is: `file:line:column`, counted from 1.
+    pub fn place(&self) -> String {
+        let text = self.source_code.inner();
+        let before = &text[..self.span.offset().min(text.len())];
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        format!("{}:{line}:{column}", self.source_code.name())
+    }
+
+    /// Whether it is in an argument of `--set`, not in a file.
+    pub fn is_in_argument(&self) -> bool {
+        self.source_code.name() == Source::SET
+    }
+
+    /// The advice, if there is any.
+    pub fn advice(&self) -> Option<&str> {
+        self.help.as_deref()
+    }
+}
+
+/// The nearest of the known names, if one is near enough to be meant.
+pub fn nearest<'a>(found: &str, known: &[&'a str]) -> Option<&'a str> {
+    let distance = |name: &str| strsim::damerau_levenshtein(&found.to_lowercase(), &name.to_lowercase());
+    let near = known.iter().copied().min_by_key(|name| distance(name))?;
+    (distance(near) <= near.chars().count().max(3) / 3 + 1).then_some(near)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_name_is_offered_only_if_near() {
+        assert_eq!(nearest("optimise", &["optimize", "encode"]), Some("optimize"));
+        assert_eq!(nearest("xyzzy", &["optimize", "encode"]), None);
+    }
+
+    #[test]
+    fn places_are_lines_and_columns_in_characters() {
+        let source = Source { name: "p.ron".into(), text: "é\néab".into() };
+        let at = source.offset(2, 2);
+        assert_eq!(&source.text[at..], "ab");
+        assert_eq!(source.problem(at..at + 1, "x").place(), "p.ron:2:2");
+    }
+}

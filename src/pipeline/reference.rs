@@ -1,0 +1,100 @@
+//! What a reference means where it stands: `"stage"`, `"stage.output"`, `"loop.field"` or `"@carried"`.
+
+use super::fault::{Fault, Place};
+use super::grammar::{Named, Node, Rounds};
+
+/// The stages that can be named from some place, and for the inside of a loop, which round it is.
+#[derive(Clone)]
+pub struct Frame<'p> {
+    /// What comes before these stages' names: `i3ds.2.`
+    pub prefix: String,
+    /// The stages.
+    pub stages: &'p Named<Node>,
+    /// The loop and its round, from 1.
+    pub turn: Option<(&'p Rounds, u32)>,
+}
+
+impl<'p> Frame<'p> {
+    /// The inside of a loop.
+    pub fn round(name: &str, rounds: &'p Rounds, round: u32) -> Self {
+        Self { prefix: format!("{name}.{round}."), stages: &rounds.stages, turn: Some((rounds, round)) }
+    }
+}
+
+/// An output of a stage: the first one where no name is given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Target {
+    /// The stage's absolute name.
+    pub stage: String,
+    /// The output's name.
+    pub output: Option<String>,
+}
+
+/// A reference that means nothing.
+#[derive(Debug)]
+pub struct Miss {
+    message: String,
+    found: String,
+    known: Vec<String>,
+}
+
+impl Miss {
+    fn new<'a>(message: String, found: &str, known: impl Iterator<Item = &'a str>) -> Self {
+        Self { message, found: found.to_owned(), known: known.map(str::to_owned).collect() }
+    }
+
+    /// The same as a fault at the place of the reference.
+    pub fn fault(self, place: &Place) -> Fault {
+        place.fault(self.message).with_names(&self.found, self.known.iter().map(String::as_str))
+    }
+}
+
+/// What a reference means to a stage of the last frame; earlier frames enclose it.
+pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
+    if let Some(name) = reference.strip_prefix('@') {
+        return carried(chain, name);
+    }
+    let (head, rest) = reference.split_once('.').map_or((reference, None), |(head, rest)| (head, Some(rest)));
+    for (depth, frame) in chain.iter().enumerate().rev() {
+        let stage = format!("{}{head}", frame.prefix);
+        match frame.stages.get(head) {
+            Some(Node::Stage(_)) => return Ok(Target { stage, output: rest.map(str::to_owned) }),
+            Some(Node::Rounds(rounds)) => return result(&chain[..=depth], &stage, rounds, rest.unwrap_or_default()),
+            None => {}
+        }
+    }
+    let known = chain.iter().rev().flat_map(|frame| frame.stages.names());
+    Err(Miss::new(format!("there is no stage `{head}` to refer to"), head, known))
+}
+
+/// What a loop leaves behind: the `next` of its last round.
+fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<Target, Miss> {
+    let Some(reference) = rounds.next.get(field) else {
+        let message = match field {
+            "" => format!("`{name}` is a loop: say which of its results is meant"),
+            _ => format!("the loop `{name}` has no result `{field}`"),
+        };
+        return Err(Miss::new(message, field, rounds.next.names()));
+    };
+    let last = Frame::round(name, rounds, rounds.count);
+    resolve(&chain.iter().cloned().chain([last]).collect::<Vec<_>>(), &reference.0)
+}
+
+/// What a loop carries: in the first round what `carry` says, seen from outside; later what `next` says, seen from the round before.
+fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
+    for (depth, frame) in chain.iter().enumerate().rev() {
+        let Some((rounds, round)) = frame.turn else { continue };
+        let outside = &chain[..depth];
+        match (rounds.carry.get(name), rounds.next.get(name)) {
+            (Some(first), _) if round <= 1 => return resolve(outside, &first.0),
+            (Some(_), Some(next)) => {
+                let prefix = frame.prefix.strip_suffix(&format!(".{round}.")).unwrap_or_default();
+                let before = Frame::round(prefix, rounds, round - 1);
+                return resolve(&outside.iter().cloned().chain([before]).collect::<Vec<_>>(), &next.0);
+            }
+            _ => {}
+        }
+    }
+    let known = chain.iter().rev().filter_map(|frame| frame.turn).flat_map(|(rounds, _)| rounds.carry.names());
+    Err(Miss::new(format!("nothing called `{name}` is carried here"), name, known))
+}

@@ -1,0 +1,159 @@
+//! Loops unrolled and references resolved: from a pipeline as written to stages wired to each other.
+//!
+//! A stage of round 2 of the loop `i3ds` is called `i3ds.2.render`. Knows nothing of files: faults name a place in the pipeline.
+
+use std::collections::BTreeMap;
+
+use artifacts_schema::ArtifactKind;
+use stages::registry::AnyStage;
+use stages::{Input, StageError};
+
+use super::fault::{Fault, Place};
+use super::grammar::{Node, Pipeline, Rounds};
+use super::graph::{self, Graph, Wire};
+use super::reference::{Frame, Target, resolve};
+
+/// More rounds than this are taken for a mistake.
+const MOST_ROUNDS: u32 = 10_000;
+
+/// A stage with an absolute name, and what its inputs refer to.
+struct Unrolled {
+    name: String,
+    seed: u64,
+    stage: AnyStage,
+    place: Place,
+    links: Vec<Link>,
+}
+
+struct Link {
+    input: &'static str,
+    kind: ArtifactKind,
+    target: Target,
+}
+
+/// Unrolls all loops, checks every stage, and wires all inputs.
+pub fn unroll(pipeline: &Pipeline) -> Result<Graph, Fault> {
+    let mut all = Vec::new();
+    let frame = Frame { prefix: String::new(), stages: &pipeline.stages, turn: None };
+    unroll_stages(&[frame], pipeline.seed, &Place::root("stages"), &mut all)?;
+    if all.is_empty() {
+        return Err(Place::root("stages").fault("the pipeline has no stages"));
+    }
+    let index: BTreeMap<&str, usize> = all.iter().enumerate().map(|(at, stage)| (stage.name.as_str(), at)).collect();
+    let wires = all.iter().map(|stage| wires(stage, &all, &index)).collect::<Result<Vec<_>, _>>()?;
+    let places: Vec<Place> = all.iter().map(|stage| stage.place.clone()).collect();
+    let nodes = all.into_iter().zip(wires).map(|(stage, wires)| node(stage, wires)).collect::<Result<Vec<_>, _>>()?;
+    Graph::new(pipeline.name.clone(), nodes).map_err(|at| places[at].fault("this stage depends on itself in a circle"))
+}
+
+/// The seed of a loop's round: independent of other rounds', and of the seed outside.
+pub fn round_seed(seed: u64, round: u32) -> u64 {
+    let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag round seed v1");
+    hasher.update(&seed.to_le_bytes()).update(&round.to_le_bytes());
+    let mut bytes = [0; 8];
+    hasher.finalize_xof().fill(&mut bytes);
+    u64::from_le_bytes(bytes)
+}
+
+fn unroll_stages(chain: &[Frame], seed: u64, place: &Place, all: &mut Vec<Unrolled>) -> Result<(), Fault> {
+    let Some(frame) = chain.last() else { return Ok(()) };
+    for (name, node) in frame.stages.iter() {
+        let (full, place) = (format!("{}{name}", frame.prefix), place.at(name));
+        check_name(name, &place)?;
+        match node {
+            Node::Stage(stage) => all.push(unrolled(chain, full, seed, stage, place)?),
+            Node::Rounds(rounds) => unroll_rounds(chain, &full, seed, rounds, &place, all)?,
+        }
+    }
+    Ok(())
+}
+
+fn unroll_rounds(
+    chain: &[Frame],
+    name: &str,
+    seed: u64,
+    rounds: &Rounds,
+    place: &Place,
+    all: &mut Vec<Unrolled>,
+) -> Result<(), Fault> {
+    if !(1..=MOST_ROUNDS).contains(&rounds.count) {
+        return Err(place.at("count").fault(format!("`count` is {}; it must be 1 to {MOST_ROUNDS}", rounds.count)));
+    }
+    for (carried, reference) in rounds.carry.iter() {
+        resolve(chain, &reference.0).map_err(|miss| miss.fault(&place.at("carry").at(carried)))?;
+        if rounds.next.get(carried).is_none() {
+            let message = format!("`{carried}` is carried, but `next` does not say what it is in the next round");
+            return Err(place.at("carry").at(carried).fault(message));
+        }
+    }
+    for round in 1..=rounds.count {
+        let inner = Frame::round(name, rounds, round);
+        let chain: Vec<Frame> = chain.iter().cloned().chain([inner]).collect();
+        for (carried, reference) in rounds.next.iter() {
+            resolve(&chain, &reference.0).map_err(|miss| miss.fault(&place.at("next").at(carried)))?;
+        }
+        unroll_stages(&chain, round_seed(seed, round), &place.at("stages"), all)?;
+    }
+    Ok(())
+}
+
+/// Names become folders and are joined by dots.
+pub fn check_name(name: &str, place: &Place) -> Result<(), Fault> {
+    let good = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
+    match name.chars().next() {
+        Some(first) if first.is_ascii_alphabetic() && name.chars().all(good) && name.len() <= 64 => Ok(()),
+        _ => Err(place.fault(format!("`{name}` is no name: names are a letter, then letters, digits, `_` and `-`"))),
+    }
+}
+
+fn unrolled(chain: &[Frame], name: String, seed: u64, any: &AnyStage, place: Place) -> Result<Unrolled, Fault> {
+    any.stage().check().map_err(|error| parameter_fault(&error, &place))?;
+    let mut links = Vec::new();
+    for port in any.stage().inputs().iter().filter(|port| port.used) {
+        let Input(reference) = port.reference;
+        if reference.is_empty() {
+            let message = format!("input `{}` is not connected: it takes {} of another stage", port.name, port.kind);
+            return Err(place.fault(message));
+        }
+        let target = resolve(chain, reference).map_err(|miss| miss.fault(&place.at(port.name)))?;
+        links.push(Link { input: port.name, kind: port.kind, target });
+    }
+    Ok(Unrolled { name, seed, stage: any.clone(), place, links })
+}
+
+fn parameter_fault(error: &StageError, place: &Place) -> Fault {
+    match error {
+        StageError::Parameter { field, .. } => place.within(field).fault(error.to_string()),
+        _ => place.fault(error.to_string()),
+    }
+}
+
+fn wires(stage: &Unrolled, all: &[Unrolled], index: &BTreeMap<&str, usize>) -> Result<Vec<Wire>, Fault> {
+    stage.links.iter().map(|link| wire(link, &stage.place.at(link.input), all, index)).collect()
+}
+
+fn wire(link: &Link, place: &Place, all: &[Unrolled], index: &BTreeMap<&str, usize>) -> Result<Wire, Fault> {
+    let Target { stage, output } = &link.target;
+    let from = *index.get(stage.as_str()).ok_or_else(|| place.fault(format!("there is no stage `{stage}`")))?;
+    let outputs = all[from].stage.stage().outputs();
+    let found = match output {
+        Some(name) => outputs.iter().find(|port| port.name == name),
+        None => outputs.first(),
+    };
+    let Some(port) = found else {
+        let name = output.clone().unwrap_or_default();
+        return Err(place.fault(format!("`{stage}` has no output `{name}`")).with_names(&name, outputs.iter().map(|o| o.name)));
+    };
+    if port.kind != link.kind {
+        let fitting = outputs.iter().find(|other| other.kind == link.kind);
+        let fault = place.fault(format!("`{}` takes {}, but `{stage}.{}` is {}", link.input, link.kind, port.name, port.kind));
+        return Err(fault.with_help(fitting.map(|port| format!("`{stage}.{}` would fit", port.name))));
+    }
+    Ok(Wire { input: link.input, from, output: port.name })
+}
+
+fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<graph::Node, Fault> {
+    let Unrolled { name, seed, stage, place, .. } = unrolled;
+    let params = stage.parameters().map_err(|error| place.fault(error.to_string()))?;
+    Ok(graph::Node { name, seed, stage: stage.into_stage(), params, wires })
+}

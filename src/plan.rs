@@ -1,0 +1,199 @@
+//! What a run would do: which stages have their results, which must be computed, and why. Changes nothing.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use artifacts_schema::Digest;
+use stages::{Source, StageError};
+
+use crate::explain::{Change, History, Reason, diff};
+use crate::key::{Manifest, Recipe};
+use crate::pipeline::graph::{Graph, Node};
+use crate::store::Store;
+use crate::store::error::StoreError;
+use crate::store::result::{Lookup, Record};
+
+/// Everything that keys and decisions depend on.
+pub struct Context<'a> {
+    /// The stages.
+    pub graph: &'a Graph,
+    /// The store.
+    pub store: &'a Store,
+    /// The kind of device to compute on.
+    pub device: &'a str,
+    /// The user's word in all keys.
+    pub salt: Option<&'a str>,
+    /// Stages to compute whatever the store has.
+    pub forced: BTreeSet<usize>,
+    /// The stages that are wanted, and all that they need.
+    pub needed: BTreeSet<usize>,
+    /// Earlier runs.
+    pub history: History<'a>,
+    sources: Vec<Vec<Source>>,
+}
+
+/// A stage whose inputs are all known.
+pub struct Assessment {
+    /// Its key.
+    pub key: Digest,
+    /// What is in the key.
+    pub manifest: Manifest,
+    /// Its result, or why it must be computed.
+    pub verdict: Result<Record, Reason>,
+}
+
+/// What will become of a stage.
+pub enum Forecast {
+    /// Its result is there.
+    Cached(Box<Assessment>),
+    /// It will be computed. Where its inputs are all known, so is its key.
+    Run(Reason, Option<Box<Assessment>>),
+    /// It will be computed unless these stages, which will be, give the results that they gave before.
+    Unless(Vec<String>),
+}
+
+impl Forecast {
+    /// The key and what is in it, where all inputs are known.
+    pub fn assessment(&self) -> Option<&Assessment> {
+        match self {
+            Self::Cached(assessment) | Self::Run(_, Some(assessment)) => Some(assessment),
+            _ => None,
+        }
+    }
+
+    /// The result, if it is there.
+    pub fn into_record(self) -> Option<Record> {
+        match self {
+            Self::Cached(assessment) => assessment.verdict.ok(),
+            _ => None,
+        }
+    }
+}
+
+/// The digests of a stage's inputs, by input name.
+pub type Inputs = BTreeMap<&'static str, Digest>;
+
+/// A stage that reads something beside its inputs which is not there, or not as it should be.
+#[derive(Debug, thiserror::Error)]
+#[error("stage `{stage}`: {error}")]
+pub struct SourceError {
+    /// The stage.
+    pub stage: String,
+    /// What is wrong.
+    pub error: StageError,
+}
+
+impl<'a> Context<'a> {
+    /// Reads the sources of the stages that are needed.
+    pub fn new(
+        graph: &'a Graph,
+        store: &'a Store,
+        device: &'a str,
+        salt: Option<&'a str>,
+        forced: BTreeSet<usize>,
+        needed: BTreeSet<usize>,
+    ) -> Result<Self, SourceError> {
+        let sources = sources(graph, &needed)?;
+        let history = History::new(store, &graph.pipeline);
+        Ok(Self { graph, store, device, salt, forced, needed, history, sources })
+    }
+
+    fn recipe<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Recipe<'r> {
+        let node = &self.graph.nodes[at];
+        Recipe { node, inputs, sources: &self.sources[at], device: self.device, salt: self.salt }
+    }
+
+    /// Looks for the result of a stage, given the digests of all its inputs.
+    pub fn assess(&self, at: usize, inputs: &Inputs) -> Result<Assessment, StoreError> {
+        let recipe = self.recipe(at, inputs);
+        let (key, manifest) = (recipe.key(), recipe.manifest());
+        let verdict = match self.store.lookup(&key)? {
+            _ if self.forced.contains(&at) => Err(Reason::Forced),
+            Lookup::Sound(record) => Ok(record),
+            Lookup::Broken(breakage) => Err(Reason::Broken(breakage)),
+            Lookup::Absent => Err(self.reason(at, &manifest, &BTreeSet::new())?.unwrap_or(Reason::Lost)),
+        };
+        Ok(Assessment { key, manifest, verdict })
+    }
+
+    /// What tells a stage from its nearest past; `None` if nothing does.
+    fn reason(&self, at: usize, manifest: &Manifest, unknown: &BTreeSet<&str>) -> Result<Option<Reason>, StoreError> {
+        let node = &self.graph.nodes[at];
+        let Some(past) = self.history.nearest(&node.name, manifest, unknown)? else { return Ok(Some(Reason::New)) };
+        let mut changes = diff(&past.manifest, manifest, unknown);
+        self.name_origins(node, &mut changes);
+        Ok((!changes.is_empty()).then_some(Reason::Changed(changes)))
+    }
+
+    /// Says of changed inputs which stages they come from.
+    pub fn name_origins(&self, node: &Node, changes: &mut [Change]) {
+        for change in changes {
+            let wire = change.input().and_then(|input| node.wires.iter().find(|wire| wire.input == input));
+            change.from = wire.map(|wire| self.graph.nodes[wire.from].name.clone());
+        }
+    }
+
+    /// Foretells what becomes of every stage that is needed.
+    pub fn forecast(&self) -> Result<BTreeMap<usize, Forecast>, StoreError> {
+        let mut forecasts = BTreeMap::new();
+        for &at in &self.needed {
+            let forecast = self.forecast_one(at, &forecasts)?;
+            forecasts.insert(at, forecast);
+        }
+        Ok(forecasts)
+    }
+
+    fn forecast_one(&self, at: usize, upstream: &BTreeMap<usize, Forecast>) -> Result<Forecast, StoreError> {
+        let node = &self.graph.nodes[at];
+        let (inputs, unknown) = known_inputs(node, upstream);
+        if unknown.is_empty() {
+            let assessment = self.assess(at, &inputs)?;
+            return Ok(match &assessment.verdict {
+                Ok(_) => Forecast::Cached(Box::new(assessment)),
+                Err(reason) => Forecast::Run(reason.clone(), Some(Box::new(assessment))),
+            });
+        }
+        if self.forced.contains(&at) {
+            return Ok(Forecast::Run(Reason::Forced, None));
+        }
+        let manifest = self.recipe(at, &inputs).manifest();
+        match self.reason(at, &manifest, &unknown.keys().copied().collect())? {
+            Some(reason) => Ok(Forecast::Run(reason, None)),
+            None => {
+                let waits: BTreeSet<usize> = unknown.into_values().collect();
+                Ok(Forecast::Unless(waits.iter().map(|&from| self.graph.nodes[from].name.clone()).collect()))
+            }
+        }
+    }
+}
+
+/// The digests of the inputs that are known already, and the stages that the others come from.
+fn known_inputs<'n>(node: &'n Node, upstream: &BTreeMap<usize, Forecast>) -> (Inputs, BTreeMap<&'n str, usize>) {
+    let (mut known, mut unknown) = (Inputs::new(), BTreeMap::new());
+    for wire in &node.wires {
+        let record = match upstream.get(&wire.from) {
+            Some(Forecast::Cached(assessment)) => assessment.verdict.as_ref().ok(),
+            _ => None,
+        };
+        match record.and_then(|record| record.outputs.get(wire.output)) {
+            Some(output) => drop(known.insert(wire.input, output.digest)),
+            None => drop(unknown.insert(wire.input, wire.from)),
+        }
+    }
+    (known, unknown)
+}
+
+/// What stages read beside their inputs; stages of one kind with the same parameters read the same.
+fn sources(graph: &Graph, needed: &BTreeSet<usize>) -> Result<Vec<Vec<Source>>, SourceError> {
+    let mut known: BTreeMap<(&str, String), Vec<Source>> = BTreeMap::new();
+    let mut all = vec![Vec::new(); graph.nodes.len()];
+    for &at in needed {
+        let node = &graph.nodes[at];
+        let what = (node.stage.kind(), node.params.to_string());
+        if !known.contains_key(&what) {
+            let read = node.stage.sources().map_err(|error| SourceError { stage: node.name.clone(), error })?;
+            known.insert(what.clone(), read);
+        }
+        all[at].clone_from(&known[&what]);
+    }
+    Ok(all)
+}

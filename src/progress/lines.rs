@@ -1,0 +1,81 @@
+//! Progress as plain lines on stderr: for logs, pipes and batch jobs.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+use stages::Message;
+
+use super::{Event, Progress, Verbosity, duration, figure, figures};
+
+/// How long a running stage may say nothing but that it goes on.
+const PAUSE: Duration = Duration::from_secs(10);
+
+/// Tells events line by line.
+pub struct Lines {
+    verbosity: Verbosity,
+    /// When each running stage began, and when it last had a line.
+    running: BTreeMap<String, (Instant, Instant)>,
+}
+
+impl Lines {
+    /// Lines as many as asked for.
+    pub fn new(verbosity: Verbosity) -> Self {
+        Self { verbosity, running: BTreeMap::new() }
+    }
+
+    /// The line for an event, if it has one.
+    pub fn line(&mut self, event: &Event) -> Option<String> {
+        let keys = self.verbosity == Verbosity::Verbose;
+        let detail = |text: String| if keys { text } else { String::new() };
+        let (level, line) = match event {
+            Event::Cached { stage, key } => (Verbosity::Normal, format!("{stage}: cached{}", detail(format!(" {key}")))),
+            Event::Started { stage, key, reason } => {
+                self.running.insert((*stage).to_owned(), (Instant::now(), Instant::now()));
+                (Verbosity::Normal, format!("{stage}: running ({reason}){}", detail(format!(" {key}"))))
+            }
+            Event::Finished { stage, seconds, record } => {
+                self.running.remove(*stage);
+                let outputs = record.outputs.iter().map(|(name, output)| format!(" {name}={}", output.digest));
+                let line = format!("{stage}: done in {}{}", duration(*seconds), detail(outputs.collect()));
+                (Verbosity::Normal, line)
+            }
+            Event::Said { stage, message } => return self.said(stage, message),
+            Event::Failed { stage, error } => (Verbosity::Quiet, format!("{stage}: error: {error}")),
+            Event::Stopped { stage } => (Verbosity::Normal, format!("{stage}: stopped")),
+            Event::Blocked { stage, by } => (Verbosity::Normal, format!("{stage}: not run, since {by} failed")),
+            Event::Waiting { stage } => (Verbosity::Normal, format!("{stage}: another process computes it; waiting")),
+            Event::Warning { stage, text } => (Verbosity::Quiet, format!("{stage}: warning: {text}")),
+            Event::Tick => return None,
+        };
+        (level <= self.verbosity).then_some(line)
+    }
+
+    fn said(&mut self, stage: &str, message: &Message) -> Option<String> {
+        match message {
+            Message::Warning(text) => Some(format!("{stage}: warning: {text}")),
+            _ if self.verbosity == Verbosity::Quiet => None,
+            Message::Metric { name, value } => Some(format!("{stage}: {name} {}", figure(*value))),
+            Message::Progress { step, total, values } => {
+                let (begun, last) = self.running.get_mut(stage)?;
+                if last.elapsed() < PAUSE {
+                    return None;
+                }
+                *last = Instant::now();
+                let rate = *step as f64 / begun.elapsed().as_secs_f64();
+                let left = duration((total - step.min(total)) as f64 / rate.max(1e-9));
+                let figures = figures(values);
+                Some(format!("{stage}: {step}/{total}  {figures}  {} steps/s, {left} left", figure(rate)))
+            }
+        }
+    }
+}
+
+impl Progress for Lines {
+    fn event(&mut self, event: &Event) {
+        if let Some(line) = self.line(event) {
+            // Who closed stderr does not want to be told.
+            let _ = writeln!(std::io::stderr(), "{line}");
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Tables of metrics and paths of comparison pictures, from results in the store.
+
+use artifacts_schema::{Artifact, ArtifactKind, Metrics};
+
+use crate::cli::output::table;
+use crate::progress::figure;
+use crate::store::Store;
+use crate::store::error::{At, StoreError};
+use crate::store::result::{Output, Record};
+use crate::store::view::View;
+
+/// A metrics artifact of a stage.
+pub struct Scores {
+    /// The stage.
+    pub stage: String,
+    /// The output.
+    pub output: String,
+    /// The scores.
+    pub metrics: Metrics,
+}
+
+/// All metrics artifacts of a result.
+pub fn scores(store: &Store, stage: &str, record: &Record) -> Result<Vec<Scores>, StoreError> {
+    let of_kind = record.outputs.iter().filter(|(_, output)| output.kind == ArtifactKind::Metrics);
+    of_kind
+        .map(|(name, output)| Ok(Scores { stage: stage.to_owned(), output: name.clone(), metrics: read(store, name, output)? }))
+        .collect()
+}
+
+fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreError> {
+    let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
+    store.show(output, folder.path())?;
+    Metrics::read(folder.path()).map_err(|error| StoreError::Output { output: name.to_owned(), problem: error.to_string() })
+}
+
+/// The tables of all metrics artifacts of a result.
+pub fn tables(store: &Store, stage: &str, record: &Record) -> Result<Vec<String>, StoreError> {
+    Ok(scores(store, stage, record)?.iter().map(Scores::table).collect())
+}
+
+impl Scores {
+    /// Rows by metrics, the mean over views.
+    pub fn table(&self) -> String {
+        let Metrics { rows, definitions } = &self.metrics;
+        let mut names: Vec<&String> = definitions.keys().collect();
+        let others = rows.values().flat_map(|row| row.mean.keys()).filter(|name| !definitions.contains_key(*name));
+        names.extend(others);
+        names.dedup();
+        let head = std::iter::once(self.stage.clone()).chain(names.iter().map(|name| (*name).clone())).collect();
+        let lines = rows.iter().map(|(row, scores)| {
+            let cell = |name: &&String| scores.mean.get(*name).map_or("-".to_owned(), |value| figure(*value));
+            std::iter::once(row.clone()).chain(names.iter().map(cell)).collect()
+        });
+        table(&std::iter::once(head).chain(lines).collect::<Vec<_>>(), true)
+    }
+}
+
+/// Where people find the pictures of a result.
+pub fn figures(view: &View, stage: &str, record: &Record) -> Vec<String> {
+    let of_kind = record.outputs.iter().filter(|(_, output)| output.kind == ArtifactKind::Figures);
+    let pictures = |(name, output): (&String, &Output)| {
+        let folder = view.output(stage, name);
+        let files = output.files.iter().filter(|file| file.path.ends_with(".png"));
+        files.map(|file| folder.join(&file.path).display().to_string()).collect::<Vec<_>>()
+    };
+    of_kind.flat_map(pictures).collect()
+}

@@ -1,0 +1,311 @@
+//! Runs stages: each as soon as its inputs are there, several at once, every result committed as a whole.
+//!
+//! One thread owns the state of all stages; each running stage has a thread of its own, which computes in the one pool that all
+//! share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::Scope;
+use std::time::{Duration, Instant};
+
+use artifacts_schema::Digest;
+use compute::Device;
+use stages::Message;
+
+use crate::explain::Reason;
+use crate::plan::{Assessment, Context, Inputs};
+use crate::progress::{Event, Progress};
+use crate::store::error::StoreError;
+use crate::store::result::Record;
+use crate::store::runs::{End, StageRun};
+use crate::store::view::View;
+use crate::store::work::Work;
+use crate::task::{Failure, Task};
+
+/// How often to look for a signal, and for what other processes have finished.
+const TICK: Duration = Duration::from_millis(100);
+
+/// What it takes to run stages.
+pub struct Scheduler<'a> {
+    /// The stages and their keys.
+    pub context: &'a Context<'a>,
+    /// The threads that stages share.
+    pub pool: &'a rayon::ThreadPool,
+    /// Where stages compute.
+    pub device: &'a Device,
+    /// Where people find results.
+    pub view: &'a View,
+    /// Set when the run is to stop.
+    pub cancelled: &'a AtomicBool,
+}
+
+/// What became of a run.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// What became of each stage.
+    pub stages: BTreeMap<usize, StageRun>,
+    /// The results that there are.
+    pub records: BTreeMap<usize, Record>,
+    /// Why stages failed.
+    pub failures: Vec<Failure>,
+    /// Whether the run was stopped before its end.
+    pub interrupted: bool,
+}
+
+/// What a stage's thread says.
+enum News {
+    Said(usize, Message),
+    Ended(usize, Box<Result<Record, Failure>>, f64),
+}
+
+/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `elsewhere`, `running`
+/// and `outcome.stages`.
+struct Board<'p> {
+    /// Not all inputs are there: how many are missing.
+    waiting: BTreeMap<usize, usize>,
+    /// All inputs are there.
+    ready: BTreeSet<usize>,
+    /// Another process computes it.
+    elsewhere: BTreeSet<usize>,
+    /// The user knows that another process computes it.
+    told: BTreeSet<usize>,
+    /// It runs: its key, and why.
+    running: BTreeMap<usize, (Digest, Reason)>,
+    /// Who reads each stage, once for every input.
+    readers: Vec<Vec<usize>>,
+    /// It is over.
+    outcome: Outcome,
+    progress: &'p mut dyn Progress,
+}
+
+impl Scheduler<'_> {
+    /// Runs all stages that are needed. An error here is one of the store; a stage's is part of the outcome.
+    pub fn run(&self, progress: &mut dyn Progress) -> Result<Outcome, StoreError> {
+        let mut board = Board::new(self.context, progress);
+        let (sender, news) = mpsc::channel();
+        std::thread::scope(|scope| {
+            // The others must not go on for hours before anyone hears that the store cannot be used.
+            self.drive(&mut board, scope, &sender, &news).inspect_err(|_| self.cancelled.store(true, Ordering::Relaxed))
+        })?;
+        Ok(board.close(self.stopped()))
+    }
+
+    fn drive<'s>(
+        &'s self,
+        board: &mut Board,
+        scope: &'s Scope<'s, '_>,
+        sender: &Sender<News>,
+        news: &Receiver<News>,
+    ) -> Result<(), StoreError> {
+        loop {
+            self.begin_all(board, scope, sender)?;
+            if board.running.is_empty() && (board.elsewhere.is_empty() || self.stopped()) {
+                return Ok(());
+            }
+            match news.recv_timeout(TICK) {
+                Ok(news) => self.take(board, news)?,
+                Err(_) => board.tick(),
+            }
+        }
+    }
+
+    fn stopped(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+
+    fn name(&self, at: usize) -> &str {
+        &self.context.graph.nodes[at].name
+    }
+
+    /// Begins stages while any are ready and there is a thread for them.
+    fn begin_all<'s>(
+        &'s self,
+        board: &mut Board,
+        scope: &'s Scope<'s, '_>,
+        sender: &Sender<News>,
+    ) -> Result<(), StoreError> {
+        while board.running.len() < self.pool.current_num_threads() && !self.stopped() {
+            let Some(at) = board.ready.pop_first() else { return Ok(()) };
+            let inputs = self.inputs(at, &board.outcome.records);
+            let assessment = self.pool.install(|| self.context.assess(at, &inputs))?;
+            match &assessment.verdict {
+                Ok(_) => self.reuse(board, at, assessment)?,
+                Err(reason) => {
+                    let reason = reason.clone();
+                    self.begin(board, at, assessment, reason, scope, sender)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {
+        let wires = &self.context.graph.nodes[at].wires;
+        let digest = |wire: &crate::pipeline::graph::Wire| {
+            Some((wire.input, records.get(&wire.from)?.outputs.get(wire.output)?.digest))
+        };
+        wires.iter().filter_map(digest).collect()
+    }
+
+    fn reuse(&self, board: &mut Board, at: usize, assessment: Assessment) -> Result<(), StoreError> {
+        let Ok(record) = assessment.verdict else { return Ok(()) };
+        self.view.show(self.context.store, self.name(at), &record)?;
+        board.progress.event(&Event::Cached { stage: self.name(at), key: assessment.key });
+        let run = StageRun { end: End::Cached, key: Some(assessment.key), reason: None, seconds: 0.0 };
+        board.done(at, run, record);
+        Ok(())
+    }
+
+    fn begin<'s>(
+        &'s self,
+        board: &mut Board,
+        at: usize,
+        assessment: Assessment,
+        reason: Reason,
+        scope: &'s Scope<'s, '_>,
+        sender: &Sender<News>,
+    ) -> Result<(), StoreError> {
+        let (store, stage) = (self.context.store, self.name(at));
+        let Some(work) = store.work(assessment.key)? else {
+            board.elsewhere.insert(at);
+            if board.told.insert(at) {
+                board.progress.event(&Event::Waiting { stage });
+            }
+            return Ok(());
+        };
+        if let Reason::Broken(breakage) = &reason {
+            board.progress.event(&Event::Warning { stage, text: &format!("{breakage}; computing it again") });
+            store.discard(&assessment.key, breakage)?;
+        }
+        store.put_manifest(&assessment.key, &assessment.manifest)?;
+        let task = self.task(at, assessment.key, work, &board.outcome.records, reason == Reason::Forced)?;
+        board.progress.event(&Event::Started { stage, key: assessment.key, reason: &reason.to_string() });
+        board.running.insert(at, (assessment.key, reason));
+        let sender = sender.clone();
+        scope.spawn(move || self.work(at, task, &sender));
+        Ok(())
+    }
+
+    fn task<'s>(
+        &'s self,
+        at: usize,
+        key: Digest,
+        work: Work<'s>,
+        records: &BTreeMap<usize, Record>,
+        replace: bool,
+    ) -> Result<Task<'s>, StoreError> {
+        let node = &self.context.graph.nodes[at];
+        let mut inputs = BTreeMap::new();
+        for wire in &node.wires {
+            if let Some(output) = records.get(&wire.from).and_then(|record| record.outputs.get(wire.output)) {
+                inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
+            }
+        }
+        Ok(Task { node, key, work, inputs, device: self.device, cancelled: self.cancelled, replace })
+    }
+
+    /// The life of a stage's thread. Nobody listens any more only when the run is over.
+    fn work(&self, at: usize, task: Task, sender: &Sender<News>) {
+        let begun = Instant::now();
+        let say = {
+            let sender = sender.clone();
+            move |message| drop(sender.send(News::Said(at, message)))
+        };
+        let result = task.run(self.pool, &say);
+        let _ = sender.send(News::Ended(at, Box::new(result), begun.elapsed().as_secs_f64()));
+    }
+
+    fn take(&self, board: &mut Board, news: News) -> Result<(), StoreError> {
+        match news {
+            News::Said(at, message) => board.progress.event(&Event::Said { stage: self.name(at), message: &message }),
+            News::Ended(at, result, seconds) => self.end(board, at, *result, seconds)?,
+        }
+        Ok(())
+    }
+
+    fn end(&self, board: &mut Board, at: usize, result: Result<Record, Failure>, seconds: f64) -> Result<(), StoreError> {
+        let Some((key, reason)) = board.running.remove(&at) else { return Ok(()) };
+        let run = |end| StageRun { end, key: Some(key), reason: Some(reason.to_string()), seconds };
+        let stage = self.name(at);
+        match result {
+            Ok(record) => {
+                self.view.show(self.context.store, stage, &record)?;
+                board.progress.event(&Event::Finished { stage, seconds, record: &record });
+                board.done(at, run(End::Ran), record);
+            }
+            Err(Failure::Stopped) => {
+                board.progress.event(&Event::Stopped { stage });
+                board.outcome.stages.insert(at, run(End::Stopped));
+            }
+            Err(failure) => {
+                board.progress.event(&Event::Failed { stage, error: &failure.to_string() });
+                board.outcome.stages.insert(at, run(End::Failed));
+                board.outcome.failures.push(failure);
+                board.block(self, at);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<'p> Board<'p> {
+    fn new(context: &Context, progress: &'p mut dyn Progress) -> Self {
+        let nodes = &context.graph.nodes;
+        let (mut waiting, mut ready, mut readers) = (BTreeMap::new(), BTreeSet::new(), vec![Vec::new(); nodes.len()]);
+        for &at in &context.needed {
+            nodes[at].wires.iter().for_each(|wire| readers[wire.from].push(at));
+            match nodes[at].wires.len() {
+                0 => drop(ready.insert(at)),
+                missing => drop(waiting.insert(at, missing)),
+            }
+        }
+        let (elsewhere, told, running) = (BTreeSet::new(), BTreeSet::new(), BTreeMap::new());
+        Self { waiting, ready, elsewhere, told, running, readers, outcome: Outcome::default(), progress }
+    }
+
+    /// A stage has its result: those that read it may have become ready.
+    fn done(&mut self, at: usize, run: StageRun, record: Record) {
+        self.outcome.stages.insert(at, run);
+        self.outcome.records.insert(at, record);
+        for reader in &self.readers[at] {
+            if let Some(missing) = self.waiting.get_mut(reader) {
+                *missing -= 1;
+                if *missing == 0 {
+                    self.waiting.remove(reader);
+                    self.ready.insert(*reader);
+                }
+            }
+        }
+    }
+
+    /// A stage has failed: all that depend on it will not run.
+    fn block(&mut self, scheduler: &Scheduler, failed: usize) {
+        let nodes = &scheduler.context.graph.nodes;
+        let mut lost: Vec<usize> = self.readers[failed].clone();
+        while let Some(at) = lost.pop() {
+            if self.waiting.remove(&at).is_none() {
+                continue;
+            }
+            lost.extend(&self.readers[at]);
+            let (stage, by) = (nodes[at].name.as_str(), nodes[failed].name.as_str());
+            self.progress.event(&Event::Blocked { stage, by });
+            self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
+        }
+    }
+
+    /// Nothing happened for a while: another process may have finished what we wait for.
+    fn tick(&mut self) {
+        self.ready.append(&mut self.elsewhere);
+        self.progress.event(&Event::Tick);
+    }
+
+    fn close(mut self, interrupted: bool) -> Outcome {
+        let left = self.waiting.keys().chain(&self.ready).chain(&self.elsewhere);
+        for &at in left {
+            self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
+        }
+        self.outcome.interrupted = interrupted && self.outcome.stages.values().any(|stage| stage.end == End::Stopped);
+        self.outcome
+    }
+}

@@ -1,0 +1,79 @@
+//! Blobs: read-only files named by the BLAKE3 digest of their bytes. Knows nothing of what is in them.
+
+use std::fs::{self, File};
+use std::path::Path;
+
+use artifacts_schema::Digest;
+
+use super::Store;
+use super::error::{At, StoreError};
+
+/// What is wrong with a blob.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Damage {
+    /// It is gone.
+    Missing,
+    /// Its bytes are not those of its name.
+    Changed,
+}
+
+/// The digest and size of a file's bytes.
+pub fn digest_file(path: &Path) -> std::io::Result<(Digest, u64)> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(File::open(path)?)?;
+    Ok((hasher.finalize().into(), hasher.count()))
+}
+
+impl Store {
+    /// Moves a finished file into the store. The file must lie on the store's file system, and nobody may be writing to it.
+    pub(super) fn take_blob(&self, file: &Path) -> Result<(Digest, u64), StoreError> {
+        let (digest, bytes) = digest_file(file).at("read", file)?;
+        let path = self.blob_path(&digest);
+        let folder = super::parent(&path);
+        fs::create_dir_all(folder).at("create", folder)?;
+        File::open(file).and_then(|file| file.sync_all()).at("flush", file)?;
+        set_read_only(file).at("protect", file)?;
+        // Replacing a blob of the same name also heals one that was damaged.
+        fs::rename(file, &path).at("write", &path)?;
+        self.know_sound(digest);
+        Ok((digest, bytes))
+    }
+
+    /// Reads a blob through, once in this process, and compares it with its name.
+    pub(super) fn check_blob(&self, digest: &Digest) -> Result<Option<Damage>, StoreError> {
+        if self.sound.lock().is_ok_and(|sound| sound.contains(digest)) {
+            return Ok(None);
+        }
+        let path = self.blob_path(digest);
+        match digest_file(&path) {
+            Ok((found, _)) if found == *digest => {
+                self.know_sound(*digest);
+                Ok(None)
+            }
+            Ok(_) => Ok(Some(Damage::Changed)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Some(Damage::Missing)),
+            Err(error) => Err(error).at("read", &path),
+        }
+    }
+
+    /// Puts a damaged blob out of reach, for whoever wants to look into it.
+    pub(super) fn quarantine(&self, digest: &Digest) -> Result<(), StoreError> {
+        let (from, to) = (self.blob_path(digest), self.root.join("quarantine").join(digest.to_string()));
+        match fs::rename(&from, &to) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error).at("move", &from),
+            _ => Ok(()),
+        }
+    }
+
+    fn know_sound(&self, digest: Digest) {
+        if let Ok(mut sound) = self.sound.lock() {
+            sound.insert(digest);
+        }
+    }
+}
+
+fn set_read_only(path: &Path) -> std::io::Result<()> {
+    let mut permissions = fs::metadata(path)?.permissions();
+    permissions.set_readonly(true);
+    fs::set_permissions(path, permissions)
+}

@@ -1,0 +1,66 @@
+//! Why the store could not be used: what was tried, on which file, and how to mend it.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why the store could not be used.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+pub enum StoreError {
+    /// The file system refused something.
+    #[error("cannot {action} {}: {error}", .path.display())]
+    Io {
+        /// What was tried: a verb.
+        action: &'static str,
+        /// On what.
+        path: PathBuf,
+        /// What the system said.
+        error: io::Error,
+        /// How to mend it.
+        #[help]
+        help: Option<&'static str>,
+    },
+    /// A store of another layout.
+    #[error("{} is a store of layout {found}; this program knows layout {}", .root.display(), super::VERSION)]
+    #[diagnostic(help("use another folder: --store FOLDER"))]
+    Version {
+        /// The store.
+        root: PathBuf,
+        /// Its version.
+        found: String,
+    },
+    /// A stage that did not leave an output that it declares, or left something else.
+    #[error("the stage's output `{output}` cannot be kept: {problem}")]
+    Output {
+        /// The output.
+        output: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+}
+
+/// Says what was tried on which file when it fails.
+pub trait At<T> {
+    /// `action` is a verb: "read".
+    fn at(self, action: &'static str, path: &Path) -> Result<T, StoreError>;
+}
+
+impl<T> At<T> for io::Result<T> {
+    fn at(self, action: &'static str, path: &Path) -> Result<T, StoreError> {
+        self.map_err(|error| {
+            let help = advice(error.kind());
+            StoreError::Io { action, path: path.to_owned(), error, help }
+        })
+    }
+}
+
+fn advice(kind: io::ErrorKind) -> Option<&'static str> {
+    match kind {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            Some("the disk is full: free some space, or choose another with --store and --out; all finished results are kept")
+        }
+        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
+            Some("choose a folder that can be written: --store FOLDER --out FOLDER")
+        }
+        _ => None,
+    }
+}

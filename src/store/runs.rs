@@ -1,0 +1,113 @@
+//! Run records: what each run of a pipeline did, newest last. `explain` and `metrics` read them.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use artifacts_schema::Digest;
+use serde::{Deserialize, Serialize};
+
+use super::error::{At, StoreError};
+use super::{Store, json, read_json};
+
+/// What one run did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// The pipeline's name.
+    pub pipeline: String,
+    /// When it began, in UTC: `20261122T233100.250Z`.
+    pub started: String,
+    /// How long it took.
+    pub seconds: f64,
+    /// What became of each stage.
+    pub stages: BTreeMap<String, StageRun>,
+}
+
+/// What became of a stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageRun {
+    /// Its end.
+    pub end: End,
+    /// Its key, if all its inputs were known.
+    pub key: Option<Digest>,
+    /// Why it ran.
+    pub reason: Option<String>,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+/// How a stage of a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// It was computed.
+    Ran,
+    /// Its result was there.
+    Cached,
+    /// It failed.
+    Failed,
+    /// It never began, or was stopped.
+    Stopped,
+}
+
+impl Store {
+    /// Keeps a run's record.
+    pub fn put_run(&self, run: &Run) -> Result<(), StoreError> {
+        let folder = self.root.join("runs");
+        for number in 0.. {
+            let again = if number == 0 { String::new() } else { format!("-{number}") };
+            let path = folder.join(format!("{}-{}{again}.json", run.started, run.pipeline));
+            if self.put_new(&path, &json(&path, run)?)? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The runs of a pipeline (of all where no name is given), newest first, read one by one.
+    pub fn runs(&self, pipeline: Option<&str>) -> Result<impl Iterator<Item = Run>, StoreError> {
+        let folder = self.root.join("runs");
+        let mut paths: Vec<PathBuf> = match std::fs::read_dir(&folder) {
+            Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
+            Err(error) => return Err(error).at("read", &folder),
+        };
+        paths.sort_by(|a, b| b.file_stem().cmp(&a.file_stem()));
+        let pipeline = pipeline.map(str::to_owned);
+        let runs = paths.into_iter().filter_map(|path| read_json::<Run>(&path).ok().flatten());
+        Ok(runs.filter(move |run| pipeline.as_ref().is_none_or(|name| *name == run.pipeline)))
+    }
+}
+
+/// This moment in UTC: `20261122T233100.250Z`.
+pub fn now() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let (seconds, millis) = (since.as_secs(), since.subsec_millis());
+    let (year, month, day) = civil(seconds / 86_400);
+    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millis:03}Z")
+}
+
+/// The date of a day counted from 1970-01-01, in the Gregorian calendar. Years are counted from March, so that leap days come last.
+fn civil(days: u64) -> (u64, u64, u64) {
+    let days = days + 719_468;
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month + 2) / 5 + 1;
+    let (month, carry) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    (era * 400 + year_of_era + carry, month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_have_dates() {
+        assert_eq!(civil(0), (1970, 1, 1));
+        assert_eq!(civil(11_016), (2000, 2, 29));
+        assert_eq!(civil(20_779), (2026, 11, 22));
+    }
+}

@@ -1,0 +1,49 @@
+//! What people see: `out/<pipeline>/<stage>/<output>/..`, links into the store that every run refreshes.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::error::{At, StoreError};
+use super::link::clear;
+use super::result::Record;
+use super::{Store, parent, read_json};
+
+/// The file that remembers which folders are ours, so that nothing else is ever removed.
+const LIST: &str = ".srnerf-stages.json";
+
+/// The folder in which people find the results of one pipeline.
+pub struct View {
+    folder: PathBuf,
+}
+
+impl View {
+    /// The folder of a pipeline under `out`.
+    pub fn new(out: &Path, pipeline: &str) -> Self {
+        Self { folder: out.join(pipeline) }
+    }
+
+    /// Where an output of a stage is shown.
+    pub fn output(&self, stage: &str, output: &str) -> PathBuf {
+        self.folder.join(stage).join(output)
+    }
+
+    /// Shows a stage's result.
+    pub fn show(&self, store: &Store, stage: &str, record: &Record) -> Result<(), StoreError> {
+        record.outputs.iter().try_for_each(|(name, output)| store.show(output, &self.output(stage, name)))
+    }
+
+    /// Removes the folders of stages that the pipeline had once and has no more.
+    pub fn retain(&self, stages: BTreeSet<String>) -> Result<(), StoreError> {
+        let list = self.folder.join(LIST);
+        let before: BTreeSet<String> = read_json(&list)?.unwrap_or_default();
+        for gone in before.difference(&stages).filter(|name| !name.contains(['/', '\\']) && !name.starts_with('.')) {
+            clear(&self.folder.join(gone))?;
+        }
+        if before != stages {
+            fs::create_dir_all(parent(&list)).at("create", parent(&list))?;
+            fs::write(&list, serde_json::json!(stages).to_string()).at("write", &list)?;
+        }
+        Ok(())
+    }
+}

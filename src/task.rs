@@ -1,0 +1,124 @@
+//! One stage run to its end: computed, committed, or failed in one of a few ways. Knows nothing of other stages.
+
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use artifacts_schema::{ArtifactKind, Digest, Provenance};
+use compute::Device;
+use stages::{Io, Message, StageError};
+
+use crate::pipeline::graph::Node;
+use crate::store::error::StoreError;
+use crate::store::result::Record;
+use crate::store::work::{Facts, Work};
+
+/// Why a stage has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// It says so itself.
+    #[error(transparent)]
+    Stage(StageError),
+    /// Its result could not be kept.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// It has a bug.
+    #[error("internal error: {0}; this is a bug in srnerf-dag, please report it")]
+    Bug(String),
+    /// The run is being stopped.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// A stage about to run.
+pub struct Task<'a> {
+    /// The stage.
+    pub node: &'a Node,
+    /// Its key.
+    pub key: Digest,
+    /// Its folder.
+    pub work: Work<'a>,
+    /// The folders and digests of its inputs.
+    pub inputs: BTreeMap<String, (PathBuf, Digest)>,
+    /// Where it computes.
+    pub device: &'a Device,
+    /// Set when it should stop.
+    pub cancelled: &'a AtomicBool,
+    /// Whether its result replaces an earlier one.
+    pub replace: bool,
+}
+
+impl Task<'_> {
+    /// Runs the stage in a pool of threads and commits its result. No panic gets out.
+    pub fn run(self, pool: &rayon::ThreadPool, messages: &(dyn Fn(Message) + Sync)) -> Result<Record, Failure> {
+        let begun = Instant::now();
+        match catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages)))) {
+            Ok(Ok(())) => {
+                let outputs: Vec<(&str, ArtifactKind)> =
+                    self.node.stage.outputs().iter().map(|port| (port.name, port.kind)).collect();
+                let device = self.device.kind().to_owned();
+                let facts = Facts { stage: self.node.name.clone(), seconds: begun.elapsed().as_secs_f64(), device };
+                Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
+            }
+            Ok(Err(error)) => {
+                self.work.abandon()?;
+                Err(if matches!(error, StageError::Cancelled) { Failure::Stopped } else { Failure::Stage(error) })
+            }
+            Err(panic) => {
+                self.work.abandon()?;
+                Err(Failure::Bug(panic_text(&*panic)))
+            }
+        }
+    }
+
+    fn compute(&self, messages: &(dyn Fn(Message) + Sync)) -> Result<(), StageError> {
+        self.node.stage.run(&Io {
+            seed: self.node.seed,
+            device: self.device,
+            inputs: self.inputs.iter().map(|(name, (folder, _))| (name.clone(), folder.clone())).collect(),
+            outputs: self.work.outputs(),
+            scratch: self.work.scratch(),
+            provenance: self.provenance(),
+            messages,
+            cancelled: self.cancelled,
+        })
+    }
+
+    fn provenance(&self) -> Provenance {
+        Provenance {
+            program: format!("srnerf-dag {}", env!("CARGO_PKG_VERSION")),
+            stage: self.node.name.clone(),
+            kind: self.node.stage.kind().to_owned(),
+            version: self.node.stage.version().to_string(),
+            key: self.key.to_string(),
+            params: self.node.params.clone(),
+            inputs: self.inputs.iter().map(|(name, (_, digest))| (name.clone(), digest.to_string())).collect(),
+        }
+    }
+}
+
+/// Where the latest panic happened.
+static LATEST: Mutex<Option<String>> = Mutex::new(None);
+
+/// Keeps panics off the terminal: they are reported as errors, with their place.
+pub fn quiet_panics() {
+    std::panic::set_hook(Box::new(|info| {
+        if let (Ok(mut latest), Some(place)) = (LATEST.lock(), info.location()) {
+            *latest = Some(format!("{}:{}", place.file(), place.line()));
+        }
+    }));
+}
+
+/// What a panic said, and where.
+pub fn panic_text(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    let place = LATEST.lock().ok().and_then(|mut latest| latest.take());
+    match place {
+        Some(place) => format!("{} at {place}", text.unwrap_or("panic")),
+        None => text.unwrap_or("panic").to_owned(),
+    }
+}
