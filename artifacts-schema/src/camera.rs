@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::SchemaError;
 
+/// Images are at most this wide and high.
+const LARGEST_EXTENT: u32 = 1 << 16;
+
 /// A pinhole camera. Lengths in the image are in pixels; pixel (0, 0) has its centre at (0.5, 0.5), y points down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Camera {
@@ -30,8 +33,13 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Refuses numbers that JSON cannot hold, and poses that cannot be inverted.
+    /// Refuses sizes that no image has, numbers that JSON cannot hold, and poses that cannot be inverted.
     pub(crate) fn check(&self, place: &str) -> Result<(), SchemaError> {
+        let extents = 1..=LARGEST_EXTENT;
+        if !extents.contains(&self.width) || !extents.contains(&self.height) {
+            let problem = format!("is {}x{}; expected 1 to {LARGEST_EXTENT} pixels each way", self.width, self.height);
+            return Err(SchemaError::content(place, problem));
+        }
         let lens = [self.fl_x, self.fl_y, self.cx, self.cy, self.near, self.far];
         let mut numbers = lens.iter().chain(self.camera_to_world.as_flattened());
         match numbers.find(|number| !number.is_finite()) {

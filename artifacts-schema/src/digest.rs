@@ -2,6 +2,7 @@
 //!
 //! Everything is preceded by its length, so that no two contents share a preimage. Knows nothing of files.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
@@ -97,7 +98,7 @@ impl ContentHasher {
         self.text(&value.to_string());
     }
 
-    pub fn scores(&mut self, scores: &std::collections::BTreeMap<String, f64>) {
+    pub fn scores(&mut self, scores: &BTreeMap<String, f64>) {
         self.count(scores.len());
         for (name, &score) in scores {
             self.text(name);

@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
+use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
+use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
 
 use crate::artifact::{Artifact, ArtifactKind};
-use crate::canonical;
+use crate::canonical::{self, LARGEST_COMPRESSION_RATIO};
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::{self, Provenance};
@@ -48,12 +49,13 @@ impl Picture {
 
     fn read(path: &Path) -> Result<Self, SchemaError> {
         let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
-        let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
-            .map_err(|error| SchemaError::malformed(path, "PNG", error))?;
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(LARGEST_COMPRESSION_RATIO * bytes.len() as u64);
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+        reader.limits(limits);
+        let image = reader.decode().map_err(|error| SchemaError::malformed(path, "PNG", error))?;
         match image {
-            image::DynamicImage::ImageRgb8(rgb) => {
-                Ok(Self { width: rgb.width(), height: rgb.height(), rgb8: rgb.into_raw() })
-            }
+            DynamicImage::ImageRgb8(rgb) => Ok(Self { width: rgb.width(), height: rgb.height(), rgb8: rgb.into_raw() }),
             other => Err(SchemaError::malformed(path, "PNG", format!("is {:?}; expected Rgb8", other.color()))),
         }
     }

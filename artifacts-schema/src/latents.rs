@@ -111,7 +111,9 @@ impl Latents {
         let mut views = Vec::new();
         for (name, LatentViewMetadata { size, camera }) in metadata.views {
             let tensor = tensors.take(&path, &name)?;
-            check_rank(&tensor, &format!("tensor {name:?}")).map_err(|error| error.in_file(&path))?;
+            let place = format!("tensor {name:?}");
+            camera.check(&place).map_err(|error| error.in_file(&path))?;
+            check_rank(&tensor, &place).map_err(|error| error.in_file(&path))?;
             views.push(LatentView { name, size, camera, tensor });
         }
         tensors.finish(&path)?;

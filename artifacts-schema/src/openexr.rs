@@ -19,11 +19,9 @@ use exr::prelude::{
 use glam::{DMat4, DVec4};
 
 use crate::camera::Camera;
+use crate::canonical::LARGEST_COMPRESSION_RATIO;
 use crate::error::SchemaError;
 use crate::images::View;
-
-/// No deflate stream unpacks to more than this many times its length.
-const LARGEST_COMPRESSION_RATIO: u64 = 1032;
 
 const REC_709: Chromaticities = Chromaticities {
     red: Vec2(0.64, 0.33),
@@ -156,10 +154,8 @@ fn check(headers: &[Header], camera: &Camera, file_length: u64) -> Result<(), (&
 fn check_size(header: &Header, expected: (usize, usize), file_length: u64) -> Result<(), (&'static str, String)> {
     let Vec2(width, height) = header.layer_size;
     if (width, height) != expected {
-        return Err((
-            "data window",
-            format!("is {width}x{height}; transforms.json says {}x{}", expected.0, expected.1),
-        ));
+        let problem = format!("is {width}x{height}; transforms.json says {}x{}", expected.0, expected.1);
+        return Err(("data window", problem));
     }
     let pixels = width as u64 * height as u64;
     if pixels * 4 * header.channels.list.len() as u64 / LARGEST_COMPRESSION_RATIO > file_length {

@@ -45,22 +45,29 @@ pub struct Frame {
 
 /// All of a camera but its pose; in pixels, near and far in scene units along the viewing axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[allow(missing_docs)]
 pub struct Lens {
+    /// Width of the image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub w: Option<u32>,
+    /// Height of the image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub h: Option<u32>,
+    /// Focal length along x.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fl_x: Option<f64>,
+    /// Focal length along y.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fl_y: Option<f64>,
+    /// Principal point, x; the first pixel's centre is at 0.5.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cx: Option<f64>,
+    /// Principal point, y, downwards.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cy: Option<f64>,
+    /// Where the scene begins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near: Option<f64>,
+    /// Where the scene ends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub far: Option<f64>,
 }
@@ -131,6 +138,7 @@ impl Transforms {
             near: frame.lens.near.or(self.lens.near).ok_or_else(|| missing("near"))?,
             far: frame.lens.far.or(self.lens.far).ok_or_else(|| missing("far"))?,
         };
+        camera.check(&place)?;
         Ok((name.to_owned(), camera))
     }
 }

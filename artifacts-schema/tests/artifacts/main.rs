@@ -1,6 +1,8 @@
 //! What artifacts promise: they come back exactly, equal ones are equal files, digests see content only, and no file makes a
 //! reader panic.
 
+#![allow(clippy::unwrap_used)] // A test may panic.
+
 mod bytes;
 mod digests;
 mod malformed;

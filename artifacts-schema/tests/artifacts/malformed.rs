@@ -105,13 +105,13 @@ fn an_absurd_size_is_refused_though_both_files_agree() {
     let folder = root.path().join("images");
     let (transforms, view) = (folder.join("transforms.json"), folder.join("view_000.exr"));
     let text = std::fs::read_to_string(&transforms).unwrap();
-    std::fs::write(&transforms, text.replace("\"w\": 5", "\"w\": 1000000000")).unwrap();
+    std::fs::write(&transforms, text.replace("\"w\": 5", "\"w\": 60000")).unwrap();
     let mut bytes = std::fs::read(&view).unwrap();
-    widen(&mut bytes, "dataWindow", 999_999_999);
-    widen(&mut bytes, "displayWindow", 999_999_999);
+    widen(&mut bytes, "dataWindow", 59_999);
+    widen(&mut bytes, "displayWindow", 59_999);
     std::fs::write(&view, bytes).unwrap();
     let message = semantic_digest(ArtifactKind::Images, &folder).unwrap_err().to_string();
-    assert!(message.contains("view_000.exr: data window: is 1000000000x4, which"), "{message}");
+    assert!(message.contains("view_000.exr: data window: is 60000x4, which"), "{message}");
 }
 
 /// Sets the right end of a window attribute: name, type `box2i`, length, then left, top, right, bottom.
@@ -131,14 +131,18 @@ fn broken_json_is_named_with_line_and_column() {
         replace(bytes, "\"view_000.exr\"", "\"../w_000.exr\"")
     });
     assert!(frame.starts_with("transforms.json: name \"../w_000\": cannot name a file"), "{frame}");
+    let huge = message(ArtifactKind::Images, "transforms.json", |bytes| replace(bytes, "\"w\": 5\n}", "\"w\":1e5}"));
+    assert!(huge.starts_with("transforms.json: JSON: invalid type: floating point"), "{huge}");
     let lens = message(ArtifactKind::Images, "transforms.json", |bytes| replace(bytes, "\"fl_x\"", "\"fl_z\""));
     assert_eq!(lens, "transforms.json: frame \"view_000.exr\": has no fl_x, nor is there one for all frames");
 }
 
 #[test]
-fn a_png_that_is_none_is_named() {
-    let message = message(ArtifactKind::Figures, "compare.png", |bytes| bytes.truncate(40));
-    assert!(message.starts_with("compare.png: PNG: "), "{message}");
+fn a_broken_png_is_named() {
+    let cut = message(ArtifactKind::Figures, "compare.png", |bytes| bytes.truncate(40));
+    assert!(cut.starts_with("compare.png: PNG: "), "{cut}");
+    let text = message(ArtifactKind::Figures, "compare.png", |bytes| *bytes = b"not a picture".to_vec());
+    assert!(text.starts_with("compare.png: PNG: "), "{text}");
 }
 
 /// The files of one artifact of each kind, with an image that is tall enough for several blocks.

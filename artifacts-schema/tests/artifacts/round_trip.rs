@@ -116,6 +116,14 @@ fn what_has_no_form_on_disk_is_refused_by_name() {
     images.views[0].camera.far = f64::INFINITY;
     assert_eq!(refused(&images), "view \"view_000\": its camera holds inf; all must be finite");
 
+    let mut images = samples::images();
+    images.views[0].camera.width = 0;
+    assert_eq!(refused(&images), "view \"view_000\": is 0x4; expected 1 to 65536 pixels each way");
+
+    let mut images = samples::images();
+    images.views[0].camera.camera_to_world[1] = [0.0; 4];
+    assert_eq!(refused(&images), "view \"view_000\": its camera-to-world matrix cannot be inverted");
+
     let mut metrics = samples::metrics();
     metrics.rows.get_mut("vsd").unwrap().mean.insert("niqe".to_owned(), f64::NAN);
     assert!(refused(&metrics).starts_with("row \"vsd\", mean: niqe: is NaN"));

@@ -1,5 +1,5 @@
 //! One small artifact of each kind.
-#![allow(dead_code)] // The example uses only some of them.
+#![allow(dead_code, clippy::unwrap_used)] // The example uses only some of them; a test may panic.
 
 use std::collections::BTreeMap;
 use std::path::Path;
