@@ -12,6 +12,8 @@ mod report;
 mod scheduler;
 mod store;
 mod task;
+#[cfg(test)]
+mod testing;
 
 use std::process::ExitCode;
 

@@ -3,6 +3,9 @@
 //! One thread owns the state of all stages; each running stage has a thread of its own, which computes in the one pool that all
 //! share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};

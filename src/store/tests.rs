@@ -1,0 +1,214 @@
+//! What the store promises, whatever happens to it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use artifacts_schema::{Artifact, ArtifactKind, Digest, Metrics, Provenance, Row};
+
+use super::Store;
+use super::blob::Damage;
+use super::result::{Breakage, Lookup, Record};
+use super::runs::{Run, now};
+use super::view::View;
+use super::work::Facts;
+
+fn key(text: &str) -> Digest {
+    blake3::hash(text.as_bytes()).into()
+}
+
+fn metrics(value: f64) -> Metrics {
+    let row = Row { mean: [("value".to_owned(), value)].into(), views: Default::default() };
+    Metrics { rows: [("row".to_owned(), row)].into(), definitions: Default::default() }
+}
+
+fn commit(store: &Store, key: Digest, value: f64, stage: &str) -> Record {
+    let work = store.work(key).unwrap().unwrap();
+    let provenance = Provenance { stage: stage.into(), ..Provenance::default() };
+    metrics(value).write(&work.outputs().join("m"), &provenance).unwrap();
+    let facts = Facts { stage: stage.into(), seconds: 1.0, device: "cpu".into() };
+    work.commit(&[("m", ArtifactKind::Metrics)], facts, false).unwrap()
+}
+
+fn blob(store: &Store, record: &Record) -> PathBuf {
+    store.blob_path(&record.outputs["m"].files[0].blob)
+}
+
+/// Damage is looked for once in a process: a new store is a new process.
+fn lookup(folder: &Path, key: Digest) -> Lookup {
+    Store::open(folder).unwrap().lookup(&key).unwrap()
+}
+
+fn overwrite(path: &Path, bytes: &[u8]) {
+    fs::remove_file(path).unwrap();
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_committed_result_is_found_and_leaves_no_work_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
+    let record = commit(&store, key("k"), 1.0, "s");
+    assert!(matches!(lookup(folder.path(), key("k")), Lookup::Sound(found) if found == record));
+    assert_eq!(fs::read_dir(folder.path().join("work")).unwrap().count(), 0);
+    assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
+    assert!(fs::metadata(blob(&store, &record)).unwrap().permissions().readonly());
+}
+
+#[test]
+fn equal_content_has_equal_digests_whatever_its_origin() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let (a, b) = (commit(&store, key("a"), 1.0, "one"), commit(&store, key("b"), 1.0, "two"));
+    assert_eq!(a.outputs["m"].digest, b.outputs["m"].digest);
+    assert_ne!(a.outputs["m"].files[0].blob, b.outputs["m"].files[0].blob);
+}
+
+#[test]
+fn every_damage_is_noticed_and_healed_by_computing_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = commit(&Store::create(folder.path()).unwrap(), key("k"), 1.0, "s");
+    let damages: [(Damage, fn(&Path)); 4] = [
+        (Damage::Missing, |blob| fs::remove_file(blob).unwrap()),
+        (Damage::Changed, |blob| overwrite(blob, b"")),
+        (Damage::Changed, |blob| overwrite(blob, b"something else")),
+        (Damage::Changed, |blob| {
+            let mut bytes = fs::read(blob).unwrap();
+            bytes[10] ^= 1;
+            overwrite(blob, &bytes);
+        }),
+    ];
+    for (damage, act) in damages {
+        let store = Store::create(folder.path()).unwrap();
+        act(&blob(&store, &first));
+        let Lookup::Broken(breakage) = store.lookup(&key("k")).unwrap() else { panic!("{damage:?} went unnoticed") };
+        let file = first.outputs["m"].files[0].clone();
+        assert_eq!(breakage, Breakage::Blob { file: "m/metrics.json".into(), blob: file.blob, damage });
+        store.discard(&key("k"), &breakage).unwrap();
+        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
+        assert_eq!(commit(&store, key("k"), 1.0, "s").outputs, first.outputs);
+        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Sound(_)));
+    }
+}
+
+#[test]
+fn a_record_that_cannot_be_understood_is_no_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let record = commit(&store, key("k"), 1.0, "s");
+    let path = store.result_path(&key("k"));
+    let mut outside = record.clone();
+    outside.outputs.get_mut("m").unwrap().files[0].path = "../../secret".into();
+    let swapped = Record { key: key("other"), ..record };
+    for text in [String::new(), "{".into(), serde_json::to_string(&outside).unwrap(), serde_json::to_string(&swapped).unwrap()] {
+        overwrite(&path, text.as_bytes());
+        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Broken(Breakage::Record)), "{text}");
+    }
+    store.discard(&key("k"), &Breakage::Record).unwrap();
+    assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
+}
+
+/// Killed at any point, a run leaves a prefix of the steps of a commit: each prefix is no result, and none is in the way.
+#[test]
+fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let lasting = folder.path().join("work").join(key("k").to_string());
+    for step in 0..4 {
+        fs::create_dir_all(lasting.join("out/m")).unwrap();
+        fs::write(lasting.join("out/m/metrics.json"), "{ half").unwrap();
+        fs::create_dir_all(lasting.join("scratch")).unwrap();
+        fs::write(lasting.join("scratch/checkpoint"), "7").unwrap();
+        if step > 0 {
+            fs::write(folder.path().join("tmp/.tmpAbCdEf"), "{ half a record").unwrap();
+        }
+        if step > 1 {
+            // A blob without a record.
+            let orphan = folder.path().join("work/orphan");
+            fs::write(&orphan, "orphan").unwrap();
+            store.take_blob(&orphan).unwrap();
+        }
+        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
+        let work = store.work(key("k")).unwrap().unwrap();
+        assert_eq!(fs::read_dir(work.outputs()).unwrap().count(), 0);
+        assert_eq!(fs::read_to_string(work.scratch().join("checkpoint")).unwrap(), "7");
+        drop(work);
+    }
+    commit(&store, key("k"), 1.0, "s");
+    assert!(!lasting.exists());
+}
+
+#[test]
+fn one_key_is_computed_by_one_process_at_a_time_and_the_first_result_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let (a, b) = (Store::create(folder.path()).unwrap(), Store::create(folder.path()).unwrap());
+    let held = a.work(key("k")).unwrap().unwrap();
+    assert!(b.work(key("k")).unwrap().is_none());
+    assert!(b.work(key("other")).unwrap().is_some());
+    held.abandon().unwrap();
+    let first = commit(&b, key("k"), 1.0, "first");
+    assert_eq!(commit(&a, key("k"), 2.0, "second"), first);
+}
+
+#[test]
+fn an_output_that_was_not_written_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let work = store.work(key("k")).unwrap().unwrap();
+    let facts = Facts { stage: "s".into(), seconds: 1.0, device: "cpu".into() };
+    let error = work.commit(&[("m", ArtifactKind::Metrics)], facts, false).unwrap_err().to_string();
+    assert!(error.starts_with("the stage's output `m` cannot be kept"), "{error}");
+    assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
+}
+
+#[test]
+fn people_see_what_the_store_has_and_nothing_of_theirs_is_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(&folder.path().join("store")).unwrap();
+    let view = View::new(&folder.path().join("out"), "p");
+    let shown = view.output("s", "m").join("metrics.json");
+    for value in [1.0, 2.0] {
+        view.show(&store, "s", &commit(&store, key(&value.to_string()), value, "s")).unwrap();
+        assert_eq!(Metrics::read(&view.output("s", "m")).unwrap(), metrics(value));
+    }
+    // A copy in place of a link is as good; a changed file is not.
+    let record = commit(&store, key("2"), 2.0, "s");
+    overwrite(&shown, &fs::read(blob(&store, &record)).unwrap());
+    view.show(&store, "s", &record).unwrap();
+    overwrite(&shown, b"changed");
+    view.show(&store, "s", &record).unwrap();
+    assert_eq!(Metrics::read(&view.output("s", "m")).unwrap(), metrics(2.0));
+    let notes = folder.path().join("out/p/notes");
+    fs::create_dir_all(&notes).unwrap();
+    view.retain(["s".to_owned(), "t".to_owned()].into()).unwrap();
+    view.retain(["t".to_owned()].into()).unwrap();
+    assert!(notes.exists() && !folder.path().join("out/p/s").exists());
+}
+
+#[test]
+fn runs_come_newest_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let run = |pipeline: &str, started: &str| Run {
+        pipeline: pipeline.into(),
+        started: started.into(),
+        seconds: 1.0,
+        stages: Default::default(),
+    };
+    for (pipeline, started) in [("a", "20260101T000000.000Z"), ("b", "20260102T000000.000Z"), ("a", "20260103T000000.000Z")] {
+        store.put_run(&run(pipeline, started)).unwrap();
+    }
+    let started: Vec<String> = store.runs(Some("a")).unwrap().map(|run| run.started).collect();
+    assert_eq!(started, ["20260103T000000.000Z", "20260101T000000.000Z"]);
+    assert_eq!(store.runs(None).unwrap().count(), 3);
+    assert_eq!(now().len(), started[0].len());
+}
+
+#[test]
+fn a_store_of_another_layout_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("version"), "99\n").unwrap();
+    let error = Store::create(folder.path()).err().unwrap().to_string();
+    assert!(error.contains("layout 99"), "{error}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
