@@ -1,1 +1,30 @@
 //! The hash-grid radiance field: occupancy, marching, compositing, training, rendering.
+//!
+//! A [`Field`] lives in unit space ([`Space`]); a [`Trainer`] fits it to [`TrainView`]s; [`render`] makes images of it.
+//! Gradients are written out by hand beside each forward pass. Results have the same bits for any number of threads and on any machine:
+//! sums have one order, and the kernels use the same fused operations whatever the vector width.
+
+mod adam;
+mod batch;
+mod block;
+mod composite;
+mod config;
+mod exponential;
+mod field;
+mod kernels;
+mod loss;
+mod march;
+mod network;
+mod occupancy;
+mod render;
+mod space;
+mod spherical;
+mod survey;
+mod train;
+
+pub use batch::TrainView;
+pub use config::{FieldConfig, Level};
+pub use field::{Field, FieldError, Tensors};
+pub use render::{RenderOptions, Rendered, render};
+pub use space::Space;
+pub use train::{StepStats, TrainOptions, Trainer};

@@ -1,0 +1,160 @@
+//! Which pixels a training step looks at, and what they should be. Knows photos and cameras, and nothing of the field.
+
+use compute::rng::Rng;
+use scene::Camera;
+
+/// A photo to train on. Each of its pixels is the mean of the radiance over the pixel's area.
+#[derive(Clone, Debug)]
+pub struct TrainView {
+    /// Where it was taken.
+    pub camera: Camera,
+    /// Colours, sRGB-encoded, not multiplied by alpha: `height * width * 3` values from 0 to 1.
+    pub rgb: Vec<f32>,
+    /// Coverage from 0 to 1, `height * width` values; `None` for an opaque photo.
+    pub alpha: Option<Vec<f32>>,
+    /// Factor on the squared error of every pixel of this view.
+    pub weight: f32,
+    /// Sub-rays per pixel and axis that are averaged to a pixel, one in each cell of an even grid; 1 is the centre.
+    pub supersample: u32,
+}
+
+/// A pixel of a batch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pixel {
+    /// Index of its view.
+    pub view: usize,
+    /// Column.
+    pub x: u32,
+    /// Row.
+    pub y: u32,
+    /// Its number in the batch; the key of its random numbers.
+    pub element: u64,
+    /// The colour behind the field, and behind the photo where it is transparent.
+    pub background: [f32; 3],
+}
+
+/// Draws batches that mix all views.
+#[derive(Clone, Debug)]
+pub struct Sampler {
+    ends: Vec<u64>,
+    rng: Rng,
+}
+
+impl Sampler {
+    /// A sampler over the pixels of all views.
+    pub fn new(views: &[TrainView], seed: u64) -> Self {
+        let count = |view: &TrainView| u64::from(view.camera.width) * u64::from(view.camera.height);
+        let sums = views.iter().scan(0, |end, view| {
+            *end += count(view);
+            Some(*end)
+        });
+        Self { ends: sums.collect(), rng: Rng::new(seed, "training batch") }
+    }
+
+    /// Pixel `element` of the `count` of a step. Each lies at a random place in its own equal share of all pixels, so that
+    /// every batch covers all views evenly.
+    pub fn pixel(&self, views: &[TrainView], step: u64, element: u64, count: u64) -> Pixel {
+        let total = self.ends.last().copied().unwrap_or(0);
+        let place = (element as f64 + f64::from(self.random(step, element, 0))) / count as f64;
+        let index = ((place * total as f64) as u64).min(total.saturating_sub(1));
+        let view = self.ends.partition_point(|&end| end <= index);
+        let inside = index - if view == 0 { 0 } else { self.ends[view - 1] };
+        let width = u64::from(views[view].camera.width);
+        let background = [1, 2, 3].map(|i| self.random(step, element, i));
+        Pixel { view, x: (inside % width) as u32, y: (inside / width) as u32, element, background }
+    }
+
+    /// Where in the image the sub-rays of a pixel go, with the jitter of their steps.
+    pub fn sub_rays(&self, pixel: Pixel, side: u32, step: u64) -> impl Iterator<Item = (f64, f64, f32)> + '_ {
+        let cell = 1.0 / f64::from(side);
+        (0..side * side).map(move |sub| {
+            let random = |i: u64| self.random(step, pixel.element, 4 + 3 * u64::from(sub) + i);
+            let place = |pixel: u32, sub: u32, i: u64| {
+                let inside = if side == 1 { 0.5 } else { f64::from(random(i)) };
+                f64::from(pixel) + (f64::from(sub) + inside) * cell
+            };
+            (place(pixel.x, sub % side, 0), place(pixel.y, sub / side, 1), random(2))
+        })
+    }
+
+    /// Random number `i` of a pixel: 1024 are set aside for each, enough for 16 x 16 sub-rays.
+    fn random(&self, step: u64, element: u64, i: u64) -> f32 {
+        self.rng.uniform(step, element * 1024 + i)
+    }
+}
+
+impl TrainView {
+    /// What a pixel should be in front of a background.
+    pub fn target(&self, pixel: &Pixel) -> [f32; 3] {
+        let i = pixel.y as usize * self.camera.width as usize + pixel.x as usize;
+        let alpha = self.alpha.as_ref().map_or(1.0, |alpha| alpha[i]);
+        std::array::from_fn(|c| alpha * self.rgb[3 * i + c] + (1.0 - alpha) * pixel.background[c])
+    }
+
+    /// Panics if the sizes do not fit together: views are checked where they are read.
+    pub(crate) fn check(&self) {
+        let pixels = self.camera.width as usize * self.camera.height as usize;
+        assert_eq!(self.rgb.len(), 3 * pixels, "a training view's colours do not fit its camera");
+        assert!(self.alpha.as_ref().is_none_or(|alpha| alpha.len() == pixels), "a training view's alpha does not fit");
+        assert!((1..=16).contains(&self.supersample), "a training view's supersample is not 1 to 16");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat4;
+
+    fn view(width: u32, height: u32) -> TrainView {
+        let (fl, near) = (f64::from(width), 1.0);
+        let (cx, cy) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
+        let camera =
+            Camera { width, height, fl_x: fl, fl_y: fl, cx, cy, camera_to_world: DMat4::IDENTITY, near, far: 2.0 };
+        TrainView { camera, rgb: vec![0.25; (3 * width * height) as usize], alpha: None, weight: 1.0, supersample: 2 }
+    }
+
+    #[test]
+    fn a_batch_covers_all_views_in_proportion_to_their_pixels() {
+        let views = [view(8, 4), view(16, 8)];
+        let sampler = Sampler::new(&views, 1);
+        let mut counts = [0; 2];
+        for element in 0..100 {
+            let pixel = sampler.pixel(&views, 3, element, 100);
+            counts[pixel.view] += 1;
+            assert!(pixel.x < views[pixel.view].camera.width && pixel.y < views[pixel.view].camera.height);
+        }
+        assert_eq!(counts, [20, 80]);
+    }
+
+    #[test]
+    fn as_many_elements_as_pixels_take_each_once() {
+        let views = [view(8, 4), view(16, 8)];
+        let sampler = Sampler::new(&views, 1);
+        let mut seen: Vec<_> = (0..160).map(|e| sampler.pixel(&views, 0, e, 160)).map(|p| (p.view, p.y, p.x)).collect();
+        seen.dedup();
+        assert_eq!(seen.len(), 160);
+    }
+
+    #[test]
+    fn each_sub_ray_lies_in_its_own_cell() {
+        let views = [view(8, 4)];
+        let sampler = Sampler::new(&views, 1);
+        let pixel = sampler.pixel(&views, 0, 5, 32);
+        let cells: Vec<_> = sampler
+            .sub_rays(pixel, 2, 0)
+            .map(|(x, y, _)| ((2.0 * (x - f64::from(pixel.x))) as u32, (2.0 * (y - f64::from(pixel.y))) as u32))
+            .collect();
+        assert_eq!(cells, [(0, 0), (1, 0), (0, 1), (1, 1)]);
+        let (x, y, _) = sampler.sub_rays(pixel, 1, 0).next().unwrap();
+        assert_eq!((x, y), (f64::from(pixel.x) + 0.5, f64::from(pixel.y) + 0.5));
+    }
+
+    #[test]
+    fn a_transparent_photo_shows_the_background() {
+        let mut photo = view(8, 4);
+        let pixel = Pixel { view: 0, x: 1, y: 0, element: 0, background: [1.0, 0.5, 0.0] };
+        assert_eq!(photo.target(&pixel), [0.25; 3]);
+        photo.alpha = Some(vec![0.0; 32]);
+        assert_eq!(photo.target(&pixel), [1.0, 0.5, 0.0]);
+    }
+}

@@ -1,0 +1,242 @@
+//! A block of rays through the field: march, encode, networks, compositing, and all the way back. Knows nothing of
+//! pixels, losses or optimisers.
+//!
+//! The arrays of a block fit into the second-level cache; one thread takes a block from the march to the gradients.
+
+use crate::composite;
+use crate::config::FEATURES;
+use crate::exponential::sigmoid;
+use crate::field::{Field, sigma, sigma_backward};
+use crate::kernels::hash::{LANES, Positions};
+use crate::march::{Segment, march};
+use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY, Transposed};
+use crate::spherical::harmonics;
+use std::ops::Range;
+
+/// What one ray sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Colour without background: sum of w c.
+    pub rgb: [f32; 3],
+    /// What is left of the background: T_end.
+    pub transmittance: f32,
+    /// Sum of w t, in unit-space distance.
+    pub distance: f32,
+}
+
+/// Gradients of a loss to what one ray sees.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SeenGradient {
+    /// To the colour without background.
+    pub rgb: [f32; 3],
+    /// To the transmittance.
+    pub transmittance: f32,
+}
+
+/// Regularisers that need single samples; the strengths are for one ray.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Regularizer {
+    /// Weight of the distortion loss, in fractions of the ray's range.
+    pub distortion: f32,
+    /// Downward pull on raw densities in the first part of a ray's range (method.md 6.2).
+    pub fog: f32,
+    /// That part, from 0 to 1.
+    pub fog_range: f32,
+}
+
+/// What the backward pass of a block leaves for the hash table: positions, and per level one gradient pair each.
+pub struct EncodingGradient {
+    /// Sample positions, padded.
+    pub positions: Positions,
+    /// `[level][position]`; zero for padding.
+    pub levels: Vec<Vec<[f32; FEATURES]>>,
+}
+
+/// Scratch space for a block of rays, to be used again and again.
+#[derive(Default)]
+pub struct Block {
+    positions: Positions,
+    rays: Vec<Range<usize>>,
+    kept: Vec<u32>,
+    t: Vec<f32>,
+    dt: Vec<f32>,
+    sigma: Vec<f32>,
+    weights: Vec<f32>,
+    seen: Vec<Seen>,
+    activations: Activations,
+    marched: usize,
+}
+
+impl Block {
+    /// What each ray sees. `jitter` shifts a ray's steps by a part of a step.
+    pub fn forward(&mut self, field: &Field, segments: &[Segment], jitter: &[f32]) -> &[Seen] {
+        self.march(field, segments, jitter);
+        field.density(&self.positions, &mut self.activations);
+        self.cut(field.encoding_width());
+        self.color(field, segments);
+        self.composite();
+        &self.seen
+    }
+
+    /// Samples that passed through both networks in the last forward pass.
+    pub fn samples(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Samples whose density was looked at in the last forward pass.
+    pub fn marched(&self) -> usize {
+        self.marched
+    }
+
+    fn march(&mut self, field: &Field, segments: &[Segment], jitter: &[f32]) {
+        self.positions.clear();
+        self.rays.clear();
+        self.t.clear();
+        self.dt.clear();
+        for (segment, &jitter) in segments.iter().zip(jitter) {
+            let first = self.t.len();
+            march(&field.occupancy, field.stride(), segment, jitter, |t, dt| {
+                // Rounding may put a point just below the box, where the grid has no cells.
+                self.positions.push(segment.at(t).map(|x| x.max(0.0)));
+                self.t.push(t);
+                self.dt.push(dt);
+            });
+            self.rays.push(first..self.t.len());
+        }
+        self.marched = self.t.len();
+        self.positions.pad();
+    }
+
+    /// Drops the samples behind the point where a ray ends, and closes the gaps.
+    fn cut(&mut self, features: usize) {
+        let geometry = self.activations.geometry.chunks_exact(GEOMETRY);
+        self.sigma.clear();
+        self.sigma.extend(geometry.take(self.t.len()).map(|row| sigma(row[0])));
+        self.kept.clear();
+        for ray in &mut self.rays {
+            let first = self.kept.len();
+            let optical_depths = ray.clone().map(|i| self.sigma[i] * self.dt[i]);
+            self.kept.extend((ray.start as u32..).take(composite::visible(optical_depths)));
+            *ray = first..self.kept.len();
+        }
+        let [x, y, z] = &mut self.positions.0;
+        for values in [x, y, z, &mut self.t, &mut self.dt, &mut self.sigma] {
+            self.kept.iter().enumerate().for_each(|(to, &from)| values[to] = values[from as usize]);
+            values.truncate(self.kept.len());
+        }
+        self.positions.pad();
+        self.activations.keep(&self.kept, features);
+    }
+
+    fn color(&mut self, field: &Field, segments: &[Segment]) {
+        let Activations { geometry, color_input, .. } = &mut self.activations;
+        color_input.clear();
+        color_input.resize(self.positions.len() * COLOR_INPUT, 0.0);
+        for (ray, segment) in self.rays.iter().zip(segments) {
+            let direction = harmonics(segment.direction);
+            for i in ray.clone() {
+                let row = &mut color_input[i * COLOR_INPUT..(i + 1) * COLOR_INPUT];
+                row[..GEOMETRY].copy_from_slice(&geometry[i * GEOMETRY..(i + 1) * GEOMETRY]);
+                row[GEOMETRY..].copy_from_slice(&direction);
+            }
+        }
+        field.network.color(&mut self.activations);
+    }
+
+    fn composite(&mut self) {
+        self.weights.resize(self.t.len(), 0.0);
+        self.seen.clear();
+        for ray in self.rays.iter().cloned() {
+            let weights = &mut self.weights[ray.clone()];
+            let transmittance = composite::weights(&self.sigma[ray.clone()], &self.dt[ray.clone()], weights);
+            let mut seen = Seen { transmittance, ..Seen::default() };
+            for i in ray {
+                let weight = self.weights[i];
+                seen.distance += weight * self.t[i];
+                for (sum, raw) in seen.rgb.iter_mut().zip(&self.activations.color[i * COLOR_OUTPUT..]) {
+                    *sum += weight * sigmoid(*raw);
+                }
+            }
+            self.seen.push(seen);
+        }
+    }
+
+    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks' weights, and returns the one
+    /// to the hash features with the distortion loss (unweighted, summed over rays).
+    pub fn backward(
+        &mut self,
+        field: &Field,
+        transposed: &Transposed,
+        segments: &[Segment],
+        d_seen: &[SeenGradient],
+        regularizer: Regularizer,
+        d_weights: &mut [f32],
+    ) -> (EncodingGradient, f32) {
+        let mut d_raw = vec![0.0; self.t.len()];
+        let mut distortion = 0.0;
+        for (r, (segment, d)) in segments.iter().zip(d_seen).enumerate() {
+            distortion += self.ray_backward(self.rays[r].clone(), self.seen[r], segment, d, regularizer, &mut d_raw);
+        }
+        self.activations.color[self.t.len() * COLOR_OUTPUT..].fill(0.0);
+        field.network.color_backward(transposed, &mut self.activations, d_weights);
+        let Activations { geometry, color_input, .. } = &mut self.activations;
+        geometry.fill(0.0);
+        let rows = geometry.chunks_exact_mut(GEOMETRY).zip(color_input.chunks_exact(COLOR_INPUT));
+        for ((row, d_input), d_raw) in rows.zip(&d_raw) {
+            row.copy_from_slice(&d_input[..GEOMETRY]);
+            row[0] += d_raw;
+        }
+        field.network.density_backward(transposed, &mut self.activations, d_weights);
+        (self.encoding_gradient(field), distortion)
+    }
+
+    /// Gradients of one ray: raw colours in place, raw densities in `d_raw`. Returns the ray's distortion loss.
+    fn ray_backward(
+        &mut self,
+        ray: Range<usize>,
+        seen: Seen,
+        segment: &Segment,
+        d: &SeenGradient,
+        regularizer: Regularizer,
+        d_raw: &mut [f32],
+    ) -> f32 {
+        let mut d_weight = vec![0.0; ray.len()];
+        for (i, d_weight) in ray.clone().zip(&mut d_weight) {
+            let raw = &mut self.activations.color[i * COLOR_OUTPUT..(i + 1) * COLOR_OUTPUT];
+            for c in 0..3 {
+                let color = sigmoid(raw[c]);
+                *d_weight += d.rgb[c] * color;
+                raw[c] = d.rgb[c] * self.weights[i] * color * (1.0 - color);
+            }
+            raw[3..].fill(0.0);
+        }
+        let (weights, dt) = (&self.weights[ray.clone()], &self.dt[ray.clone()]);
+        let mut distortion = 0.0;
+        if regularizer.distortion > 0.0 {
+            let s: Vec<f32> = self.t[ray.clone()].iter().map(|&t| segment.fraction(t)).collect();
+            let ds: Vec<f32> = dt.iter().map(|dt| dt / (segment.range[1] - segment.range[0])).collect();
+            distortion = composite::distortion(&s, &ds, weights, regularizer.distortion, &mut d_weight);
+        }
+        let mut d_sigma = vec![0.0; ray.len()];
+        composite::weights_backward(dt, weights, seen.transmittance, &d_weight, d.transmittance, &mut d_sigma);
+        for (i, d_sigma) in ray.zip(d_sigma) {
+            let raw = self.activations.geometry[i * GEOMETRY];
+            d_raw[i] = d_sigma * sigma_backward(raw);
+            if segment.fraction(self.t[i]) < regularizer.fog_range && raw > -10.0 {
+                d_raw[i] += regularizer.fog;
+            }
+        }
+        distortion
+    }
+
+    fn encoding_gradient(&mut self, field: &Field) -> EncodingGradient {
+        let width = field.encoding_width();
+        let level = |l: usize| {
+            let rows = self.activations.encoding.chunks_exact(width);
+            rows.map(|row| [row[FEATURES * l], row[FEATURES * l + 1]]).collect::<Vec<_>>()
+        };
+        let levels = (0..field.levels.len()).map(level).collect();
+        debug_assert!(self.positions.len().is_multiple_of(LANES));
+        EncodingGradient { positions: std::mem::take(&mut self.positions), levels }
+    }
+}

@@ -1,0 +1,138 @@
+//! The shape of a field: its hash levels, its grid of occupancy and its marching step. Knows nothing of values.
+
+use serde::{Deserialize, Serialize};
+
+/// Features of one hash entry (F of Müller et al. 2022).
+pub const FEATURES: usize = 2;
+
+/// What fixes the tensors of a field and the steps of its rays. Lengths are in unit space (see [`crate::Space`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FieldConfig {
+    /// Hash levels (L).
+    pub levels: u32,
+    /// Binary logarithm of the entries a level has at most (T).
+    pub log2_table: u32,
+    /// Vertices along the box's longest side at the coarsest level (N_min).
+    pub base_resolution: u32,
+    /// Vertices along the box's longest side at the finest level (N_max).
+    pub finest_resolution: u32,
+    /// Occupancy cells along the box's longest side; cells are cubes.
+    pub occupancy_resolution: u32,
+    /// Marching steps along the box's longest side, at their shortest.
+    pub march_steps: u32,
+    /// Growth of the marching step with the distance from the camera; 0 keeps it constant.
+    pub march_cone: f64,
+}
+
+impl Default for FieldConfig {
+    fn default() -> Self {
+        Self {
+            levels: 16,
+            log2_table: 19,
+            base_resolution: 16,
+            finest_resolution: 2048,
+            occupancy_resolution: 128,
+            march_steps: 512,
+            march_cone: 1.0 / 256.0,
+        }
+    }
+}
+
+impl FieldConfig {
+    /// Says which value is out of range, and what would be in it.
+    pub fn check(&self) -> Result<(), String> {
+        within("levels", self.levels, 1, 32)?;
+        within("log2_table", self.log2_table, 4, 24)?;
+        within("base_resolution", self.base_resolution, 2, 4096)?;
+        within("finest_resolution", self.finest_resolution, self.base_resolution, 1 << 16)?;
+        within("occupancy_resolution", self.occupancy_resolution, 1, 512)?;
+        within("march_steps", self.march_steps, 8, 1 << 16)?;
+        if (0.0..=0.25).contains(&self.march_cone) {
+            return Ok(());
+        }
+        Err(format!("march_cone is {}; it must be 0 to 0.25", self.march_cone))
+    }
+
+    /// The levels of a box whose sides have the given lengths in unit space, coarse to fine.
+    pub fn levels(&self, extent: [f32; 3]) -> Vec<Level> {
+        let ratio = f64::from(self.finest_resolution) / f64::from(self.base_resolution);
+        let growth = ratio.ln() / f64::from(self.levels.max(2) - 1);
+        let mut offset = 0;
+        let level = |l: u32| {
+            let scale = f64::from(self.base_resolution) * (growth * f64::from(l)).exp() - 1.0;
+            let level = Level::new(scale, extent, 1 << self.log2_table, offset);
+            offset += level.entries;
+            level
+        };
+        (0..self.levels).map(level).collect()
+    }
+}
+
+fn within(name: &str, value: u32, low: u32, high: u32) -> Result<(), String> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(format!("{name} is {value}; it must be {low} to {high}"))
+}
+
+/// One resolution of the hash grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Level {
+    /// Cells per unit of length: N_min b^l - 1.
+    pub scale: f32,
+    /// Vertices along each axis of the box.
+    pub resolution: [u32; 3],
+    /// Whether every vertex has an entry of its own; else vertices share entries by hash.
+    pub dense: bool,
+    /// Entries of this level.
+    pub entries: usize,
+    /// Entries of all coarser levels together.
+    pub offset: usize,
+}
+
+impl Level {
+    fn new(scale: f64, extent: [f32; 3], most_entries: usize, offset: usize) -> Self {
+        // N_min e^(l ln b) misses whole numbers by rounding; a vertex more for that would change the table's size.
+        let resolution = extent.map(|side| (scale * f64::from(side) - 1e-6).ceil().max(1.0) as u32 + 1);
+        let vertices = resolution.iter().map(|&n| n as usize).product::<usize>();
+        let dense = vertices <= most_entries;
+        let entries = vertices.next_multiple_of(8).min(most_entries);
+        Self { scale: scale as f32, resolution, dense, entries, offset }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_have_the_sizes_of_instant_ngp() {
+        let config = FieldConfig { finest_resolution: 4096, ..FieldConfig::default() };
+        let levels = config.levels([1.0; 3]);
+        let resolutions: Vec<u32> = levels.iter().map(|level| level.resolution[0]).collect();
+        assert_eq!(resolutions, [16, 24, 34, 49, 71, 102, 148, 213, 308, 446, 646, 934, 1352, 1956, 2831, 4096]);
+        let entries: Vec<usize> = levels.iter().map(|level| level.entries).collect();
+        assert_eq!(entries[..5], [4096, 13824, 39304, 117656, 357912]);
+        assert!(entries[5..].iter().all(|&n| n == 524_288) && levels[5..].iter().all(|level| !level.dense));
+        assert_eq!(entries.iter().sum::<usize>(), 6_299_960);
+        assert_eq!(levels[15].offset + levels[15].entries, 6_299_960);
+    }
+
+    #[test]
+    fn a_flat_box_keeps_more_levels_dense() {
+        let config = FieldConfig { finest_resolution: 4096, ..FieldConfig::default() };
+        let flat = config.levels([1.0, 0.5, 0.1]);
+        assert_eq!(flat[0].resolution, [16, 9, 3]);
+        assert!(flat[7].dense, "213 x 107 x 23 vertices fit into 2^19 entries");
+    }
+
+    #[test]
+    fn a_bad_value_is_named() {
+        let problem = FieldConfig { levels: 0, ..FieldConfig::default() }.check().unwrap_err();
+        assert_eq!(problem, "levels is 0; it must be 1 to 32");
+        let problem = FieldConfig { march_cone: f64::NAN, ..FieldConfig::default() }.check().unwrap_err();
+        assert!(problem.starts_with("march_cone is NaN"), "{problem}");
+        assert_eq!(FieldConfig::default().check(), Ok(()));
+    }
+}

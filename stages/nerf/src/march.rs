@@ -1,0 +1,157 @@
+//! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or colours.
+
+use crate::occupancy::OccupancyGrid;
+use crate::space::Space;
+use scene::Camera;
+
+/// The part of a ray inside the box and between near and far, in unit space.
+#[derive(Clone, Copy, Debug)]
+pub struct Segment {
+    /// The camera's position.
+    pub origin: [f32; 3],
+    /// Unit vector.
+    pub direction: [f32; 3],
+    /// First and last distance from the origin; empty if the first is not less.
+    pub range: [f32; 2],
+    /// World depth along the view axis per unit-space distance.
+    pub depth_per_distance: f32,
+}
+
+impl Segment {
+    /// The segment of a camera's ray through the image point (`px`, `py`).
+    pub fn new(space: &Space, camera: &Camera, px: f64, py: f64) -> Self {
+        let ray = camera.ray(px, py);
+        let origin = space.to_unit(ray.origin);
+        let distance_per_depth = ray.distance_per_depth * space.scale;
+        let range = [camera.near as f32 * distance_per_depth, camera.far as f32 * distance_per_depth];
+        let range = space.clip(origin, ray.direction, range);
+        Self { origin, direction: ray.direction, range, depth_per_distance: 1.0 / distance_per_depth }
+    }
+
+    /// The point at distance `t`.
+    #[inline]
+    pub fn at(&self, t: f32) -> [f32; 3] {
+        std::array::from_fn(|axis| self.origin[axis] + t * self.direction[axis])
+    }
+
+    /// How far along its range a distance is, from 0 to 1.
+    pub fn fraction(&self, t: f32) -> f32 {
+        (t - self.range[0]) / (self.range[1] - self.range[0])
+    }
+}
+
+/// The lengths of marching steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Stride {
+    /// The shortest step, in unit space.
+    pub shortest: f32,
+    /// Growth of the step with the distance from the camera.
+    pub cone: f32,
+}
+
+impl Stride {
+    /// The step at distance `t`.
+    #[inline]
+    pub fn at(&self, t: f32) -> f32 {
+        // Far from the origin a step must still be more than rounding, or the march would stand still.
+        (t * self.cone).max(self.shortest).max(t * 1e-6)
+    }
+}
+
+/// Calls `visit` with the middle and the length of every step that ends up in an occupied cell, front to back. The first
+/// step starts `jitter` steps behind the segment's start.
+#[inline]
+pub fn march(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f32, mut visit: impl FnMut(f32, f32)) {
+    let [start, end] = segment.range;
+    let mut t = start + jitter * stride.at(start);
+    // Written so that a range that is not a number ends the march at once.
+    while t < end {
+        let dt = stride.at(t);
+        let middle = t + 0.5 * dt;
+        let point = segment.at(middle);
+        let cell = grid.cell(point);
+        if grid.occupied(cell) {
+            visit(middle, dt);
+            t += dt;
+            continue;
+        }
+        // Whole steps, so that a cell that falls empty does not shift the samples behind it.
+        let exit = exit(grid, segment, cell);
+        t += dt;
+        while t + 0.5 * stride.at(t) < exit {
+            t += stride.at(t);
+        }
+    }
+}
+
+/// The distance at which a ray leaves a cell.
+#[inline]
+fn exit(grid: &OccupancyGrid, segment: &Segment, cell: [usize; 3]) -> f32 {
+    let leave = |axis: usize| {
+        let direction = segment.direction[axis];
+        let face = if direction > 0.0 { cell[axis] + 1 } else { cell[axis] } as f32 / grid.resolution;
+        if direction == 0.0 { f32::INFINITY } else { (face - segment.origin[axis]) / direction }
+    };
+    leave(0).min(leave(1)).min(leave(2)).min(segment.range[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn segment(origin: [f32; 3], direction: [f32; 3], range: [f32; 2]) -> Segment {
+        let length = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
+        Segment { origin, direction: direction.map(|x| x / length), range, depth_per_distance: 1.0 }
+    }
+
+    fn collect(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f32) -> Vec<(f32, f32)> {
+        let mut steps = vec![];
+        march(grid, stride, segment, jitter, |t, dt| steps.push((t, dt)));
+        steps
+    }
+
+    #[test]
+    fn a_full_grid_is_sampled_at_every_step() {
+        let grid = OccupancyGrid::new(8, &Space::new([[0.0; 3], [1.0; 3]]));
+        let stride = Stride { shortest: 0.125, cone: 0.0 };
+        let steps = collect(&grid, stride, &segment([0.5, 0.5, -1.0], [0.0, 0.0, 1.0], [1.0, 2.0]), 0.0);
+        assert_eq!(steps.len(), 8);
+        assert_eq!(steps[0], (1.0625, 0.125));
+    }
+
+    #[test]
+    fn steps_grow_with_distance() {
+        let stride = Stride { shortest: 0.01, cone: 0.1 };
+        assert_eq!((stride.at(0.05), stride.at(2.0)), (0.01, 0.2));
+    }
+
+    proptest! {
+        /// Skipping empty cells visits exactly the steps of a plain march whose middles are in occupied cells.
+        #[test]
+        fn skipping_loses_nothing(
+            direction in prop::array::uniform3(-1.0..1.0f32),
+            empty in prop::collection::vec(0..512u32, 100..500),
+            jitter in 0.0..1.0f32,
+            cone in 0.0..0.05f32,
+        ) {
+            prop_assume!(direction.iter().map(|x| x * x).sum::<f32>() > 0.1);
+            let space = Space::new([[0.0; 3], [1.0; 3]]);
+            let mut grid = OccupancyGrid::new(8, &space);
+            for _ in 0..200 { grid.update(&empty, &vec![0.0; empty.len()]); }
+            let mut ray = segment([0.5; 3], direction, [0.0, 9.0]);
+            ray.range = space.clip(ray.origin, ray.direction, ray.range);
+            let stride = Stride { shortest: 0.01, cone };
+            let (mut plain, mut t) = (vec![], ray.range[0] + jitter * stride.at(ray.range[0]));
+            while t < ray.range[1] {
+                let dt = stride.at(t);
+                if grid.occupied(grid.cell(ray.at(t + 0.5 * dt))) { plain.push((t + 0.5 * dt, dt)); }
+                t += dt;
+            }
+            let skipping = collect(&grid, stride, &ray, jitter);
+            // A middle within rounding of a face may fall to either side.
+            prop_assert!(plain.len().abs_diff(skipping.len()) <= 1, "{} {}", plain.len(), skipping.len());
+            prop_assert!(skipping.iter().all(|step| plain.contains(step)) || plain.iter().all(|step| skipping.contains(step)));
+        }
+    }
+}

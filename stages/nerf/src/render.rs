@@ -1,0 +1,105 @@
+//! Images of a field: colour, depth and opacity for a camera. Knows nothing of training.
+
+use crate::block::{Block, Seen};
+use crate::field::Field;
+use crate::march::Segment;
+use rayon::prelude::*;
+use scene::Camera;
+
+/// Pixels one task renders at a time; fixed, so that images do not depend on the number of threads.
+const PIXELS: usize = 64;
+
+/// How to render.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// Rays per pixel and axis, spread evenly over the pixel and averaged.
+    pub supersample: u32,
+    /// What shows where the field is transparent, in the field's colour space.
+    pub background: [f32; 3],
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self { supersample: 1, background: [0.0; 3] }
+    }
+}
+
+/// An image of a field.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendered {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Colours in the space the field was trained in (sRGB-encoded photos give sRGB), composited on the background:
+    /// `height * width * 3` values.
+    pub rgb: Vec<f32>,
+    /// Mean depth along the view axis in world units, normalised by opacity: sum of w z over sum of w. Where the opacity
+    /// is below 1/1000 there is nothing to have a depth, and it is the camera's far.
+    pub depth: Vec<f32>,
+    /// 1 - T_end, averaged over the pixel.
+    pub opacity: Vec<f32>,
+}
+
+/// Renders what a camera sees. Another size of the same view is [`Camera::scaled`].
+pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Rendered {
+    let pixels = camera.width as usize * camera.height as usize;
+    let chunks: Vec<Vec<Pixel>> = (0..pixels.div_ceil(PIXELS))
+        .into_par_iter()
+        .map_init(Block::default, |block, chunk| {
+            let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
+            render_pixels(field, camera, options, block, range)
+        })
+        .collect();
+    let all = || chunks.iter().flatten();
+    Rendered {
+        width: camera.width,
+        height: camera.height,
+        rgb: all().flat_map(|pixel| pixel.rgb).collect(),
+        depth: all().map(|pixel| pixel.depth).collect(),
+        opacity: all().map(|pixel| pixel.opacity).collect(),
+    }
+}
+
+struct Pixel {
+    rgb: [f32; 3],
+    depth: f32,
+    opacity: f32,
+}
+
+fn render_pixels(
+    field: &Field,
+    camera: &Camera,
+    options: &RenderOptions,
+    block: &mut Block,
+    pixels: std::ops::Range<usize>,
+) -> Vec<Pixel> {
+    let side = options.supersample.max(1) as usize;
+    let segment = |pixel: usize, sub: usize| {
+        let (x, y) = (pixel % camera.width as usize, pixel / camera.width as usize);
+        let place = |pixel: usize, sub: usize| pixel as f64 + (sub as f64 + 0.5) / side as f64;
+        Segment::new(&field.space, camera, place(x, sub % side), place(y, sub / side))
+    };
+    let segments: Vec<Segment> =
+        pixels.flat_map(|pixel| (0..side * side).map(move |sub| segment(pixel, sub))).collect();
+    let seen = block.forward(field, &segments, &vec![0.0; segments.len()]);
+    let rays = side * side;
+    seen.chunks(rays)
+        .zip(segments.chunks(rays))
+        .map(|(seen, segments)| average(seen, segments, camera, options))
+        .collect()
+}
+
+fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Pixel {
+    let share = 1.0 / seen.len() as f32;
+    let mut pixel = Pixel { rgb: [0.0; 3], depth: 0.0, opacity: 0.0 };
+    for (seen, segment) in seen.iter().zip(segments) {
+        for ((sum, color), background) in pixel.rgb.iter_mut().zip(seen.rgb).zip(options.background) {
+            *sum += share * (color + seen.transmittance * background);
+        }
+        pixel.depth += share * seen.distance * segment.depth_per_distance;
+        pixel.opacity += share * (1.0 - seen.transmittance);
+    }
+    pixel.depth = if pixel.opacity < 1e-3 { camera.far as f32 } else { pixel.depth / pixel.opacity };
+    pixel
+}

@@ -1,0 +1,159 @@
+//! Keeps a field's occupancy grid true while the field changes. Knows cameras and densities, and nothing of losses.
+
+use crate::field::{Field, sigma};
+use crate::kernels::hash::Positions;
+use crate::network::{Activations, GEOMETRY};
+use compute::rng::Rng;
+use rayon::prelude::*;
+use scene::Camera;
+
+/// Updates that look at every cell, before sampling starts.
+const WARM_UP: u32 = 16;
+/// After the warm-up an update looks at one in so many of the seen cells, and at as many of the occupied ones.
+const SHARE: usize = 8;
+/// Cells one task looks at; fixed, to bound the memory of a task.
+const CHUNK: usize = 512;
+
+/// Marks the cells that no camera can see, between its near and far and within its image, as empty for good.
+pub fn see(field: &mut Field, cameras: &[&Camera]) {
+    let grid = &field.occupancy;
+    let scale = f64::from(field.space.scale);
+    let radius = f64::from(0.5 * 3f32.sqrt() / grid.resolution) / scale;
+    let seen: Vec<bool> = (0..grid.cells())
+        .into_par_iter()
+        .map(|cell| {
+            let unit = grid.point(cell, [0.5; 3]);
+            let world = [0, 1, 2].map(|a| f64::from(unit[a]) / scale + f64::from(field.space.bounds[0][a]));
+            cameras.iter().any(|camera| sees(camera, world, radius))
+        })
+        .collect();
+    field.occupancy.see(&seen);
+}
+
+/// Whether any of a ball around a world point may be in a camera's view.
+fn sees(camera: &Camera, center: [f64; 3], radius: f64) -> bool {
+    let to_camera = camera.camera_to_world.inverse();
+    let p = to_camera.transform_point3(center.into());
+    let depth = -p.z;
+    if depth + radius < camera.near || depth - radius > camera.far {
+        return false;
+    }
+    // The distance to each side plane of the view, of which (fl, -c) is the normal in the plane of one axis.
+    let inside = |across: f64, fl: f64, c: f64, size: f64| {
+        let (low, high) = (fl * across + c * depth, (size - c) * depth - fl * across);
+        low > -radius * fl.hypot(c) && high > -radius * fl.hypot(size - c)
+    };
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    inside(p.x, camera.fl_x, camera.cx, w) && inside(-p.y, camera.fl_y, camera.cy, h)
+}
+
+/// One update of the grid: all seen cells at first, then some at random and some of the occupied, each at a random point
+/// in it. The optical depth of a cell is that of the shortest marching step.
+pub fn update(field: &mut Field, rng: &Rng) {
+    let round = u64::from(field.occupancy.updates);
+    let cells = cells_to_look_at(field, rng, round);
+    let shortest = field.stride().shortest;
+    let fresh: Vec<f32> = cells
+        .par_chunks(CHUNK)
+        .map_init(Default::default, |scratch, cells| densities(field, cells, scratch, rng, round))
+        .collect::<Vec<_>>()
+        .concat();
+    let optical_depths: Vec<f32> = fresh.iter().map(|sigma| sigma * shortest).collect();
+    field.occupancy.update(&cells, &optical_depths);
+}
+
+fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
+    let seen = field.occupancy.seen_cells();
+    if field.occupancy.updates < WARM_UP {
+        return seen;
+    }
+    let occupied = field.occupancy.occupied_cells();
+    let pick = |from: &[u32], part: u64| {
+        let of = from.len() as u32;
+        let element = move |i: usize| part << 32 | i as u64;
+        (0..from.len() / SHARE).map(|i| from[rng.below(4 * round + 3, element(i), of) as usize]).collect::<Vec<_>>()
+    };
+    let mut cells = [pick(&seen, 0), pick(&occupied, 1)].concat();
+    cells.sort_unstable();
+    cells.dedup();
+    cells
+}
+
+fn densities(
+    field: &Field,
+    cells: &[u32],
+    (positions, activations): &mut (Positions, Activations),
+    rng: &Rng,
+    round: u64,
+) -> Vec<f32> {
+    positions.clear();
+    for &cell in cells {
+        let fraction = [0, 1, 2].map(|axis| rng.uniform(4 * round + axis, u64::from(cell)));
+        positions.push(field.occupancy.point(cell as usize, fraction));
+    }
+    positions.pad();
+    field.density(positions, activations);
+    activations.geometry.chunks_exact(GEOMETRY).take(cells.len()).map(|row| sigma(row[0])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::FieldConfig;
+    use glam::DMat4;
+
+    fn camera() -> Camera {
+        let size = (16, 12);
+        let (cx, cy) = (8.0, 6.0);
+        let camera_to_world = DMat4::IDENTITY;
+        Camera { width: size.0, height: size.1, fl_x: 16.0, fl_y: 16.0, cx, cy, camera_to_world, near: 1.0, far: 3.0 }
+    }
+
+    fn field() -> Field {
+        let config = FieldConfig {
+            levels: 2,
+            log2_table: 8,
+            finest_resolution: 32,
+            occupancy_resolution: 16,
+            ..Default::default()
+        };
+        Field::new(&config, [[-2.0, -2.0, -4.0], [2.0, 2.0, 0.0]], 1)
+    }
+
+    #[test]
+    fn only_what_is_in_view_is_seen() {
+        let camera = camera();
+        assert!(sees(&camera, [0.0, 0.0, -2.0], 0.0));
+        assert!(!sees(&camera, [0.0, 0.0, -0.5], 0.1), "before near");
+        assert!(!sees(&camera, [0.0, 0.0, -3.5], 0.1), "behind far");
+        assert!(
+            !sees(&camera, [1.2, 0.0, -2.0], 0.1) && sees(&camera, [1.2, 0.0, -2.0], 0.3),
+            "the image ends at x = 1"
+        );
+        assert!(!sees(&camera, [0.0, -0.95, -2.0], 0.1) && sees(&camera, [0.0, -0.7, -2.0], 0.0), "and at y = -0.75");
+    }
+
+    #[test]
+    fn every_point_of_every_ray_lies_in_a_seen_cell() {
+        let (mut field, camera) = (field(), camera());
+        see(&mut field, &[&camera]);
+        assert!(field.occupancy.seen_cells().len() < field.occupancy.cells());
+        for i in 0..16 * 12 {
+            let (px, py) = (f64::from(i % 16) + 0.1, f64::from(i / 16) + 0.9);
+            for depth in [1.01, 1.7, 2.2, 2.99] {
+                let point = camera.unproject(px, py, depth).map(|x| x as f32);
+                let cell = field.occupancy.cell(field.space.to_unit(point));
+                assert!(field.occupancy.occupied(cell), "{point:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn haze_is_occupied_and_emptiness_is_not() {
+        let (mut field, rng) = (field(), Rng::new(1, "survey test"));
+        (0..40).for_each(|_| update(&mut field, &rng));
+        assert_eq!(field.occupancy.updates, 40);
+        let haze = field.occupancy.values[0];
+        assert!((haze - (-1f32).exp() / 512.0).abs() < 1e-4, "exp(-1) over 512 steps, not {haze}");
+    }
+}
