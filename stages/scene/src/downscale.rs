@@ -11,7 +11,7 @@ use crate::{Camera, Photo, SceneError};
 
 /// How [`downscale`] weighs the pixels that become one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum DownscaleFilter {
+pub enum Reduction {
     /// Bicubic with a = -0.5, its support widened by the factor (antialiased), as PIL's `BICUBIC`.
     #[default]
     Bicubic,
@@ -24,7 +24,7 @@ pub enum DownscaleFilter {
 /// The new pixels divide the *whole* image plane evenly: at 252x189 a factor of 4 gives 63x47 pixels, each 4 wide and
 /// 189/47 high, and the intrinsics are scaled per axis by just that. The view of the world stays exactly the same.
 /// Values are clamped to 0..=1, since bicubic kernels overshoot.
-pub fn downscale(photo: &Photo, factor: u32, filter: DownscaleFilter) -> Result<Photo, SceneError> {
+pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo, SceneError> {
     let Camera { width, height, .. } = photo.camera;
     let size = (width.checked_div(factor).unwrap_or(0), height.checked_div(factor).unwrap_or(0));
     if size.0 == 0 || size.1 == 0 {
@@ -46,14 +46,14 @@ pub(crate) fn shrink(
     channels: usize,
     (width, height): (u32, u32),
     (new_width, new_height): (u32, u32),
-    filter: DownscaleFilter,
+    filter: Reduction,
 ) -> Vec<f32> {
     if (width, height) == (new_width, new_height) {
         return values.to_vec();
     }
     let filter = match filter {
-        DownscaleFilter::Bicubic => Filter::BicubicPil,
-        DownscaleFilter::Area => Filter::Area,
+        Reduction::Bicubic => Filter::BicubicPil,
+        Reduction::Area => Filter::Area,
     };
     let planes = to_planes(values, channels);
     let image = Device::cpu().array(&[1, channels, height as usize, width as usize], planes);
@@ -90,8 +90,7 @@ mod tests {
 
     #[test]
     fn the_area_filter_takes_the_mean_of_each_block() {
-        let small =
-            downscale(&photo(4, 2, |x, y, c| (x + 4 * y + 8 * c as u32) as f32 / 32.0), 2, DownscaleFilter::Area);
+        let small = downscale(&photo(4, 2, |x, y, c| (x + 4 * y + 8 * c as u32) as f32 / 32.0), 2, Reduction::Area);
         let small = small.unwrap();
         assert_eq!((small.camera.width, small.camera.height), (2, 1));
         let mean = |x: f32, c: f32| (x + 2.5 + 8.0 * c) / 32.0;
@@ -105,7 +104,7 @@ mod tests {
     #[test]
     fn sizes_that_do_not_divide_show_the_same_view() {
         let large = photo(252, 189, |_, _, _| 0.5);
-        let small = downscale(&large, 4, DownscaleFilter::Bicubic).unwrap();
+        let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
         assert_eq!((small.camera.width, small.camera.height), (63, 47));
         assert_eq!(small.rgb.len(), 63 * 47 * 3);
         for (a, b) in large.camera.frustum_corners().into_iter().zip(small.camera.frustum_corners()) {
@@ -118,7 +117,7 @@ mod tests {
     fn a_ramp_stays_where_the_camera_says_it_is() {
         // Brightness is the image plane's own height; it must be so after shrinking by 189 / 47 too.
         let large = photo(16, 189, |_, y, _| (y as f32 + 0.5) / 189.0);
-        let small = downscale(&large, 4, DownscaleFilter::Bicubic).unwrap();
+        let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
         for y in 2..45usize {
             let want = (y as f32 + 0.5) / 47.0;
             assert!((small.rgb[y * 4 * 3] - want).abs() < 1e-4, "row {y}");
@@ -128,15 +127,14 @@ mod tests {
     #[test]
     fn bicubic_overshoot_is_clamped() {
         let edge = photo(64, 4, |x, _, _| if x < 31 { 0.0 } else { 1.0 });
-        let small = downscale(&edge, 4, DownscaleFilter::Bicubic).unwrap();
+        let small = downscale(&edge, 4, Reduction::Bicubic).unwrap();
         assert!(small.rgb.iter().all(|v| (0.0..=1.0).contains(v)));
     }
 
     #[test]
     fn factors_that_leave_no_pixels_are_refused() {
         for factor in [0, 5] {
-            let message =
-                downscale(&photo(8, 4, |_, _, _| 0.0), factor, DownscaleFilter::Area).unwrap_err().to_string();
+            let message = downscale(&photo(8, 4, |_, _, _| 0.0), factor, Reduction::Area).unwrap_err().to_string();
             assert!(message.contains(&format!("p: 8x4 reduced by a factor of {factor}")), "{message}");
         }
     }

@@ -105,6 +105,17 @@ mod tests {
     }
 
     #[test]
+    fn a_jpeg_is_read_whatever_its_extension_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let grey = image::RgbImage::from_pixel(9, 7, Rgb([128, 128, 128]));
+        grey.save_with_format(&path, image::ImageFormat::Jpeg).unwrap();
+        let pixels = read(&path).unwrap();
+        assert_eq!((pixels.size, pixels.rgb.len()), ((9, 7), 9 * 7 * 3));
+        assert!(pixels.rgb.iter().all(|value| (value - 0.502).abs() < 0.01));
+    }
+
+    #[test]
     fn only_visible_images_are_listed_and_in_order() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["b.PNG", "a.jpg", "notes.txt", ".c.png", "a10.jpeg", "a2.jpeg"] {

@@ -9,14 +9,16 @@ mod downscale;
 mod error;
 mod image_file;
 mod llff;
+mod llff_files;
 mod normalize;
 mod npy;
 mod photo;
 mod still_life;
 
 pub use camera::{Camera, Ray};
-pub use downscale::{DownscaleFilter, downscale};
+pub use downscale::{Reduction, downscale};
 pub use error::SceneError;
 pub use llff::llff;
+pub use llff_files::llff_digest;
 pub use photo::{Photo, SceneData, split_holdout};
 pub use still_life::still_life;

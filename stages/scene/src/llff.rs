@@ -4,19 +4,19 @@
 //! camera's *down, right and backwards* axes; h, w and f belong to the full-size photos, whatever size lies beside
 //! them. Near and far are percentiles of visible depths, so they hold no outliers.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 
 use crate::downscale::shrink;
 use crate::image_file::{self, Pixels};
+use crate::llff_files::{self, LlffFiles};
 use crate::normalize::normalize;
 use crate::npy::{Table, read_table};
 use crate::photo::bounding_box;
-use crate::{Camera, DownscaleFilter, Photo, SceneData, SceneError};
+use crate::{Camera, Photo, Reduction, SceneData, SceneError};
 
-const POSES_FILE: &str = "poses_bounds.npy";
 const COLUMNS: usize = 17;
 const EXPECTED: &str = "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
 /// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
@@ -35,27 +35,35 @@ const SAME_SHAPE: f64 = 0.03;
 /// Every way in which the folder can be unfit, as a [`SceneError`] that names the file.
 pub fn llff(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<SceneData, SceneError> {
     reject_empty(folder, size)?;
-    let poses = read_poses(folder)?;
-    let photos_folder = choose_images(folder, images, size)?;
-    let files = image_file::list(&photos_folder)?;
-    check_count(folder, &photos_folder, files.len(), poses.rows)?;
-    let source_size = one_size(&files)?;
+    let files = llff_files::find(folder, images, size)?;
+    let poses = read_poses(&files.poses)?;
+    check_count(&files, poses.rows)?;
+    let source_size = llff_files::one_size(&files.photos)?;
     let target_size = size.unwrap_or(source_size);
-    let cameras = normalize(&cameras(&folder.join(POSES_FILE), &poses, source_size)?);
-    let photos = files.par_iter().zip(&cameras).map(|(file, camera)| read_photo(file, camera, target_size));
+    let cameras = normalize(&cameras(&files.poses, &poses, source_size)?);
+    let photos = files.photos.par_iter().zip(&cameras).map(|(file, camera)| read_photo(file, camera, target_size));
     Ok(SceneData {
         photos: photos.collect::<Result<_, _>>()?,
         bounds: bounding_box(cameras.iter().flat_map(Camera::frustum_corners)),
-        description: describe(folder, &photos_folder, files.len(), target_size),
+        description: describe(folder, &files, target_size),
     })
 }
 
-fn describe(folder: &Path, photos: &Path, count: usize, (width, height): (u32, u32)) -> String {
+fn check_count(files: &LlffFiles, poses: usize) -> Result<(), SceneError> {
+    let images = files.photos.len();
+    if images == poses {
+        return Ok(());
+    }
+    Err(SceneError::Count { folder: files.folder.clone(), images, poses_file: files.poses.clone(), poses })
+}
+
+fn describe(folder: &Path, files: &LlffFiles, (width, height): (u32, u32)) -> String {
     let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     format!(
-        "LLFF scene {}: {count} photos from {}, {width}x{height}; average camera at the origin, nearest near plane at 1",
+        "LLFF scene {}: {} photos from {}, {width}x{height}; average camera at the origin, nearest near plane at 1",
         name(folder),
-        name(photos)
+        files.photos.len(),
+        name(&files.folder)
     )
 }
 
@@ -70,80 +78,13 @@ fn reject_empty(folder: &Path, size: Option<(u32, u32)>) -> Result<(), SceneErro
     }
 }
 
-fn read_poses(folder: &Path) -> Result<Table, SceneError> {
-    let path = folder.join(POSES_FILE);
-    if !path.is_file() {
-        let remedy = "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses".into();
-        return Err(SceneError::Missing { path, expected: "the table of camera poses", remedy });
-    }
-    let table = read_table(&path, EXPECTED)?;
+fn read_poses(path: &Path) -> Result<Table, SceneError> {
+    let table = read_table(path, EXPECTED)?;
     if table.columns != COLUMNS || table.rows == 0 {
         let fault = format!("the array is {} x {}", table.rows, table.columns);
-        return Err(SceneError::Npy { path, fault, expected: EXPECTED });
+        return Err(SceneError::Npy { path: path.into(), fault, expected: EXPECTED });
     }
     Ok(table)
-}
-
-fn choose_images(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<PathBuf, SceneError> {
-    if let Some(path) = images.map(|name| folder.join(name)) {
-        let holds_photos = path.is_dir() && !image_file::list(&path)?.is_empty();
-        return if holds_photos { Ok(path) } else { Err(no_photos(folder, path)) };
-    }
-    let candidates = candidates(folder)?;
-    let fits = |&&(_, (w, h)): &&(PathBuf, (u32, u32))| size.is_some_and(|size| w >= size.0 && h >= size.1);
-    let chosen = candidates.iter().find(fits).or(candidates.last());
-    chosen.map(|(path, _)| path.clone()).ok_or_else(|| no_photos(folder, folder.join("images")))
-}
-
-fn no_photos(folder: &Path, path: PathBuf) -> SceneError {
-    let there = candidates(folder).unwrap_or_default();
-    let names: Vec<_> = there.iter().filter_map(|(path, _)| path.file_name()?.to_str()).collect();
-    let remedy = match names.as_slice() {
-        [] => "put the photos into a subfolder `images`".into(),
-        names => format!("there is: {}", names.join(", ")),
-    };
-    SceneError::Missing { path, expected: "a folder of PNG or JPEG photos", remedy }
-}
-
-/// The subfolders `images` and `images_<factor>` that hold photos, with their first photo's size, smallest first.
-fn candidates(folder: &Path) -> Result<Vec<(PathBuf, (u32, u32))>, SceneError> {
-    let io = |source| SceneError::Io { path: folder.into(), source };
-    let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(io)?.collect();
-    let mut found = Vec::new();
-    for path in entries.map_err(io)?.into_iter().map(|entry| entry.path()).filter(|path| is_images_folder(path)) {
-        if let Some(first) = image_file::list(&path)?.first() {
-            found.push((path, image_file::size(first)?));
-        }
-    }
-    found.sort_by_key(|(path, (width, height))| (u64::from(*width) * u64::from(*height), path.clone()));
-    Ok(found)
-}
-
-fn is_images_folder(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix("images"));
-    let factor = |suffix: &str| suffix.strip_prefix('_').is_some_and(|f| f.parse::<u32>().is_ok());
-    path.is_dir() && name.is_some_and(|suffix| suffix.is_empty() || factor(suffix))
-}
-
-fn check_count(folder: &Path, photos: &Path, images: usize, poses: usize) -> Result<(), SceneError> {
-    if images == poses {
-        return Ok(());
-    }
-    Err(SceneError::Count { folder: photos.into(), images, poses_file: folder.join(POSES_FILE), poses })
-}
-
-/// The one size that all photos have, from their headers, before any of them is decoded.
-fn one_size(files: &[PathBuf]) -> Result<(u32, u32), SceneError> {
-    let sizes = files.iter().map(|file| image_file::size(file)).collect::<Result<Vec<_>, _>>()?;
-    match sizes.iter().position(|size| *size != sizes[0]) {
-        None => Ok(sizes[0]),
-        Some(odd) => Err(SceneError::MixedSizes {
-            path: files[odd].clone(),
-            size: sizes[odd],
-            first: files[0].clone(),
-            first_size: sizes[0],
-        }),
-    }
 }
 
 fn cameras(path: &Path, poses: &Table, size: (u32, u32)) -> Result<Vec<Camera>, SceneError> {
@@ -212,7 +153,7 @@ fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<()
 
 fn read_photo(file: &Path, camera: &Camera, size: (u32, u32)) -> Result<Photo, SceneError> {
     let Pixels { size: found, rgb, alpha } = image_file::read(file)?;
-    let resize = |values: &[f32], channels| shrink(values, channels, found, size, DownscaleFilter::Bicubic);
+    let resize = |values: &[f32], channels| shrink(values, channels, found, size, Reduction::Bicubic);
     Ok(Photo {
         name: file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
         camera: camera.scaled(size.0, size.1),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use npyz::WriterBuilder;
-use scene::{Camera, SceneError, downscale, llff, split_holdout};
+use scene::{Camera, SceneError, downscale, llff, llff_digest, split_holdout};
 use tempfile::TempDir;
 
 const SIZE: (u32, u32) = (24, 18);
@@ -111,6 +111,23 @@ fn the_smallest_folder_that_is_large_enough_is_chosen() {
     assert_eq!(first_name(None, Some((25, 18))), "full0");
     assert_eq!(first_name(None, None), "full0");
     assert_eq!(first_name(Some("images_4"), Some((25, 18))), "photo0", "a name given wins");
+}
+
+#[test]
+fn the_digest_follows_what_is_read_and_nothing_else() {
+    let folder = written_scene();
+    let digest = || llff_digest(folder.path(), None, Some(SIZE)).unwrap();
+    let first = digest();
+    std::fs::write(folder.path().join("notes.txt"), "seen by nobody").unwrap();
+    assert_eq!(digest(), first);
+    std::fs::rename(folder.path().join("images_4/photo2.png"), folder.path().join("images_4/photo3.png")).unwrap();
+    let renamed = digest();
+    assert_ne!(renamed, first, "names become view names");
+    write_photo(&folder.path().join("images_4/photo3.png"), SIZE, 7);
+    let repainted = digest();
+    assert_ne!(repainted, renamed);
+    write_poses(folder.path(), &known_cameras().iter().rev().map(row).collect::<Vec<_>>());
+    assert_ne!(digest(), repainted);
 }
 
 /// The error of a scene after `spoil` has been at it, with the scene's own folder left out.

@@ -14,7 +14,7 @@ const POINTS: usize = 32;
 const PER_SAMPLE: usize = 2;
 /// Light that comes from everywhere and casts no shadow, as bounced off the room.
 const BOUNCE: Vec3 = Vec3::new(0.085, 0.078, 0.072);
-const SHININESS: f32 = 60.0;
+const SHININESS: i32 = 64;
 
 /// An extended light of equal points.
 struct Luminaire {
@@ -61,11 +61,11 @@ impl Luminaire {
     fn from_point(&self, world: &World, hit: &Hit, to_eye: Vec3, light: Vec3) -> Vec3 {
         let (to_light, distance) = (light - hit.point).normalize_and_length();
         let cosine = hit.normal.dot(to_light);
-        if cosine <= 0.0 || world.blocks(&Line::new(hit.point, to_light), distance) {
+        if cosine <= 0.0 || world.shades(&Line::new(hit.point, to_light), distance) {
             return Vec3::ZERO;
         }
         let mirrored = hit.normal.dot((to_light + to_eye).normalize()).max(0.0);
-        let highlight = if self.highlights { hit.material.gloss * mirrored.powf(SHININESS) } else { 0.0 };
+        let highlight = if self.highlights { hit.material.gloss * mirrored.powi(SHININESS) } else { 0.0 };
         self.color * (hit.material.color + highlight) * cosine
     }
 }
@@ -108,12 +108,15 @@ mod tests {
 
     fn ball(place: Vec3) -> World {
         let surface = Surface::Plain { color: Vec3::ONE, gloss: 0.0 };
-        World::new(vec![vec![Solid { shape: Shape::Sphere { radius: 0.5 }, surface, turn: Mat3::IDENTITY, place }]])
+        World::new(
+            vec![],
+            vec![vec![Solid { shape: Shape::Sphere { radius: 0.5 }, surface, turn: Mat3::IDENTITY, place }]],
+        )
     }
 
     #[test]
     fn sixteen_samples_see_every_point_of_every_light_once() {
-        let nothing = World::new(Vec::new());
+        let nothing = World::new(vec![], vec![]);
         let (a, b) = (pixel(&nothing, &floor(0.5), Vec3::Y, 0), pixel(&nothing, &floor(0.5), Vec3::Y, 16));
         assert!(a.distance(b) < 1e-5, "{a} {b}");
         let lights = Lights::new();
@@ -122,7 +125,7 @@ mod tests {
 
     #[test]
     fn shadows_darken_and_bounced_light_remains() {
-        let open = pixel(&World::new(Vec::new()), &floor(0.0), Vec3::Y, 0);
+        let open = pixel(&World::new(vec![], vec![]), &floor(0.0), Vec3::Y, 0);
         let shaded = pixel(&ball(Vec3::new(-0.7, 0.9, 0.6)), &floor(0.0), Vec3::Y, 0);
         let covered = pixel(&ball(Vec3::new(0.0, 0.501, 0.0)), &floor(0.0), Vec3::Y, 0);
         assert!(shaded.max_element() < 0.7 * open.min_element(), "{shaded} in {open}");
@@ -131,7 +134,7 @@ mod tests {
 
     #[test]
     fn highlights_are_seen_from_where_they_mirror_the_lamp() {
-        let nothing = World::new(Vec::new());
+        let nothing = World::new(vec![], vec![]);
         let mirror = Vec3::new(2.6, 3.3, -2.3).normalize();
         let shine = |to_eye| (pixel(&nothing, &floor(1.0), to_eye, 0) - pixel(&nothing, &floor(0.0), to_eye, 0)).x;
         assert!(shine(mirror) > 0.3, "{}", shine(mirror));

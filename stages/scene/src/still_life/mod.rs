@@ -35,8 +35,14 @@ const MARGIN: f32 = 0.02;
 ///
 /// One unit is about the length of a forearm. All cameras share near and far; these and the box lie as close around the
 /// surfaces that are seen as [`SceneData::bounds`] allows. The same arguments give the same bits for any thread count.
-/// No views, or a size or sample count of zero, give photos without pixels: callers check what they are asked for.
-pub fn still_life(views: usize, size: (u32, u32), samples: u32, seed: u64) -> SceneData {
+///
+/// # Panics
+/// If `views`, `samples` or a side of `size` is 0: callers check what they are asked for.
+pub fn still_life(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneData {
+    assert!(
+        views > 0 && size.0 > 0 && size.1 > 0 && samples > 0,
+        "still_life: {views} views, {size:?}, {samples} samples"
+    );
     let (world, lights) = (objects::still_life(seed), Lights::new());
     let cameras: Vec<Camera> = (0..views).map(|view| camera(view, views, size, seed)).collect();
     let pictures: Vec<Picture> = cameras.iter().map(|camera| render(&world, &lights, camera, samples)).collect();
@@ -57,12 +63,12 @@ pub fn still_life(views: usize, size: (u32, u32), samples: u32, seed: u64) -> Sc
 }
 
 /// The cameras go round from left to right, up and down by turns, each a little off its place.
-fn camera(view: usize, views: usize, (width, height): (u32, u32), seed: u64) -> Camera {
+fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Camera {
     let rng = Rng::new(seed, "still life: cameras");
-    let jitter = |what| f64::from(rng.uniform(view as u64, what)) - 0.5;
-    let along = if views > 1 { 2.0 * view as f64 / (views - 1) as f64 - 1.0 } else { 0.0 };
+    let jitter = |what| f64::from(rng.uniform(view.into(), what)) - 0.5;
+    let along = if views > 1 { 2.0 * f64::from(view) / f64::from(views - 1) - 1.0 } else { 0.0 };
     let angle = HALF_ARC * along + 0.02 * jitter(0);
-    let raised = HEIGHT + 0.16 * (2.4 * view as f64).sin() + 0.05 * jitter(1);
+    let raised = HEIGHT + 0.16 * (2.4 * f64::from(view)).sin() + 0.05 * jitter(1);
     let distance = DISTANCE + 0.1 * jitter(2);
     let position = TARGET + DVec3::new(distance * angle.sin(), raised, distance * angle.cos());
     let focal = FOCAL * f64::from(width).max(f64::from(height) * 4.0 / 3.0);
@@ -76,5 +82,47 @@ fn camera(view: usize, views: usize, (width, height): (u32, u32), seed: u64) -> 
         camera_to_world: Camera::look_at(position, TARGET),
         near: 0.0,
         far: f64::INFINITY,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::world::Line;
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn no_ray_of_any_camera_leaves_the_world() {
+        for (size, seed) in [((256, 192), 0), ((40, 160), 1), ((300, 60), 2)] {
+            let world = objects::still_life(seed);
+            for camera in (0..9).map(|view| camera(view, 9, size, seed)) {
+                for step in 0..=60 {
+                    let (x, y) =
+                        (f64::from(size.0) * f64::from(step) / 60.0, f64::from(size.1) * f64::from(step) / 60.0);
+                    for (px, py) in [(x, 0.0), (x, f64::from(size.1)), (0.0, y), (f64::from(size.0), y)] {
+                        let ray = camera.ray(px, py);
+                        let line = Line::new(ray.origin.into(), ray.direction.into());
+                        assert!(world.first_hit(&line).is_some(), "{size:?}: nothing at {px}, {py}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_poster_hangs_where_every_photo_shows_it() {
+        let scene = still_life(5, (160, 120), 2, 3);
+        // Bare paper near the poster's lower left corner, and brick just beside it.
+        let (paper, brick) = ([-0.09, 0.62, -1.234], [-0.19, 0.63, -1.25]);
+        for photo in &scene.photos {
+            let color = |point| {
+                let [px, py, _] = photo.camera.project(point).unwrap();
+                let at = 3 * (py as usize * 160 + px as usize);
+                Vec3::from_slice(&photo.rgb[at..at + 3])
+            };
+            let (paper, brick) = (color(paper), color(brick));
+            assert!(paper.min_element() > 0.7, "{}: {paper}", photo.name);
+            assert!(brick.z < 0.75 * paper.z && brick.x > brick.z, "{}: {brick}", photo.name);
+        }
     }
 }

@@ -19,9 +19,7 @@ const WALL_Z: f32 = -1.25;
 pub(super) fn still_life(seed: u64) -> World {
     let rng = Rng::new(seed, "still life: turns");
     let turn = |thing: u64, about: f32| Mat3::from_rotation_y(about + 0.16 * (rng.uniform(0, thing) - 0.5));
-    World::new(vec![
-        room(),
-        vec![poster()],
+    let things = vec![
         vec![panel(turn(0, 0.28))],
         books(turn(1, -0.3), turn(2, -0.12), turn(3, -0.45)),
         pencils(turn(4, 0.0)),
@@ -30,7 +28,8 @@ pub(super) fn still_life(seed: u64) -> World {
         letter_blocks([turn(7, 0.25), turn(8, -0.2), turn(9, 0.1), turn(10, 0.5)]),
         vec![ring(turn(11, 0.3))],
         vec![tin(turn(12, 0.0))],
-    ])
+    ];
+    World::new(room(), things)
 }
 
 fn solid(shape: Shape, surface: Surface, turn: Mat3, place: Vec3) -> Solid {
@@ -41,12 +40,14 @@ fn block(half: Vec3) -> Shape {
     Shape::Block { half }
 }
 
+/// Wall, poster and table: what is behind everything, and so casts no shadow on anything.
 fn room() -> Vec<Solid> {
     let brick = Surface::Brick { brick: hex(0xbf7a5c), mortar: hex(0xd8cfc0), size: vec2(0.235, 0.082) };
     let wood = Surface::Wood { light: hex(0xc99a63), dark: hex(0x7a4a25), width: 0.3 };
     vec![
         solid(block(vec3(4.5, 2.5, 0.1)), brick, Mat3::IDENTITY, vec3(0.0, 1.5, WALL_Z - 0.1)),
         solid(block(vec3(4.5, 0.05, 2.2)), wood, Mat3::IDENTITY, vec3(0.0, -0.05, WALL_Z + 2.2)),
+        poster(),
     ]
 }
 
@@ -67,9 +68,9 @@ fn poster() -> Solid {
 
 /// A leaning sheet of text.
 fn panel(turn: Mat3) -> Solid {
-    let heading = Text::centred("SHARP", vec2(0.0, 0.255), 0.0185);
+    let heading = Text::centred("SHARP", vec2(0.0, 0.285), 0.0185);
     let lines = vec!["A FIELD OF", "LIGHT SEEN", "FROM MANY", "SIDES - CAN", "YOU READ IT?"];
-    let body = Text { lines, top_left: vec2(-0.315, 0.075), cell: 0.0089 };
+    let body = Text { lines, top_left: vec2(-0.315, 0.115), cell: 0.0089 };
     let surface = Surface::Print { paper: hex(0xf3e7c9), ink: hex(0x2b2a33), texts: vec![heading, body], star: None };
     let half = vec3(0.36, 0.325, 0.012);
     let lean = Mat3::from_rotation_x(-0.22);

@@ -35,7 +35,7 @@ pub(super) enum Shape {
 /// Where a line meets a shape: the distance along it and the outward unit normal.
 pub(super) type Touch = (f32, Vec3);
 
-const TORUS_STEPS: usize = 64;
+const TORUS_STEPS: usize = 256;
 const TORUS_TOLERANCE: f32 = 1e-4;
 
 impl Shape {

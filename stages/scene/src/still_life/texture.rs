@@ -151,7 +151,7 @@ fn matte(color: Vec3) -> Material {
 
 /// 0 or 1 by halves: which half of its period `x` is in.
 fn parity(x: f32) -> usize {
-    usize::from(x.rem_euclid(1.0) >= 0.5)
+    usize::from(x - x.floor() >= 0.5)
 }
 
 /// Coordinates on a block's face: x to the right and y up as seen from outside, on top as seen from the front.
@@ -174,7 +174,7 @@ fn bands(x: f32, half_width: f32) -> bool {
 fn bricks(at: Vec2, brick: Vec3, mortar: Vec3, size: Vec2) -> Vec3 {
     const JOINT: f32 = 0.013;
     let course = (at.y / size.y).floor();
-    let along = at.x / size.x + 0.5 * course.rem_euclid(2.0);
+    let along = at.x / size.x + 0.5 * parity(course / 2.0) as f32;
     let inside = Vec2::new(along.fract_gl() * size.x, at.y - course * size.y);
     let rough = noise(at * 90.0);
     if inside.x < JOINT || inside.y < JOINT {

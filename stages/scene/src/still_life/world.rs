@@ -1,6 +1,6 @@
 //! Placed solids, and what a line meets among them. Knows nothing of light or cameras.
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec3, Vec3A};
 
 use super::shape::{Shape, Touch};
 use super::texture::{Material, Surface};
@@ -13,8 +13,9 @@ const SKIN: f32 = 4e-4;
 pub(super) struct Line {
     from: Vec3,
     along: Vec3,
-    /// `1 / along`, for box tests.
-    inverse: Vec3,
+    /// The start and `1 / along` once more, as box tests want them.
+    start: Vec3A,
+    inverse: Vec3A,
 }
 
 /// A shape of some material, turned and then placed.
@@ -26,16 +27,17 @@ pub(super) struct Solid {
     pub(super) place: Vec3,
 }
 
-/// Solids that stand close together, with the box around them.
+/// Solids that stand close together, each with its own box.
 struct Group {
-    low: Vec3,
-    high: Vec3,
-    solids: Vec<Solid>,
+    bounds: Bounds,
+    solids: Vec<(Bounds, Solid)>,
 }
 
-/// Everything there is.
+/// Everything there is: a backdrop, and the things before it.
 pub(super) struct World {
-    groups: Vec<Group>,
+    backdrop: Vec<Solid>,
+    bounds: Bounds,
+    things: Vec<Group>,
 }
 
 /// A point on a surface.
@@ -49,11 +51,28 @@ pub(super) struct Hit {
 
 impl Line {
     pub(super) fn new(from: Vec3, along: Vec3) -> Line {
-        Line { from, along, inverse: along.recip() }
+        Line { from, along, start: from.into(), inverse: Vec3A::from(along).recip() }
+    }
+}
+
+/// A box along the world's axes.
+#[derive(Clone, Copy)]
+struct Bounds {
+    low: Vec3A,
+    high: Vec3A,
+}
+
+impl Bounds {
+    /// The box around nothing.
+    const EMPTY: Bounds = Bounds { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
+
+    fn around(self, other: Bounds) -> Bounds {
+        Bounds { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    fn meets_box(&self, low: Vec3, high: Vec3, max: f32) -> bool {
-        let (a, b) = ((low - self.from) * self.inverse, (high - self.from) * self.inverse);
+    /// Whether a line passes through the box before `max`.
+    fn meets(&self, line: &Line, max: f32) -> bool {
+        let (a, b) = ((self.low - line.start) * line.inverse, (self.high - line.start) * line.inverse);
         let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
         enter <= leave && leave > 0.0 && enter < max
     }
@@ -69,49 +88,57 @@ impl Solid {
         (self.turn.transpose_mul_vec3(line.from - self.place), self.turn.transpose_mul_vec3(line.along))
     }
 
-    /// Low and high corner of a world-aligned box around the solid.
-    fn bounds(&self) -> [Vec3; 2] {
-        let half = self.turn.abs() * self.shape.half_extent();
-        [self.place - half, self.place + half]
+    fn bounds(&self) -> Bounds {
+        let half = Vec3A::from(self.turn.abs() * self.shape.half_extent());
+        let middle = Vec3A::from(self.place);
+        Bounds { low: middle - half, high: middle + half }
     }
 }
 
 impl Group {
     fn new(solids: Vec<Solid>) -> Group {
-        let low = solids.iter().map(|solid| solid.bounds()[0]).fold(Vec3::INFINITY, Vec3::min);
-        let high = solids.iter().map(|solid| solid.bounds()[1]).fold(Vec3::NEG_INFINITY, Vec3::max);
-        Group { low, high, solids }
+        let solids: Vec<_> = solids.into_iter().map(|solid| (solid.bounds(), solid)).collect();
+        Group { bounds: solids.iter().map(|(bounds, _)| *bounds).fold(Bounds::EMPTY, Bounds::around), solids }
     }
 }
 
 impl World {
-    pub(super) fn new(groups: Vec<Vec<Solid>>) -> World {
-        World { groups: groups.into_iter().map(Group::new).collect() }
+    /// The backdrop casts no shadows: it must lie behind all things as seen from every light. Groups of things are
+    /// found the faster the less their boxes overlap.
+    pub(super) fn new(backdrop: Vec<Solid>, things: Vec<Vec<Solid>>) -> World {
+        let things: Vec<Group> = things.into_iter().map(Group::new).collect();
+        let bounds = things.iter().map(|group| group.bounds).fold(Bounds::EMPTY, Bounds::around);
+        World { backdrop, bounds, things }
     }
 
     /// The first surface on a line.
     pub(super) fn first_hit(&self, line: &Line) -> Option<Hit> {
-        let mut nearest = f32::INFINITY;
-        let mut found = None;
-        for group in &self.groups {
-            if !line.meets_box(group.low, group.high, nearest) {
-                continue;
-            }
-            for solid in &group.solids {
-                if let Some((distance, normal)) = solid.touch(line, nearest) {
-                    nearest = distance;
-                    found = Some((solid, normal));
-                }
-            }
-        }
-        found.map(|(solid, normal)| hit(solid, line, nearest, normal))
+        let first = self.backdrop.iter().fold(None, |found, solid| nearer(found, solid, line));
+        let (solid, (distance, normal)) =
+            self.near(line, f32::INFINITY).fold(first, |found, solid| nearer(found, solid, line))?;
+        Some(hit(solid, line, distance, normal))
     }
 
-    /// Whether anything lies on a line before `max`.
-    pub(super) fn blocks(&self, line: &Line, max: f32) -> bool {
-        let near = self.groups.iter().filter(|group| line.meets_box(group.low, group.high, max));
-        near.flat_map(|group| &group.solids).any(|solid| solid.touch(line, max).is_some())
+    /// Whether a thing lies on a line before `max`.
+    pub(super) fn shades(&self, line: &Line, max: f32) -> bool {
+        self.near(line, max).any(|solid| solid.touch(line, max).is_some())
     }
+
+    /// The things whose boxes a line meets before `max`.
+    fn near(&self, line: &Line, max: f32) -> impl Iterator<Item = &Solid> {
+        let groups: &[Group] = if self.bounds.meets(line, max) { &self.things } else { &[] };
+        let groups = groups.iter().filter(move |group| group.bounds.meets(line, max));
+        groups
+            .flat_map(|group| &group.solids)
+            .filter(move |(bounds, _)| bounds.meets(line, max))
+            .map(|(_, solid)| solid)
+    }
+}
+
+/// The nearer of what was found and where `line` meets `solid`.
+fn nearer<'a>(found: Option<(&'a Solid, Touch)>, solid: &'a Solid, line: &Line) -> Option<(&'a Solid, Touch)> {
+    let max = found.map_or(f32::INFINITY, |(_, (distance, _))| distance);
+    solid.touch(line, max).map(|touch| (solid, touch)).or(found)
 }
 
 fn hit(solid: &Solid, line: &Line, distance: f32, normal: Vec3) -> Hit {
@@ -140,19 +167,25 @@ mod tests {
     #[test]
     fn the_nearest_of_several_is_seen_whatever_their_order() {
         let line = Line::new(Vec3::new(-9.0, 0.0, 0.0), Vec3::X);
-        for groups in [vec![vec![ball(0.0, 0.1), ball(4.0, 0.2)]], vec![vec![ball(4.0, 0.2)], vec![ball(0.0, 0.1)]]] {
-            let hit = World::new(groups).first_hit(&line).unwrap();
+        let (near, far) = (|| ball(0.0, 0.1), || ball(4.0, 0.2));
+        for world in [
+            World::new(vec![], vec![vec![near(), far()]]),
+            World::new(vec![], vec![vec![far()], vec![near()]]),
+            World::new(vec![near()], vec![vec![far()]]),
+            World::new(vec![far(), near()], vec![]),
+        ] {
+            let hit = world.first_hit(&line).unwrap();
             assert_eq!((hit.distance, hit.normal, hit.material.color.x), (8.5, -Vec3::X, 0.1));
         }
     }
 
     #[test]
-    fn only_what_lies_before_the_light_casts_a_shadow() {
-        let world = World::new(vec![vec![ball(4.0, 0.2)]]);
+    fn only_things_before_the_light_cast_shadows() {
+        let world = World::new(vec![ball(1.0, 0.1)], vec![vec![ball(4.0, 0.2)]]);
         let line = Line::new(Vec3::ZERO, Vec3::X);
-        assert!(world.blocks(&line, 5.0));
-        assert!(!world.blocks(&line, 3.0));
-        assert!(!world.blocks(&Line::new(Vec3::ZERO, Vec3::Y), 5.0));
+        assert!(world.shades(&line, 5.0));
+        assert!(!world.shades(&line, 3.0));
+        assert!(!world.shades(&Line::new(Vec3::ZERO, Vec3::Y), 5.0));
     }
 
     #[test]
@@ -160,7 +193,8 @@ mod tests {
         let half = Vec3::new(1.0, 0.2, 0.2);
         let surface = Surface::Plain { color: Vec3::ONE, gloss: 0.0 };
         let turn = Mat3::from_rotation_z(std::f32::consts::FRAC_PI_2);
-        let world = World::new(vec![vec![Solid { shape: Shape::Block { half }, surface, turn, place: Vec3::Y }]]);
+        let world =
+            World::new(vec![], vec![vec![Solid { shape: Shape::Block { half }, surface, turn, place: Vec3::Y }]]);
         let hit = world.first_hit(&Line::new(Vec3::new(0.01, 5.0, 0.02), -Vec3::Y)).unwrap();
         assert!((hit.distance - 3.0).abs() < 1e-5 && hit.normal.distance(Vec3::Y) < 1e-5);
     }
