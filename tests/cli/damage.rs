@@ -1,0 +1,104 @@
+//! Killed, stopped, damaged: the next run is right without anyone's help.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use serde_json::json;
+
+use crate::space::{Said, Space};
+
+/// As `tiny.ron`, but with enough to draw that there is time to be killed.
+const SLOW: [&str; 4] = ["run", "tiny.ron", "--set", "scene.source=Procedural(views: 6, size: (192, 144), samples: 4)"];
+
+fn signal(child: &std::process::Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+fn slow(space: &Space, folder: &str) -> Said {
+    space.ok(&[&SLOW[..], &["--json", "--store", &format!("{folder}/store"), "--out", &format!("{folder}/out")]].concat())
+}
+
+#[test]
+fn killed_at_any_moment_a_run_loses_nothing_and_ends_as_if_undisturbed() {
+    let space = Space::new();
+    slow(&space, "calm");
+    let arguments = [&SLOW[..], &["--store", "wild/store", "--out", "wild/out"]].concat();
+    for pause in [3, 10, 20, 40, 80, 160, 320] {
+        let mut child = space.spawn(&arguments);
+        std::thread::sleep(Duration::from_millis(pause));
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    slow(&space, "wild");
+    assert!(space.files("calm/out") == space.files("wild/out"));
+    assert_eq!(fs::read_dir(space.path("wild/store/work")).unwrap().filter(|e| e.as_ref().unwrap().path().is_dir()).count(), 0);
+}
+
+#[test]
+fn a_stopped_run_says_so_and_goes_on_later() {
+    let space = Space::new();
+    let child = space.spawn(&SLOW);
+    std::thread::sleep(Duration::from_millis(100));
+    signal(&child, "-TERM");
+    let said = Space::wait(child);
+    assert_eq!(said.code, 75, "{}", said.err);
+    assert!(said.err.contains("interrupted; the same command goes on where this one stopped"), "{}", said.err);
+    space.ok(&SLOW);
+}
+
+#[test]
+fn two_runs_at_once_compute_each_stage_once() {
+    let space = Space::new();
+    let arguments = [&SLOW[..], &["--json"]].concat();
+    let children = [space.spawn(&arguments), space.spawn(&arguments)];
+    let ran: usize = children.map(|child| Space::wait(child).last()["ran"].as_array().unwrap().len()).iter().sum();
+    assert_eq!(ran, 3);
+}
+
+/// The store's file behind a result that people see.
+fn blobs(space: &Space, shown: &str) -> PathBuf {
+    let bytes = fs::read(space.path(shown)).unwrap();
+    let of_bytes = |path: &PathBuf| fs::read(path).is_ok_and(|found| found == bytes);
+    let cas = space.files(".srnerf/cas").into_keys().map(|path| space.path(".srnerf/cas").join(path));
+    cas.into_iter().find(of_bytes).unwrap()
+}
+
+#[test]
+fn a_lost_or_changed_blob_is_noticed_and_only_its_stage_runs_again() {
+    let acts: [(&str, fn(&Path)); 3] = [
+        ("blob missing", |blob| fs::remove_file(blob).unwrap()),
+        ("blob damaged", |blob| {
+            fs::remove_file(blob).unwrap();
+            fs::write(blob, "cut").unwrap();
+        }),
+        ("blob damaged", |blob| {
+            let mut bytes = fs::read(blob).unwrap();
+            *bytes.last_mut().unwrap() ^= 1;
+            fs::remove_file(blob).unwrap();
+            fs::write(blob, bytes).unwrap();
+        }),
+    ];
+    let space = Space::new();
+    space.ok(&["run", "tiny.ron"]);
+    let before = space.files("out");
+    for (words, act) in acts {
+        act(&blobs(&space, "out/tiny/up/images/view_000.exr"));
+        let plan = space.ok(&["plan", "tiny.ron"]).out;
+        assert!(plan.contains(&format!("{words}: images/view_000.exr")), "{plan}");
+        let run = space.ok(&["run", "tiny.ron", "--json"]);
+        assert!(run.out.contains(&format!("{words}: images/view_000.exr; computing it again")), "{}", run.out);
+        assert_eq!((&run.last()["ran"], &run.last()["cached"]), (&json!(["up"]), &json!(["again", "scene"])));
+        assert!(space.files("out") == before);
+    }
+}
+
+#[test]
+fn a_store_that_cannot_be_written_is_one_clear_error() {
+    let space = Space::new();
+    let said = space.say(&["run", "tiny.ron", "--store", "tiny.ron/store"]);
+    assert_eq!(said.code, 4, "{}", said.err);
+    assert!(said.err.contains("tiny.ron/store"), "{}", said.err);
+    assert!(!space.path("out").exists());
+}

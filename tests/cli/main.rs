@@ -1,0 +1,6 @@
+//! The command as users meet it: transcripts with the real binary on a tiny pipeline.
+
+mod damage;
+mod mistakes;
+mod runs;
+mod space;
