@@ -1,11 +1,11 @@
 """Opens the artifacts under a folder with readers that share no code with srnerf-dag, and checks what they say.
 
     pip install OpenEXR safetensors numpy pillow
-    python check_artifacts.py FOLDER
+    python check_artifacts.py FOLDER [UNET]
 
 Every EXR is opened by `OpenEXR`, its camera compared with the frame in `transforms.json` beside it; every safetensors
 by `safetensors.numpy`; every PNG by `PIL`; every JSON by `json`. With `diffusers` and `peft` there as well, LoRA weights
-are loaded into a UNet. Prints what it finds; exits with 1 if anything is wrong.
+are loaded into a UNet: that of the embedded prior, or the one with its config.json in the folder UNET. Prints what it finds; exits with 1 if anything is wrong.
 """
 
 import json
@@ -17,6 +17,8 @@ import OpenEXR
 import safetensors
 import safetensors.numpy
 from PIL import Image
+
+PRIOR_UNET = Path(__file__).parents[2] / "stages/diffusion/models/tiny-x4/unet"
 
 problems = []
 
@@ -83,8 +85,8 @@ def check_tensors(path):
         check(path, sorted(ours["views"]) == sorted(tensors), "views and tensors differ")
 
 
-def check_lora(path):
-    """Loads the weights into a UNet made just large enough to hold them, and compares every one."""
+def check_lora(path, unet_folder):
+    """Loads the weights into a UNet and compares every one."""
     try:
         from diffusers import UNet2DConditionModel
         from diffusers.loaders import StableDiffusionLoraLoaderMixin
@@ -95,11 +97,7 @@ def check_lora(path):
     with safetensors.safe_open(path, "numpy") as file:
         adapter = json.loads(file.metadata()["lora_adapter_metadata"])
     rank, alpha = adapter["unet.r"], adapter["unet.lora_alpha"]
-    width = next(tensor.shape[1] for name, tensor in weights.items() if name.endswith("to_q.lora_A.weight"))
-    unet = UNet2DConditionModel(
-        block_out_channels=(width,), layers_per_block=1, norm_num_groups=1, cross_attention_dim=width,
-        down_block_types=("CrossAttnDownBlock2D",), up_block_types=("CrossAttnUpBlock2D",), attention_head_dim=1,
-    )
+    unet = UNet2DConditionModel.from_config(json.loads((unet_folder / "config.json").read_text()))
     state, alphas, metadata = StableDiffusionLoraLoaderMixin.lora_state_dict(str(path.parent), return_lora_metadata=True)
     StableDiffusionLoraLoaderMixin.load_lora_into_unet(state, alphas, unet, metadata=metadata, adapter_name="srnerf")
     loaded = {name.replace(".srnerf.", "."): tensor.numpy(force=True) for name, tensor in unet.state_dict().items()}
@@ -111,14 +109,14 @@ def check_lora(path):
     print(path, f"loaded by diffusers: {len(weights)} tensors, rank {config.r}, alpha {config.lora_alpha}")
 
 
-def main(folder):
+def main(folder, unet_folder=PRIOR_UNET):
     for path in sorted(Path(folder).rglob("*")):
         if path.suffix == ".exr":
             check_image(path)
         elif path.suffix == ".safetensors":
             check_tensors(path)
             if path.name == "pytorch_lora_weights.safetensors":
-                check_lora(path)
+                check_lora(path, Path(unet_folder))
         elif path.suffix == ".png":
             with Image.open(path) as image:
                 image.load()
@@ -133,4 +131,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(*sys.argv[1:]))

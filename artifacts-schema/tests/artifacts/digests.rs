@@ -43,7 +43,7 @@ const GOLDEN: [&str; 8] = [
     "5e8d3e9e78202a2e",
     "7518a0ad463c15ee",
     "26a2b6b932710eec",
-    "daa9776b416b5e50",
+    "eac8131e94d004ad",
     "5f3a1857f7da053f",
     "afec2aca9b31acfc",
     "a55f08426fd6db3b",

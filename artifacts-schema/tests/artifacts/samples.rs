@@ -74,9 +74,10 @@ pub fn residuals() -> Residuals {
 }
 
 pub fn lora() -> Lora {
-    let module = "unet.down_blocks.0.attentions.0.transformer_blocks.0.attn1.to_q";
-    let down = Tensor { shape: vec![2, 6], values: numbers(12) };
-    let up = Tensor { shape: vec![6, 2], values: numbers(12) };
+    // A layer of the embedded prior, so that diffusers can load it.
+    let module = "unet.down_blocks.1.attentions.0.transformer_blocks.0.attn1.to_k";
+    let down = Tensor { shape: vec![2, 32], values: numbers(64) };
+    let up = Tensor { shape: vec![96, 2], values: numbers(192) };
     let embedding = Tensor { shape: vec![3, 16], values: numbers(48) };
     Lora {
         rank: 2,
