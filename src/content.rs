@@ -81,8 +81,12 @@ fn read_exr(path: &Path) -> Result<Content, String> {
                 range: range(channel.sample_data.values_as_f32()),
             });
         }
-        let camera = [("worldToCamera", layer.attributes.world_to_camera), ("worldToNDC", layer.attributes.world_to_normalized_device)];
-        let camera = camera.into_iter().filter_map(|(name, matrix)| Some((name, json!(matrix?.chunks(4).collect::<Vec<_>>()))));
+        let camera = [
+            ("worldToCamera", layer.attributes.world_to_camera),
+            ("worldToNDC", layer.attributes.world_to_normalized_device),
+        ];
+        let camera =
+            camera.into_iter().filter_map(|(name, matrix)| Some((name, json!(matrix?.chunks(4).collect::<Vec<_>>()))));
         let planes = [("near", layer.attributes.near_clip_plane), ("far", layer.attributes.far_clip_plane)];
         let planes = planes.into_iter().filter_map(|(name, depth)| Some((name, json!(depth?))));
         content.facts.extend(camera.chain(planes).map(|(name, value)| (name.to_owned(), value)));
@@ -101,9 +105,16 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
     let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
     let mut content = Content::default();
     for (name, tensor) in tensors.tensors() {
-        let floats = |bytes: &[u8]| bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect::<Vec<_>>();
+        let floats = |bytes: &[u8]| {
+            bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect::<Vec<_>>()
+        };
         let range = (tensor.dtype() == Dtype::F32).then(|| range(floats(tensor.data()).into_iter())).flatten();
-        content.arrays.push(Array { name, shape: tensor.shape().to_vec(), kind: format!("{:?}", tensor.dtype()), range });
+        content.arrays.push(Array {
+            name,
+            shape: tensor.shape().to_vec(),
+            kind: format!("{:?}", tensor.dtype()),
+            range,
+        });
     }
     content.arrays.sort_by(|a, b| a.name.cmp(&b.name));
     let metadata = header.metadata().iter().flatten();

@@ -90,6 +90,11 @@ impl Error {
         Self::Usage { message: message.into(), help: Some(help.into()) }
     }
 
+    /// Whether a run came to its end with this: its last event tells what happened to each stage.
+    pub fn is_of_a_whole_run(&self) -> bool {
+        matches!(self, Self::Failed(_) | Self::FailedStore(_) | Self::Bug(_) | Self::Interrupted)
+    }
+
     /// The exit code.
     pub fn code(&self) -> u8 {
         match self {

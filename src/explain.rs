@@ -169,7 +169,8 @@ impl<'s> History<'s> {
     pub fn at(&self, started: &str, stage: &str) -> Result<Option<Past>, StoreError> {
         let run = self.runs()?.iter().find(|run| run.started == started);
         let key = run.and_then(|run| run.stages.get(stage)).and_then(|stage| stage.key);
-        let past = |key: Digest| self.store.manifest(&key).map(|manifest| Past { started: started.to_owned(), key, manifest });
+        let past =
+            |key: Digest| self.store.manifest(&key).map(|manifest| Past { started: started.to_owned(), key, manifest });
         Ok(key.and_then(past))
     }
 }

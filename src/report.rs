@@ -23,14 +23,17 @@ pub struct Scores {
 pub fn scores(store: &Store, stage: &str, record: &Record) -> Result<Vec<Scores>, StoreError> {
     let of_kind = record.outputs.iter().filter(|(_, output)| output.kind == ArtifactKind::Metrics);
     of_kind
-        .map(|(name, output)| Ok(Scores { stage: stage.to_owned(), output: name.clone(), metrics: read(store, name, output)? }))
+        .map(|(name, output)| {
+            Ok(Scores { stage: stage.to_owned(), output: name.clone(), metrics: read(store, name, output)? })
+        })
         .collect()
 }
 
 fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreError> {
     let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
     store.show(output, folder.path())?;
-    Metrics::read(folder.path()).map_err(|error| StoreError::Output { output: name.to_owned(), problem: error.to_string() })
+    Metrics::read(folder.path())
+        .map_err(|error| StoreError::Output { output: name.to_owned(), problem: error.to_string() })
 }
 
 /// The tables of all metrics artifacts of a result.

@@ -3,10 +3,11 @@
 //! One thread owns the state of all stages; each running stage has a thread of its own, which computes in the one pool that all
 //! share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
 
+mod board;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::Scope;
@@ -25,6 +26,8 @@ use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
 use crate::store::work::Work;
 use crate::task::{Failure, Task};
+use board::Board;
+pub use board::Outcome;
 
 /// How often to look for a signal, and for what other processes have finished.
 const TICK: Duration = Duration::from_millis(100);
@@ -43,43 +46,10 @@ pub struct Scheduler<'a> {
     pub cancelled: &'a AtomicBool,
 }
 
-/// What became of a run.
-#[derive(Debug, Default)]
-pub struct Outcome {
-    /// What became of each stage.
-    pub stages: BTreeMap<usize, StageRun>,
-    /// The results that there are.
-    pub records: BTreeMap<usize, Record>,
-    /// Why stages failed.
-    pub failures: Vec<Failure>,
-    /// Whether the run was stopped before its end.
-    pub interrupted: bool,
-}
-
 /// What a stage's thread says.
 enum News {
     Said(usize, Message),
     Ended(usize, Box<Result<Record, Failure>>, f64),
-}
-
-/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `elsewhere`, `running`
-/// and `outcome.stages`.
-struct Board<'p> {
-    /// Not all inputs are there: how many are missing.
-    waiting: BTreeMap<usize, usize>,
-    /// All inputs are there.
-    ready: BTreeSet<usize>,
-    /// Another process computes it.
-    elsewhere: BTreeSet<usize>,
-    /// The user knows that another process computes it.
-    told: BTreeSet<usize>,
-    /// It runs: its key, and why.
-    running: BTreeMap<usize, (Digest, Reason)>,
-    /// Who reads each stage, once for every input.
-    readers: Vec<Vec<usize>>,
-    /// It is over.
-    outcome: Outcome,
-    progress: &'p mut dyn Progress,
 }
 
 impl Scheduler<'_> {
@@ -103,7 +73,7 @@ impl Scheduler<'_> {
     ) -> Result<(), StoreError> {
         loop {
             self.begin_all(board, scope, sender)?;
-            if board.running.is_empty() && (board.elsewhere.is_empty() || self.stopped()) {
+            if board.is_idle(!self.stopped()) {
                 return Ok(());
             }
             match news.recv_timeout(TICK) {
@@ -128,8 +98,8 @@ impl Scheduler<'_> {
         scope: &'s Scope<'s, '_>,
         sender: &Sender<News>,
     ) -> Result<(), StoreError> {
-        while board.running.len() < self.pool.current_num_threads() && !self.stopped() {
-            let Some(at) = board.ready.pop_first() else { return Ok(()) };
+        while !self.stopped() {
+            let Some(at) = board.next(self.pool.current_num_threads()) else { return Ok(()) };
             let inputs = self.inputs(at, &board.outcome.records);
             let assessment = self.pool.install(|| self.context.assess(at, &inputs))?;
             match &assessment.verdict {
@@ -171,10 +141,7 @@ impl Scheduler<'_> {
     ) -> Result<(), StoreError> {
         let (store, stage) = (self.context.store, self.name(at));
         let Some(work) = store.work(assessment.key)? else {
-            board.elsewhere.insert(at);
-            if board.told.insert(at) {
-                board.progress.event(&Event::Waiting { stage });
-            }
+            board.wait(at);
             return Ok(());
         };
         if let Reason::Broken(breakage) = &reason {
@@ -183,8 +150,7 @@ impl Scheduler<'_> {
         }
         store.put_manifest(&assessment.key, &assessment.manifest)?;
         let task = self.task(at, assessment.key, work, &board.outcome.records, reason == Reason::Forced)?;
-        board.progress.event(&Event::Started { stage, key: assessment.key, reason: &reason.to_string() });
-        board.running.insert(at, (assessment.key, reason));
+        board.begin(at, assessment.key, reason);
         let sender = sender.clone();
         scope.spawn(move || self.work(at, task, &sender));
         Ok(())
@@ -227,8 +193,14 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    fn end(&self, board: &mut Board, at: usize, result: Result<Record, Failure>, seconds: f64) -> Result<(), StoreError> {
-        let Some((key, reason)) = board.running.remove(&at) else { return Ok(()) };
+    fn end(
+        &self,
+        board: &mut Board,
+        at: usize,
+        result: Result<Record, Failure>,
+        seconds: f64,
+    ) -> Result<(), StoreError> {
+        let Some((key, reason)) = board.end(at) else { return Ok(()) };
         let run = |end| StageRun { end, key: Some(key), reason: Some(reason.to_string()), seconds };
         let stage = self.name(at);
         match result {
@@ -245,70 +217,9 @@ impl Scheduler<'_> {
                 board.progress.event(&Event::Failed { stage, error: &failure.to_string() });
                 board.outcome.stages.insert(at, run(End::Failed));
                 board.outcome.failures.push(failure);
-                board.block(self, at);
+                board.block(at);
             }
         }
         Ok(())
-    }
-}
-
-impl<'p> Board<'p> {
-    fn new(context: &Context, progress: &'p mut dyn Progress) -> Self {
-        let nodes = &context.graph.nodes;
-        let (mut waiting, mut ready, mut readers) = (BTreeMap::new(), BTreeSet::new(), vec![Vec::new(); nodes.len()]);
-        for &at in &context.needed {
-            nodes[at].wires.iter().for_each(|wire| readers[wire.from].push(at));
-            match nodes[at].wires.len() {
-                0 => drop(ready.insert(at)),
-                missing => drop(waiting.insert(at, missing)),
-            }
-        }
-        let (elsewhere, told, running) = (BTreeSet::new(), BTreeSet::new(), BTreeMap::new());
-        Self { waiting, ready, elsewhere, told, running, readers, outcome: Outcome::default(), progress }
-    }
-
-    /// A stage has its result: those that read it may have become ready.
-    fn done(&mut self, at: usize, run: StageRun, record: Record) {
-        self.outcome.stages.insert(at, run);
-        self.outcome.records.insert(at, record);
-        for reader in &self.readers[at] {
-            if let Some(missing) = self.waiting.get_mut(reader) {
-                *missing -= 1;
-                if *missing == 0 {
-                    self.waiting.remove(reader);
-                    self.ready.insert(*reader);
-                }
-            }
-        }
-    }
-
-    /// A stage has failed: all that depend on it will not run.
-    fn block(&mut self, scheduler: &Scheduler, failed: usize) {
-        let nodes = &scheduler.context.graph.nodes;
-        let mut lost: Vec<usize> = self.readers[failed].clone();
-        while let Some(at) = lost.pop() {
-            if self.waiting.remove(&at).is_none() {
-                continue;
-            }
-            lost.extend(&self.readers[at]);
-            let (stage, by) = (nodes[at].name.as_str(), nodes[failed].name.as_str());
-            self.progress.event(&Event::Blocked { stage, by });
-            self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
-        }
-    }
-
-    /// Nothing happened for a while: another process may have finished what we wait for.
-    fn tick(&mut self) {
-        self.ready.append(&mut self.elsewhere);
-        self.progress.event(&Event::Tick);
-    }
-
-    fn close(mut self, interrupted: bool) -> Outcome {
-        let left = self.waiting.keys().chain(&self.ready).chain(&self.elsewhere);
-        for &at in left {
-            self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
-        }
-        self.outcome.interrupted = interrupted && self.outcome.stages.values().any(|stage| stage.end == End::Stopped);
-        self.outcome
     }
 }

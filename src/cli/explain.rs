@@ -44,7 +44,11 @@ impl Explain {
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let forecasts = context.forecast()?;
         let Some(account) = account(&context, &forecasts, at)? else { return Ok(()) };
-        if json { print_json(&account.json()) } else { account.print() }
+        if json {
+            print_json(&account.json())
+        } else {
+            account.print()
+        }
         Ok(())
     }
 }
@@ -93,7 +97,9 @@ impl Account<'_> {
         match self.forecast {
             Forecast::Cached(_) => "its result is in the store".into(),
             Forecast::Run(reason, _) => format!("it will run: {reason}"),
-            Forecast::Unless(upstream) => format!("it will run after {}, unless that changes nothing", upstream.join(", ")),
+            Forecast::Unless(upstream) => {
+                format!("it will run after {}, unless that changes nothing", upstream.join(", "))
+            }
         }
     }
 
@@ -115,7 +121,8 @@ impl Account<'_> {
             return print(&"its key is not known before the stages that it reads have run");
         };
         print(&format_args!("key {}\n", now.key));
-        let rows: Vec<Vec<String>> = now.manifest.0.iter().map(|(path, text)| vec![path.clone(), text.clone()]).collect();
+        let rows: Vec<Vec<String>> =
+            now.manifest.0.iter().map(|(path, text)| vec![path.clone(), text.clone()]).collect();
         print(&table(&rows, false));
         let Some(past) = &self.past else { return print(&"\nno earlier run differs") };
         print(&format_args!("\ncompared with the run of {}:", past.started));

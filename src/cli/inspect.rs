@@ -46,7 +46,11 @@ impl Inspect {
             return Err(Error::usage(format!("stage `{name}` has no result"), help));
         };
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
-        if json { print_json(&json!(record)) } else { outputs(name, &record, &view) }
+        if json {
+            print_json(&json!(record))
+        } else {
+            outputs(name, &record, &view)
+        }
         Ok(())
     }
 }

@@ -60,15 +60,17 @@ impl Cli {
     }
 }
 
-/// Says what went wrong: on stderr for people, and with `--json` also as the last line on stdout.
+/// Says what went wrong: on stderr for people, and with `--json` on stdout, unless the events of a run have said it already.
 fn report(error: Error, json: bool) {
-    if json {
+    if json && !error.is_of_a_whole_run() {
         let (place, help) = match &error {
             Error::Pipeline(problem) => (Some(problem.place()), problem.advice().map(str::to_owned)),
             _ => (None, None),
         };
         let message = error.to_string();
-        print(&serde_json::json!({"event": "error", "message": message, "place": place, "help": help, "code": error.code()}));
+        print(
+            &serde_json::json!({"event": "error", "message": message, "place": place, "help": help, "code": error.code()}),
+        );
     }
     eprintln!("{:?}", miette::Report::new(error));
 }

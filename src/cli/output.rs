@@ -24,7 +24,8 @@ pub fn table(rows: &[Vec<String>], numbers: bool) -> String {
     let cell = |(column, text): (usize, &String)| {
         if numbers && column > 0 { format!("{text:>0$}", widths[column]) } else { format!("{text:0$}", widths[column]) }
     };
-    let line = |row: &Vec<String>| row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned();
+    let line =
+        |row: &Vec<String>| row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned();
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 

@@ -52,7 +52,10 @@ impl Session {
             (Some(&at), ..) | (None, 1, Some(&at)) => Ok(at),
             _ => {
                 let names: Vec<&str> = found.iter().map(|&at| self.graph.nodes[at].name.as_str()).collect();
-                Err(Error::usage(format!("`{name}` is more than one stage"), format!("name one of {}", names.join(", "))))
+                Err(Error::usage(
+                    format!("`{name}` is more than one stage"),
+                    format!("name one of {}", names.join(", ")),
+                ))
             }
         }
     }

@@ -67,14 +67,16 @@ impl Graph {
     /// stage of a loop in all rounds (`i3ds.render`).
     pub fn find(&self, name: &str) -> Result<BTreeSet<usize>, UnknownStage> {
         let within = format!("{name}.");
-        let means = |node: &Node| node.name == name || node.name.starts_with(&within) || without_rounds(&node.name) == name;
+        let means =
+            |node: &Node| node.name == name || node.name.starts_with(&within) || without_rounds(&node.name) == name;
         let found: BTreeSet<usize> = (0..self.nodes.len()).filter(|&at| means(&self.nodes[at])).collect();
         if found.is_empty() { Err(self.unknown(name)) } else { Ok(found) }
     }
 
     fn unknown(&self, name: &str) -> UnknownStage {
         let short: Vec<String> = self.nodes.iter().map(|node| without_rounds(&node.name)).collect();
-        let known: Vec<&str> = self.nodes.iter().map(|node| node.name.as_str()).chain(short.iter().map(String::as_str)).collect();
+        let known: Vec<&str> =
+            self.nodes.iter().map(|node| node.name.as_str()).chain(short.iter().map(String::as_str)).collect();
         UnknownStage { name: name.to_owned(), near: nearest(name, &known).map(str::to_owned) }
     }
 

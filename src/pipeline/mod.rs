@@ -4,6 +4,7 @@ pub mod fault;
 pub mod grammar;
 pub mod graph;
 pub mod problem;
+mod reader;
 mod reference;
 pub mod set;
 pub mod text;
@@ -86,7 +87,11 @@ fn span(text: &str, place: &Place) -> std::ops::Range<usize> {
     let (mut at, mut span) = (&tree, 0..0);
     for (depth, name) in place.0.iter().enumerate() {
         let Some(entry) = at.entry(name) else { break };
-        span = if depth + 1 == place.0.len() && !is_stage(&entry.tree) { entry.tree.span.clone() } else { entry.span.clone() };
+        span = if depth + 1 == place.0.len() && !is_stage(&entry.tree) {
+            entry.tree.span.clone()
+        } else {
+            entry.span.clone()
+        };
         at = &entry.tree;
     }
     span

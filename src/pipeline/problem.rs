@@ -31,7 +31,7 @@ impl Source {
         let length = span.end.clamp(start, self.text.len()) - start;
         Problem {
             message: message.into(),
-            source_code: NamedSource::new(&self.name, self.text.to_string()),
+            source_code: Arc::new(NamedSource::new(&self.name, self.text.to_string())),
             span: SourceSpan::from((start, length)),
             label: "here",
             help: None,
@@ -52,7 +52,7 @@ impl Source {
 pub struct Problem {
     message: String,
     #[source_code]
-    source_code: NamedSource<String>,
+    source_code: Arc<NamedSource<String>>,
     #[label("{label}")]
     span: SourceSpan,
     label: &'static str,

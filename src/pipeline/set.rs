@@ -113,7 +113,8 @@ impl Override {
     fn slot<'v>(&self, mut value: &'v mut Json, path: &[Segment]) -> Result<&'v mut Json, Problem> {
         for segment in path {
             let missing = |value: &Json| {
-                let problem = self.source.problem(segment.span.clone(), format!("there is no field `{}` here", segment.name));
+                let problem =
+                    self.source.problem(segment.span.clone(), format!("there is no field `{}` here", segment.name));
                 match content(value).as_object() {
                     Some(fields) => problem.with_names(&segment.name, fields.keys().map(String::as_str)),
                     None => problem.with_help(format!("what stands here is {}", content(value))),

@@ -98,7 +98,10 @@ fn stages_may_stand_before_what_they_read() {
 fn stages_are_found_by_loop_round_and_kind_of_step() {
     let graph = load(TWO_ROUNDS, &[]).unwrap();
     let count = |name| graph.find(name).unwrap().len();
-    assert_eq!((count("fit"), count("loop"), count("loop.2"), count("loop.decode"), count("loop.2.decode")), (1, 12, 6, 2, 1));
+    assert_eq!(
+        (count("fit"), count("loop"), count("loop.2"), count("loop.decode"), count("loop.2.decode")),
+        (1, 12, 6, 2, 1)
+    );
     let unknown = graph.find("loop.decod").unwrap_err().to_string();
     assert_eq!(unknown, "the pipeline has no stage `loop.decod`; did you mean `loop.decode`?");
     assert_eq!(graph.needed(&graph.find("loop.1.render").unwrap()).len(), 3);
@@ -106,7 +109,13 @@ fn stages_are_found_by_loop_round_and_kind_of_step() {
 
 #[test]
 fn set_changes_one_value_wherever_it_is() {
-    let sets = ["scene.downscale=4", "loop.optimize.guidance.lora_every=1", "loop.up.filter=Lanczos", "seed=9", "loop.count=1"];
+    let sets = [
+        "scene.downscale=4",
+        "loop.optimize.guidance.lora_every=1",
+        "loop.up.filter=Lanczos",
+        "seed=9",
+        "loop.count=1",
+    ];
     let graph = load(TWO_ROUNDS, &sets).unwrap();
     assert_eq!(param(&graph, "scene", "/downscale"), 4);
     assert_eq!(param(&graph, "loop.1.optimize", "/guidance/Vsd/lora_every"), 1);
@@ -140,10 +149,19 @@ fn mistakes_in_a_file_are_pointed_at() {
     assert_eq!(message, "input `images` is not connected: it takes images of another stage");
     assert_eq!(place, "p.ron:13:17");
     assert_eq!(broken("\"@field\", cameras", "\"@feld\", cameras").2, "did you mean `field`?");
-    assert_eq!(broken("count: 2", "count: 0"), ("p.ron:8:20".into(), "`count` is 0; it must be 1 to 10000".into(), String::new()));
-    assert_eq!(broken("\"field\": \"sync\",", "").1, "`field` is carried, but `next` does not say what it is in the next round");
+    assert_eq!(
+        broken("count: 2", "count: 0"),
+        ("p.ron:8:20".into(), "`count` is 0; it must be 1 to 10000".into(), String::new())
+    );
+    assert_eq!(
+        broken("\"field\": \"sync\",", "").1,
+        "`field` is carried, but `next` does not say what it is in the next round"
+    );
     assert_eq!(broken("\"fit\": Fit", "\"scene\": Fit").1, "`scene` is defined twice");
-    assert_eq!(broken("\"last\"", "\"la.st\"").1, "`la.st` is no name: names are a letter, then letters, digits, `_` and `-`");
+    assert_eq!(
+        broken("\"last\"", "\"la.st\"").1,
+        "`la.st` is no name: names are a letter, then letters, digits, `_` and `-`"
+    );
     assert_eq!(broken("\"p\"", "\"../p\"").0, "p.ron:2:11");
     assert!(broken("downscale: 2", "downscale: 0").1.starts_with("`downscale`"));
     assert_eq!(broken("downscale: 2", "downscale: 0").0, "p.ron:5:35");
@@ -158,7 +176,10 @@ fn circles_are_refused() {
 #[test]
 fn mistakes_in_set_are_pointed_at() {
     let set = |set: &str| problem(TWO_ROUNDS, &[set]);
-    assert_eq!(set("scene.downscal=2"), ("--set:1:7".into(), "there is no field `downscal` here".into(), "did you mean `downscale`?".into()));
+    assert_eq!(
+        set("scene.downscal=2"),
+        ("--set:1:7".into(), "there is no field `downscal` here".into(), "did you mean `downscale`?".into())
+    );
     assert_eq!(set("scen.downscale=2").2, "did you mean `scene`?");
     assert_eq!(set("loop.optimize.guidance.lora_evry=1").2, "did you mean `lora_every`?");
     assert_eq!(set("loop.cont=1").2, "did you mean `count`?");

@@ -142,11 +142,14 @@ fn wire(link: &Link, place: &Place, all: &[Unrolled], index: &BTreeMap<&str, usi
     };
     let Some(port) = found else {
         let name = output.clone().unwrap_or_default();
-        return Err(place.fault(format!("`{stage}` has no output `{name}`")).with_names(&name, outputs.iter().map(|o| o.name)));
+        return Err(place
+            .fault(format!("`{stage}` has no output `{name}`"))
+            .with_names(&name, outputs.iter().map(|o| o.name)));
     };
     if port.kind != link.kind {
         let fitting = outputs.iter().find(|other| other.kind == link.kind);
-        let fault = place.fault(format!("`{}` takes {}, but `{stage}.{}` is {}", link.input, link.kind, port.name, port.kind));
+        let fault =
+            place.fault(format!("`{}` takes {}, but `{stage}.{}` is {}", link.input, link.kind, port.name, port.kind));
         return Err(fault.with_help(fitting.map(|port| format!("`{stage}.{}` would fit", port.name))));
     }
     Ok(Wire { input: link.input, from, output: port.name })

@@ -26,7 +26,8 @@ impl Json {
                 json!({"event": "started", "stage": stage, "key": key, "reason": reason})
             }
             Event::Finished { stage, seconds, record } => {
-                let outputs: BTreeMap<_, _> = record.outputs.iter().map(|(name, output)| (name, output.digest)).collect();
+                let outputs: BTreeMap<_, _> =
+                    record.outputs.iter().map(|(name, output)| (name, output.digest)).collect();
                 json!({"event": "stage_finished", "stage": stage, "key": record.key, "seconds": seconds, "outputs": outputs})
             }
             Event::Failed { stage, error } => json!({"event": "failed", "stage": stage, "error": error}),

@@ -29,7 +29,9 @@ impl Lines {
         let keys = self.verbosity == Verbosity::Verbose;
         let detail = |text: String| if keys { text } else { String::new() };
         let (level, line) = match event {
-            Event::Cached { stage, key } => (Verbosity::Normal, format!("{stage}: cached{}", detail(format!(" {key}")))),
+            Event::Cached { stage, key } => {
+                (Verbosity::Normal, format!("{stage}: cached{}", detail(format!(" {key}"))))
+            }
             Event::Started { stage, key, reason } => {
                 self.running.insert((*stage).to_owned(), (Instant::now(), Instant::now()));
                 (Verbosity::Normal, format!("{stage}: running ({reason}){}", detail(format!(" {key}"))))

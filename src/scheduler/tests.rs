@@ -159,7 +159,11 @@ fn a_deleted_blob_is_noticed_and_only_its_stage_runs_again() {
 
 #[test]
 fn a_failure_stops_what_depends_on_it_and_nothing_else() {
-    for (act, words) in [(Act::Fail, "these do not fit"), (Act::Panic, "internal error: a bug of a test"), (Act::Nothing, "cannot be kept")] {
+    for (act, words) in [
+        (Act::Fail, "these do not fit"),
+        (Act::Panic, "internal error: a bug of a test"),
+        (Act::Nothing, "cannot be kept"),
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let (graph, _) = diamond(|name, stage| stage.act = if name == "b" { act } else { Act::Well });
         let done = run(folder.path(), &graph, &[], false);

@@ -55,9 +55,9 @@ impl<T> At<T> for io::Result<T> {
 
 fn advice(kind: io::ErrorKind) -> Option<&'static str> {
     match kind {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            Some("the disk is full: free some space, or choose another with --store and --out; all finished results are kept")
-        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Some(
+            "the disk is full: free some space, or choose another with --store and --out; all finished results are kept",
+        ),
         io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
             Some("choose a folder that can be written: --store FOLDER --out FOLDER")
         }

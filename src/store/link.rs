@@ -25,7 +25,8 @@ impl Store {
     }
 
     fn shows(&self, output: &Output, folder: &Path) -> bool {
-        let there = walkdir::WalkDir::new(folder).into_iter().flatten().filter(|entry| !entry.file_type().is_dir()).count();
+        let there =
+            walkdir::WalkDir::new(folder).into_iter().flatten().filter(|entry| !entry.file_type().is_dir()).count();
         folder.is_dir() && there == output.files.len() && output.files.iter().all(|file| self.shows_file(file, folder))
     }
 

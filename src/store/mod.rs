@@ -32,7 +32,8 @@ use error::{At, StoreError};
 const VERSION: &str = "1";
 
 /// What tools that make backups look for.
-const CACHEDIR_TAG: &str = "Signature: 8a477f597d28d172789f06886806bc55\n# Results of srnerf-dag: all can be computed again.\n";
+const CACHEDIR_TAG: &str =
+    "Signature: 8a477f597d28d172789f06886806bc55\n# Results of srnerf-dag: all can be computed again.\n";
 
 /// A file in `tmp/` that is older than this belongs to no living process.
 const LEFT_BEHIND: Duration = Duration::from_secs(3600);
@@ -111,7 +112,8 @@ impl Store {
     fn staged(&self, path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile, StoreError> {
         let folder = parent(path);
         fs::create_dir_all(folder).at("create", folder)?;
-        let mut file = readable_by_all(&mut tempfile::Builder::new()).tempfile_in(self.root.join("tmp")).at("write", path)?;
+        let mut file =
+            readable_by_all(&mut tempfile::Builder::new()).tempfile_in(self.root.join("tmp")).at("write", path)?;
         file.write_all(bytes).and_then(|()| file.as_file().sync_all()).at("write", path)?;
         Ok(file)
     }

@@ -68,17 +68,18 @@ fn equal_content_has_equal_digests_whatever_its_origin() {
 fn every_damage_is_noticed_and_healed_by_computing_again() {
     let folder = tempfile::tempdir().unwrap();
     let first = commit(&Store::create(folder.path()).unwrap(), key("k"), 1.0, "s");
-    let damages: [(Damage, fn(&Path)); 4] = [
-        (Damage::Missing, |blob| fs::remove_file(blob).unwrap()),
-        (Damage::Changed, |blob| overwrite(blob, b"")),
-        (Damage::Changed, |blob| overwrite(blob, b"something else")),
-        (Damage::Changed, |blob| {
-            let mut bytes = fs::read(blob).unwrap();
-            bytes[10] ^= 1;
-            overwrite(blob, &bytes);
-        }),
+    let flip = |blob: &Path| {
+        let mut bytes = fs::read(blob).unwrap();
+        bytes[10] ^= 1;
+        overwrite(blob, &bytes);
+    };
+    let acts: [&dyn Fn(&Path); 4] = [
+        &|blob| fs::remove_file(blob).unwrap(),
+        &|blob| overwrite(blob, b""),
+        &|blob| overwrite(blob, b"something else"),
+        &flip,
     ];
-    for (damage, act) in damages {
+    for (act, damage) in acts.iter().zip([Damage::Missing, Damage::Changed, Damage::Changed, Damage::Changed]) {
         let store = Store::create(folder.path()).unwrap();
         act(&blob(&store, &first));
         let Lookup::Broken(breakage) = store.lookup(&key("k")).unwrap() else { panic!("{damage:?} went unnoticed") };
@@ -100,7 +101,9 @@ fn a_record_that_cannot_be_understood_is_no_result() {
     let mut outside = record.clone();
     outside.outputs.get_mut("m").unwrap().files[0].path = "../../secret".into();
     let swapped = Record { key: key("other"), ..record };
-    for text in [String::new(), "{".into(), serde_json::to_string(&outside).unwrap(), serde_json::to_string(&swapped).unwrap()] {
+    for text in
+        [String::new(), "{".into(), serde_json::to_string(&outside).unwrap(), serde_json::to_string(&swapped).unwrap()]
+    {
         overwrite(&path, text.as_bytes());
         assert!(matches!(lookup(folder.path(), key("k")), Lookup::Broken(Breakage::Record)), "{text}");
     }
@@ -195,7 +198,9 @@ fn runs_come_newest_first() {
         seconds: 1.0,
         stages: Default::default(),
     };
-    for (pipeline, started) in [("a", "20260101T000000.000Z"), ("b", "20260102T000000.000Z"), ("a", "20260103T000000.000Z")] {
+    for (pipeline, started) in
+        [("a", "20260101T000000.000Z"), ("b", "20260102T000000.000Z"), ("a", "20260103T000000.000Z")]
+    {
         store.put_run(&run(pipeline, started)).unwrap();
     }
     let started: Vec<String> = store.runs(Some("a")).unwrap().map(|run| run.started).collect();

@@ -116,7 +116,8 @@ impl Work<'_> {
         for entry in WalkDir::new(&folder).sort_by_file_name() {
             let entry = entry.map_err(|error| refused(error.to_string()))?;
             if !entry.file_type().is_dir() {
-                let path = relative(entry.path(), &folder).ok_or_else(|| refused("a file's name is not text".into()))?;
+                let path =
+                    relative(entry.path(), &folder).ok_or_else(|| refused("a file's name is not text".into()))?;
                 let (blob, bytes) = self.store.take_blob(entry.path())?;
                 files.push(StoredFile { path, blob, bytes });
             }

@@ -17,7 +17,9 @@ fn signal(child: &std::process::Child, name: &str) {
 }
 
 fn slow(space: &Space, folder: &str) -> Said {
-    space.ok(&[&SLOW[..], &["--json", "--store", &format!("{folder}/store"), "--out", &format!("{folder}/out")]].concat())
+    space
+        .ok(&[&SLOW[..], &["--json", "--store", &format!("{folder}/store"), "--out", &format!("{folder}/out")]]
+            .concat())
 }
 
 #[test]
@@ -33,7 +35,10 @@ fn killed_at_any_moment_a_run_loses_nothing_and_ends_as_if_undisturbed() {
     }
     slow(&space, "wild");
     assert!(space.files("calm/out") == space.files("wild/out"));
-    assert_eq!(fs::read_dir(space.path("wild/store/work")).unwrap().filter(|e| e.as_ref().unwrap().path().is_dir()).count(), 0);
+    assert_eq!(
+        fs::read_dir(space.path("wild/store/work")).unwrap().filter(|e| e.as_ref().unwrap().path().is_dir()).count(),
+        0
+    );
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn mistake(from: &str, to: &str, arguments: &[&str], code: i32, words: &[&str]) 
 fn mistakes_in_the_pipeline_are_shown_in_their_line() {
     let file = |from, to, words: &[&str]| mistake(from, to, &[], 3, words);
     file("Interpolate(", "Interpolat(", &["tiny.ron:5:15", "`Interpolat`", "did you mean `Interpolate`?"]);
-    file("factor: 2", "facto: 2", &["tiny.ron:5:52", "`facto`", "did you mean `factor`?"]);
+    file("factor: 2", "facto: 2", &["tiny.ron:5:50", "`facto`", "did you mean `factor`?"]);
     file("\"scene.train\"", "\"scenes.train\"", &["tiny.ron:5:35", "did you mean `scene`?"]);
     file("\"scene.train\"", "\"scene.trains\"", &["tiny.ron:5:35", "did you mean `train`?"]);
     file("factor: 2", "factor: \"two\"", &["tiny.ron:5:"]);
@@ -38,7 +38,13 @@ fn mistakes_in_the_pipeline_are_shown_in_their_line() {
 
 #[test]
 fn what_the_pipeline_names_must_be_there() {
-    mistake("Procedural(views: 3, size: (32, 24), samples: 1)", "Llff(path: \"nowhere\")", &[], 3, &["scene", "nowhere"]);
+    mistake(
+        "Procedural(views: 3, size: (32, 24), samples: 1)",
+        "Llff(path: \"nowhere\")",
+        &[],
+        3,
+        &["scene", "nowhere"],
+    );
 }
 
 #[test]

@@ -9,7 +9,10 @@ fn a_second_run_runs_nothing_and_takes_no_time() {
     let space = Space::new();
     let first = space.ok(&["run", "tiny.ron", "--json"]).last();
     assert_eq!(first["event"], "finished");
-    assert_eq!((&first["ran"], &first["cached"], &first["failed"]), (&json!(["again", "scene", "up"]), &json!([]), &json!([])));
+    assert_eq!(
+        (&first["ran"], &first["cached"], &first["failed"]),
+        (&json!(["again", "scene", "up"]), &json!([]), &json!([]))
+    );
     let second = space.ok(&["run", "tiny.ron", "--json"]).last();
     assert_eq!((&second["ran"], &second["cached"]), (&json!([]), &json!(["again", "scene", "up"])));
     assert!(second["seconds"].as_f64().unwrap() < 1.0);
@@ -21,7 +24,8 @@ fn a_changed_value_runs_what_depends_on_it_as_the_plan_said() {
     space.ok(&["run", "tiny.ron"]);
     let set = ["--set", "up.filter=Lanczos"];
     let plan = space.ok(&[&["plan", "tiny.ron"], &set[..]].concat());
-    let lines: Vec<String> = plan.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
+    let lines: Vec<String> =
+        plan.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
     assert_eq!(lines[0], "scene cached");
     assert_eq!(lines[1], "up will run params changed: `filter` \"Bicubic\" -> \"Lanczos\"");
     assert_eq!(lines[2], "again will run upstream up will run (spared if its result is unchanged)");
@@ -48,7 +52,16 @@ fn targets_and_forced_stages_are_names_of_stages() {
 fn any_number_of_threads_gives_the_same_bytes() {
     let space = Space::new();
     for threads in ["1", "2", "5"] {
-        space.ok(&["run", "tiny.ron", "--threads", threads, "--store", &format!("s{threads}"), "--out", &format!("o{threads}")]);
+        space.ok(&[
+            "run",
+            "tiny.ron",
+            "--threads",
+            threads,
+            "--store",
+            &format!("s{threads}"),
+            "--out",
+            &format!("o{threads}"),
+        ]);
     }
     let one = space.files("o1");
     assert!(one.len() > 6);
