@@ -104,8 +104,8 @@ impl Camera {
         DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), position.extend(1.0))
     }
 
-    /// The same camera after the world was moved, turned and scaled: `world' = scale * (rotation * world) + ...`, given
-    /// as the rigid part `rigid` followed by a uniform `scale` about the origin.
+    /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a uniform `scale` about the
+    /// origin. What it sees stays where it was in the image; depths, near and far are scaled.
     pub(crate) fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
         camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));

@@ -8,7 +8,7 @@ use crate::SceneError;
 
 /// Larger than any camera's sensor; a header that asks for more is not believed.
 const LARGEST_SIDE: u32 = 1 << 15;
-const LARGEST_ALLOCATION: u64 = 2 << 30;
+const LARGEST_ALLOCATION: u64 = 512 << 20;
 
 /// Pixels of one photo, sRGB-encoded in 0..=1.
 pub(crate) struct Pixels {

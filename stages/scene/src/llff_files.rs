@@ -8,6 +8,9 @@ use crate::{SceneError, image_file};
 const POSES_FILE: &str = "poses_bounds.npy";
 const DIGEST_DOMAIN: &str = "srnerf-dag 2026 LLFF source files v1";
 
+/// A folder of photos and the first one's width and height.
+type Candidate = (PathBuf, (u32, u32));
+
 /// The files that a scene is read from.
 pub(crate) struct LlffFiles {
     pub(crate) poses: PathBuf,
@@ -56,7 +59,7 @@ fn choose_images(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) 
         return if holds_photos { Ok(path) } else { Err(no_photos(folder, path)) };
     }
     let candidates = candidates(folder)?;
-    let fits = |&&(_, (w, h)): &&(PathBuf, (u32, u32))| size.is_some_and(|size| w >= size.0 && h >= size.1);
+    let fits = |&&(_, (w, h)): &&Candidate| size.is_some_and(|size| w >= size.0 && h >= size.1);
     let chosen = candidates.iter().find(fits).or(candidates.last());
     chosen.map(|(path, _)| path.clone()).ok_or_else(|| no_photos(folder, folder.join("images")))
 }
@@ -72,7 +75,7 @@ fn no_photos(folder: &Path, path: PathBuf) -> SceneError {
 }
 
 /// The subfolders `images` and `images_<factor>` that hold photos, with their first photo's size, smallest first.
-fn candidates(folder: &Path) -> Result<Vec<(PathBuf, (u32, u32))>, SceneError> {
+fn candidates(folder: &Path) -> Result<Vec<Candidate>, SceneError> {
     let io = |source| SceneError::Io { path: folder.into(), source };
     let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(io)?.collect();
     let mut found = Vec::new();

@@ -37,7 +37,7 @@ pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64;
 /// Splits photos in their order into `(train, test)`: indices 0, `every`, 2 * `every`, ... are held out as test, which
 /// with 8 is the LLFF protocol. 0 holds out nothing; 1 holds out everything.
 pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo>) {
-    let is_test = |index: usize| every != 0 && index % every == 0;
+    let is_test = |index: usize| every != 0 && index.is_multiple_of(every);
     let (test, train): (Vec<_>, Vec<_>) = photos.into_iter().enumerate().partition(|(index, _)| is_test(*index));
     let photos_of = |part: Vec<(usize, Photo)>| part.into_iter().map(|(_, photo)| photo).collect();
     (photos_of(train), photos_of(test))

@@ -1,4 +1,5 @@
 //! LLFF folders: written from known cameras and read back, broken in every way, and a real one where it is at hand.
+#![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
 //! The embedded scene: the same bits however it is made, a truth at any resolution, and worth super-resolving.
+#![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 use compute::Device;
 use compute::resize::{Filter, resize};

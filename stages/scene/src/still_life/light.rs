@@ -31,8 +31,6 @@ pub(super) struct Lights {
 
 impl Lights {
     pub(super) fn new() -> Lights {
-        let lamp =
-            |u: Vec2| Vec3::new(-2.6, 3.3, 2.3) + 0.85 * (u.x - 0.5) * Vec3::new(0.8, 0.0, 0.6) + lamp_height(u.y);
         Lights {
             luminaires: [
                 Luminaire { points: spread(lamp), color: hex(0xfff0dc) * 0.95, highlights: true },
@@ -53,12 +51,12 @@ impl Luminaire {
     fn reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let stride = POINTS / PER_SAMPLE;
         let points = (0..PER_SAMPLE).map(|k| self.points[(sample * 7 + k * stride) % POINTS]);
-        let sum: Vec3 = points.map(|point| self.from_point(world, hit, to_eye, point)).sum();
+        let sum: Vec3 = points.map(|point| self.point_reflected(world, hit, to_eye, point)).sum();
         sum / PER_SAMPLE as f32
     }
 
     /// Lambert's law and a highlight after Blinn and Phong (Blinn 1977).
-    fn from_point(&self, world: &World, hit: &Hit, to_eye: Vec3, light: Vec3) -> Vec3 {
+    fn point_reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, light: Vec3) -> Vec3 {
         let (to_light, distance) = (light - hit.point).normalize_and_length();
         let cosine = hit.normal.dot(to_light);
         if cosine <= 0.0 || world.shades(&Line::new(hit.point, to_light), distance) {
@@ -70,8 +68,10 @@ impl Luminaire {
     }
 }
 
-fn lamp_height(v: f32) -> Vec3 {
-    0.85 * (v - 0.5) * Vec3::new(-0.3, 0.85, 0.4)
+/// A square before the table, to the left, that faces the things.
+fn lamp(u: Vec2) -> Vec3 {
+    let (right, up) = (Vec3::new(0.68, 0.0, 0.51), Vec3::new(-0.26, 0.72, 0.34));
+    Vec3::new(-2.6, 3.3, 2.3) + (u.x - 0.5) * right + (u.y - 0.5) * up
 }
 
 /// A quarter of a large sphere, above and before the table.
