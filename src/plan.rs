@@ -28,7 +28,8 @@ pub struct Context<'a> {
     pub needed: BTreeSet<usize>,
     /// Earlier runs.
     pub history: History<'a>,
-    sources: Vec<Vec<Source>>,
+    /// What each stage reads beside its inputs: [`sources`].
+    pub sources: &'a [Vec<Source>],
 }
 
 /// A stage whose inputs are all known.
@@ -82,21 +83,7 @@ pub struct SourceError {
     pub error: StageError,
 }
 
-impl<'a> Context<'a> {
-    /// Reads the sources of the stages that are needed.
-    pub fn new(
-        graph: &'a Graph,
-        store: &'a Store,
-        device: &'a str,
-        salt: Option<&'a str>,
-        forced: BTreeSet<usize>,
-        needed: BTreeSet<usize>,
-    ) -> Result<Self, SourceError> {
-        let sources = sources(graph, &needed)?;
-        let history = History::new(store, &graph.pipeline);
-        Ok(Self { graph, store, device, salt, forced, needed, history, sources })
-    }
-
+impl Context<'_> {
     fn recipe<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Recipe<'r> {
         let node = &self.graph.nodes[at];
         Recipe { node, inputs, sources: &self.sources[at], device: self.device, salt: self.salt }
@@ -182,8 +169,8 @@ fn known_inputs<'n>(node: &'n Node, upstream: &BTreeMap<usize, Forecast>) -> (In
     (known, unknown)
 }
 
-/// What stages read beside their inputs; stages of one kind with the same parameters read the same.
-fn sources(graph: &Graph, needed: &BTreeSet<usize>) -> Result<Vec<Vec<Source>>, SourceError> {
+/// What the stages that are needed read beside their inputs; stages of one kind with the same parameters read the same.
+pub fn sources(graph: &Graph, needed: &BTreeSet<usize>) -> Result<Vec<Vec<Source>>, SourceError> {
     let mut known: BTreeMap<(&str, String), Vec<Source>> = BTreeMap::new();
     let mut all = vec![Vec::new(); graph.nodes.len()];
     for &at in needed {

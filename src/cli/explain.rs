@@ -40,7 +40,7 @@ impl Explain {
         let session = Session::new(pipeline, changes, &Choice::default())?;
         let at = session.stage(&self.stage)?;
         let store = Store::open(&changes.folders.store)?;
-        let mut context = session.context(&store)?;
+        let mut context = session.context(&store);
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let forecasts = context.forecast()?;
         let Some(account) = account(&context, &forecasts, at)? else { return Ok(()) };

@@ -36,7 +36,7 @@ impl Inspect {
         let session = Session::new(pipeline, changes, &Choice::default())?;
         let at = session.stage(&self.what)?;
         let store = Store::open(&changes.folders.store)?;
-        let mut context = session.context(&store)?;
+        let mut context = session.context(&store);
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let mut forecasts = context.forecast()?;
         let name = &session.graph.nodes[at].name;

@@ -26,7 +26,7 @@ impl Plan {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
         let session = Session::new(pipeline, changes, &self.choice)?;
         let store = Store::open(&changes.folders.store)?;
-        let forecasts = session.context(&store)?.forecast()?;
+        let forecasts = session.context(&store).forecast()?;
         let stages: Vec<(&str, &Forecast)> =
             forecasts.iter().map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast)).collect();
         if json {

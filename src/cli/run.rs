@@ -54,10 +54,8 @@ impl Run {
         let started = now();
         let PipelineOptions { pipeline, changes } = &self.pipeline;
         let session = Session::new(pipeline, changes, &self.choice)?;
-        let empty = Store::open(&changes.folders.store)?;
-        session.context(&empty)?;
         let store = Store::create(&changes.folders.store)?;
-        let context = session.context(&store)?;
+        let context = session.context(&store);
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
         view.retain(session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?;
         let outcome = self.compute(&context, &session, &view, json)?;

@@ -4,13 +4,15 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use compute::Device;
+use stages::Source;
 
 use super::options::{Changes, Choice};
 use crate::error::Error;
+use crate::explain::History;
 use crate::pipeline::graph::Graph;
-use crate::pipeline::problem::Source;
+use crate::pipeline::problem;
 use crate::pipeline::set::Override;
-use crate::plan::Context;
+use crate::plan::{self, Context};
 use crate::store::Store;
 
 /// A pipeline about to be planned or run.
@@ -22,6 +24,7 @@ pub struct Session {
     salt: Option<String>,
     forced: BTreeSet<usize>,
     needed: BTreeSet<usize>,
+    sources: Vec<Vec<Source>>,
 }
 
 impl Session {
@@ -29,19 +32,28 @@ impl Session {
     pub fn new(pipeline: &Path, changes: &Changes, choice: &Choice) -> Result<Self, Error> {
         let device = device(&changes.device)?;
         let overrides = changes.set.iter().map(|set| Override::read(set)).collect::<Result<Vec<_>, _>>()?;
-        let source = Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
+        let source =
+            problem::Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
         let graph = crate::pipeline::load(&source, &overrides)?;
         let (targets, forced) = (find(&graph, &choice.target)?, find(&graph, &choice.force)?);
         let all = || (0..graph.nodes.len()).collect();
         let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
-        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed })
+        let sources = plan::sources(&graph, &needed)?;
+        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources })
     }
 
     /// The context for planning and running.
-    pub fn context<'s>(&'s self, store: &'s Store) -> Result<Context<'s>, Error> {
-        let salt = self.salt.as_deref();
-        let (forced, needed) = (self.forced.clone(), self.needed.clone());
-        Ok(Context::new(&self.graph, store, self.device.kind(), salt, forced, needed)?)
+    pub fn context<'s>(&'s self, store: &'s Store) -> Context<'s> {
+        Context {
+            graph: &self.graph,
+            store,
+            device: self.device.kind(),
+            salt: self.salt.as_deref(),
+            forced: self.forced.clone(),
+            needed: self.needed.clone(),
+            history: History::new(store, &self.graph.pipeline),
+            sources: &self.sources,
+        }
     }
 
     /// The one stage of this name, even if the options left it out.

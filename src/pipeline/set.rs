@@ -101,8 +101,11 @@ impl Override {
             let message = format!("`{}`: {}", error.path(), error.inner());
             let names = quoted(&message);
             let problem = self.source.problem(self.value_span.clone(), &message);
-            match &names[1..] {
-                [found, known @ ..] if !known.is_empty() => problem.with_names(found, known.iter().copied()),
+            match (&names[1..], &self.value) {
+                ([found, known @ ..], _) if !known.is_empty() => problem.with_names(found, known.iter().copied()),
+                (_, Json::String(name)) if message.contains("unit variant") => {
+                    problem.with_help(format!("a variant with fields has parentheses, even for its defaults: {name}()"))
+                }
                 _ => problem,
             }
         })?;

@@ -1,12 +1,13 @@
 //! Progress on a terminal: one bar per running stage, and a line above the bars for whatever is over.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use stages::Message;
 
 use super::lines::Lines;
-use super::{Event, Progress, Verbosity, figures};
+use super::{Event, Progress, Verbosity, figure, figures};
 
 /// Tells events by bars.
 pub struct Bars {
@@ -22,8 +23,13 @@ impl Bars {
     }
 
     fn start(&mut self, stage: &str) {
-        let template = "{prefix:24} {wide_bar} {pos}/{len} {msg} {per_sec}, {eta} left";
+        let template = "{prefix:24} {wide_bar} {pos}/{len} {msg} {rate} steps/s, {eta} left";
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let rate = |state: &ProgressState, out: &mut dyn Write| {
+            // Bars have nobody to tell that a text could not be written.
+            let _ = out.write_str(&figure(state.per_sec()));
+        };
+        let style = style.with_key("rate", rate);
         let bar = self.all.add(ProgressBar::new(0).with_style(style).with_prefix(stage.to_owned()));
         self.running.insert(stage.to_owned(), bar);
     }

@@ -5,8 +5,10 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use compute::Device;
+use stages::Source;
 
 use super::{Outcome, Scheduler};
+use crate::explain::History;
 use crate::pipeline::graph::{Graph, Node};
 use crate::plan::{Context, Forecast};
 use crate::progress::{Event, Progress};
@@ -60,9 +62,20 @@ fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) -> Done {
 }
 
 fn context<'a>(store: &'a Store, graph: &'a Graph, forced: &[usize]) -> Context<'a> {
-    let all = (0..graph.nodes.len()).collect();
-    Context::new(graph, store, "cpu", None, forced.iter().copied().collect(), all).unwrap()
+    Context {
+        graph,
+        store,
+        device: "cpu",
+        salt: None,
+        forced: forced.iter().copied().collect(),
+        needed: (0..graph.nodes.len()).collect(),
+        history: History::new(store, "test"),
+        sources: &NO_SOURCES,
+    }
 }
+
+/// No stage here reads anything beside its inputs.
+static NO_SOURCES: [Vec<Source>; 4] = [const { Vec::new() }; 4];
 
 /// What the plan says of each stage, in its first letter: cached, will run, spared if nothing changes.
 fn plan(folder: &Path, graph: &Graph) -> String {
