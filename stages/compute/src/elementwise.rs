@@ -48,10 +48,11 @@ pub fn add_channels(x: &Array, bias: &Array) -> Array {
     }
 }
 
-/// Every element moved into `low..=high`.
+/// Every element moved into `low..=high`; NaN stays NaN.
 pub fn clamp(x: &Array, low: f32, high: f32) -> Array {
+    assert!(low <= high, "clamp: nothing lies in {low}..={high}");
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::map(x.host(), |x| x.max(low).min(high))),
+        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::map(x.host(), |x| x.clamp(low, high))),
     }
 }
 

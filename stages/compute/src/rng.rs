@@ -1,6 +1,8 @@
 //! Random numbers as pure functions of (seed, domain, step, element): a counter-based generator has no state to save, and
 //! any thread may draw any number. Philox4x32-10, Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3".
 
+use rayon::prelude::*;
+
 use crate::array::Array;
 use crate::device::Device;
 
@@ -68,8 +70,8 @@ impl Rng {
 
     /// An array whose element `i` is [`Rng::normal`]`(step, i)`.
     pub fn normals(&self, step: u64, shape: &[usize], device: &Device) -> Array {
-        let len: usize = shape.iter().product();
-        device.array(shape, (0..len as u64).map(|element| self.normal(step, element)).collect())
+        let len = shape.iter().product::<usize>() as u64;
+        device.array(shape, (0..len).into_par_iter().map(|element| self.normal(step, element)).collect())
     }
 }
 

@@ -20,11 +20,6 @@ pub fn silu_slope(x: f32) -> f32 {
 }
 
 #[inline(always)]
-fn gelu(x: f32) -> f32 {
-    x * normal_cdf(x)
-}
-
-#[inline(always)]
 fn gelu_slope(x: f32) -> f32 {
     normal_cdf(x) + x * normal_density(x)
 }
@@ -41,16 +36,39 @@ fn quick_gelu_slope(x: f32) -> f32 {
 pub fn apply(function: Function, x: &[f32]) -> Vec<f32> {
     match function {
         Function::Silu => map(x, silu),
-        Function::Gelu => map(x, gelu),
-        Function::QuickGelu => map(x, |x| x * sigmoid(QUICK * x)),
+        Function::Gelu => map(
+            x,
+            #[inline(always)]
+            |x| x * normal_cdf(x),
+        ),
+        Function::QuickGelu => map(
+            x,
+            #[inline(always)]
+            |x| x * sigmoid(QUICK * x),
+        ),
     }
 }
 
 pub fn backward(function: Function, x: &[f32], dy: &[f32]) -> Vec<f32> {
     match function {
-        Function::Silu => zip(x, dy, |x, dy| dy * silu_slope(x)),
-        Function::Gelu => zip(x, dy, |x, dy| dy * gelu_slope(x)),
-        Function::QuickGelu => zip(x, dy, |x, dy| dy * quick_gelu_slope(x)),
+        Function::Silu => zip(
+            x,
+            dy,
+            #[inline(always)]
+            |x, dy| dy * silu_slope(x),
+        ),
+        Function::Gelu => zip(
+            x,
+            dy,
+            #[inline(always)]
+            |x, dy| dy * gelu_slope(x),
+        ),
+        Function::QuickGelu => zip(
+            x,
+            dy,
+            #[inline(always)]
+            |x, dy| dy * quick_gelu_slope(x),
+        ),
     }
 }
 
@@ -63,7 +81,11 @@ pub fn geglu(x: &[f32], half: usize) -> Vec<f32> {
             let (a, b) = x.split_at(half);
             vectorize(
                 #[inline(always)]
-                || out.iter_mut().zip(a).zip(b).for_each(|((out, a), &b)| *out = a * gelu(b)),
+                || {
+                    for ((out, a), &b) in out.iter_mut().zip(a).zip(b) {
+                        *out = a * b * normal_cdf(b);
+                    }
+                },
             );
         }
     });
@@ -79,9 +101,9 @@ pub fn geglu_backward(x: &[f32], dy: &[f32], half: usize) -> Vec<f32> {
             vectorize(
                 #[inline(always)]
                 || {
-                    for (i, dy) in dy.iter().enumerate() {
-                        da[i] = dy * gelu(b[i]);
-                        db[i] = dy * a[i] * gelu_slope(b[i]);
+                    for ((((da, db), a), &b), dy) in da.iter_mut().zip(db).zip(a).zip(b).zip(dy) {
+                        *da = dy * b * normal_cdf(b);
+                        *db = dy * a * gelu_slope(b);
                     }
                 },
             );

@@ -4,6 +4,7 @@
 use rayon::prelude::*;
 
 use super::gemm::{Matrix, MatrixMut, Threads, multiply};
+use super::lanes;
 use super::math::exp;
 use super::simd::vectorize;
 use crate::attention::Extents;
@@ -97,48 +98,17 @@ impl Running {
             || {
                 let (seen, hidden) = scores.split_at_mut(visible);
                 hidden.fill(0.0);
-                let max = self.max[row].max(row_max(seen) * scale);
-                let sum = exponentials(seen, scale, max);
+                let max = self.max[row].max(lanes::max(seen) * scale);
+                let sum = lanes::change_and_sum(seen, |score| exp(score * scale - max));
                 let shrink = if self.sum[row] > 0.0 { exp(self.max[row] - max) } else { 0.0 };
-                self.values[row * depth..(row + 1) * depth].iter_mut().for_each(|value| *value *= shrink);
+                for value in &mut self.values[row * depth..(row + 1) * depth] {
+                    *value *= shrink;
+                }
                 self.sum[row] = self.sum[row] * shrink + sum;
                 self.max[row] = max;
             },
         );
     }
-}
-
-/// Lanes of the row reductions.
-const LANES: usize = 32;
-
-#[inline(always)]
-fn row_max(row: &[f32]) -> f32 {
-    let mut lanes = [f32::NEG_INFINITY; LANES];
-    let chunks = row.chunks_exact(LANES);
-    let rest = chunks.remainder();
-    for chunk in chunks {
-        lanes.iter_mut().zip(chunk).for_each(|(lane, &x)| *lane = if x > *lane { x } else { *lane });
-    }
-    lanes.iter_mut().zip(rest).for_each(|(lane, &x)| *lane = lane.max(x));
-    lanes.iter().fold(f32::NEG_INFINITY, |max, &x| max.max(x))
-}
-
-/// Replaces every score by `exp(scale * score - max)` and sums them.
-#[inline(always)]
-fn exponentials(row: &mut [f32], scale: f32, max: f32) -> f32 {
-    let mut lanes = [0.0; LANES];
-    let mut chunks = row.chunks_exact_mut(LANES);
-    for chunk in &mut chunks {
-        for (lane, x) in lanes.iter_mut().zip(chunk) {
-            *x = exp(*x * scale - max);
-            *lane += *x;
-        }
-    }
-    for (lane, x) in lanes.iter_mut().zip(chunks.into_remainder()) {
-        *x = exp(*x * scale - max);
-        *lane += *x;
-    }
-    lanes.iter().sum()
 }
 
 /// Divides by the sums and writes one head of the block.

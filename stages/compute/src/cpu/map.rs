@@ -20,9 +20,14 @@ pub fn fill(out: &mut [f32], chunk: usize, kernel: impl Fn(usize, &mut [f32]) + 
 pub fn map(x: &[f32], f: impl Fn(f32) -> f32 + Sync) -> Vec<f32> {
     let mut out = vec![0.0; x.len()];
     fill(&mut out, CHUNK, |i, out| {
+        let x = &x[i * CHUNK..];
         vectorize(
             #[inline(always)]
-            || out.iter_mut().zip(&x[i * CHUNK..]).for_each(|(out, &x)| *out = f(x)),
+            || {
+                for (out, &x) in out.iter_mut().zip(x) {
+                    *out = f(x);
+                }
+            },
         )
     });
     out
@@ -35,7 +40,11 @@ pub fn zip(x: &[f32], y: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> Vec<f32>
         let (x, y) = (&x[i * CHUNK..], &y[i * CHUNK..]);
         vectorize(
             #[inline(always)]
-            || out.iter_mut().zip(x).zip(y).for_each(|((out, &x), &y)| *out = f(x, y)),
+            || {
+                for ((out, &x), &y) in out.iter_mut().zip(x).zip(y) {
+                    *out = f(x, y);
+                }
+            },
         )
     });
     out
@@ -43,17 +52,12 @@ pub fn zip(x: &[f32], y: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> Vec<f32>
 
 /// The sum of `factor * values` over the terms, from left to right.
 pub fn scaled_sum(terms: &[(f32, &[f32])]) -> Vec<f32> {
-    let mut out = vec![0.0; terms[0].1.len()];
-    fill(&mut out, CHUNK, |i, out| {
-        for &(factor, values) in terms {
-            let values = &values[i * CHUNK..];
-            vectorize(
-                #[inline(always)]
-                || out.iter_mut().zip(values).for_each(|(out, &value)| *out += factor * value),
-            );
-        }
-    });
-    out
+    match *terms {
+        [] => Vec::new(),
+        [(a, x)] => map(x, |x| a * x),
+        [(a, x), (b, y)] => zip(x, y, |x, y| a * x + b * y),
+        [ref first @ .., (a, x)] => zip(&scaled_sum(first), x, |sum, x| sum + a * x),
+    }
 }
 
 /// Every plane of `plane` elements plus its own number.

@@ -1,31 +1,31 @@
 //! Elementary functions that vectorise: no branches, no table, no call into the C library.
 
-use std::f32::consts::{FRAC_1_SQRT_2, LOG2_E};
+use std::f32::consts::{FRAC_1_SQRT_2, FRAC_2_SQRT_PI, LOG2_E};
 
 /// Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, which then lies in the low bits of the sum.
 const ROUND: f32 = 12_582_912.0;
 /// ln 2 in two parts: the high part has few enough bits for its multiples to be exact.
-const LN2_HIGH: f32 = 0.693_359_375;
+const LN2_HIGH: f32 = 355.0 / 512.0;
 const LN2_LOW: f32 = -2.121_944_4e-4;
 
-/// Evaluates a polynomial whose highest coefficient comes first.
-#[inline(always)]
-fn horner<const N: usize>(x: f32, coefficients: [f32; N]) -> f32 {
-    let mut value = coefficients[0];
-    for coefficient in &coefficients[1..] {
-        value = value * x + coefficient;
-    }
-    value
+/// Evaluates a polynomial whose highest coefficient comes first, by Horner's rule. A macro, since a loop over the
+/// coefficients keeps the loop around it from becoming vectors.
+macro_rules! polynomial {
+    ($x:expr; $first:expr $(, $next:expr)* $(,)?) => {{
+        let value: f32 = $first;
+        $(let value = value * $x + $next;)*
+        value
+    }};
 }
 
-/// The exponential function, to a relative error of about 1e-7; clamped to the range of normal numbers.
+/// The exponential function, to a relative error of about 1e-7; clamped to the range of normal numbers. NaN stays NaN.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    let x = x.max(-87.3).min(88.3);
+    let x = x.clamp(-87.3, 88.3);
     let rounded = x * LOG2_E + ROUND;
     let n = rounded - ROUND;
     let r = (x - n * LN2_HIGH) - n * LN2_LOW;
-    let fraction = horner(r, [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0]);
+    let fraction = polynomial!(r; 1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0);
     let power = f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     fraction * power
 }
@@ -42,34 +42,14 @@ pub fn sigmoid(x: f32) -> f32 {
 pub fn erf(x: f32) -> f32 {
     let magnitude = x.abs();
     let square = magnitude * magnitude;
-    let inner = horner(
-        square,
-        [
-            -9.673_59e-6,
-            1.126_825_4e-4,
-            -8.484_396e-4,
-            5.221_053_5e-3,
-            -2.686_543_8e-2,
-            0.112_837_83,
-            -0.376_126_38,
-            1.128_379_2,
-        ],
+    let inner = polynomial!(
+        square; -9.673_59e-6, 1.126_825_4e-4, -8.484_396e-4, 5.221_053_5e-3, -2.686_543_8e-2, 0.112_837_83,
+        -0.376_126_38, FRAC_2_SQRT_PI,
     );
     let t = 2.0 / (2.0 + magnitude);
-    let outer = horner(
-        t,
-        [
-            -1.133_854e-2,
-            -2.819_593_4e-2,
-            0.268_488_6,
-            -0.524_538_76,
-            0.347_045_87,
-            -7.931_277e-2,
-            0.225_032_69,
-            0.237_641_2,
-            0.283_095_5,
-            0.282_046_7,
-        ],
+    let outer = polynomial!(
+        t; -1.133_854e-2, -2.819_593_4e-2, 0.268_488_6, -0.524_538_76, 0.347_045_87, -7.931_277e-2, 0.225_032_69,
+        0.237_641_2, 0.283_095_5, 0.282_046_7,
     );
     let (near, far) = (magnitude * inner, 1.0 - exp(-square) * t * outer);
     (if magnitude < 1.0 { near } else { far }).copysign(x)
@@ -99,6 +79,7 @@ mod tests {
             assert!((f64::from(exp(x)) / exact - 1.0).abs() < 1.6e-7, "exp({x}) is {}, not {exact}", exp(x));
         }
         assert_eq!(exp(0.0), 1.0);
+        assert!(exp(f32::NAN).is_nan());
         assert!(exp(-1e30) < 1.3e-38 && exp(1e30).is_finite());
     }
 

@@ -5,6 +5,7 @@ pub mod adam;
 pub mod attention;
 pub mod conv;
 mod gemm;
+mod lanes;
 pub mod linear;
 pub mod map;
 mod math;

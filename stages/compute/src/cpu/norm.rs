@@ -1,37 +1,20 @@
 //! Group and layer normalisation, forward and backward to the input.
 
 use super::activation::{silu, silu_slope};
+use super::lanes;
 use super::map::fill;
 use super::simd::vectorize;
 use crate::norm::{Activation, Groups};
 
-/// Sums run in this many lanes side by side, then over the lanes in their order, whatever the vectors' width.
-const LANES: usize = 64;
 /// Rows per task of layer normalisation.
 const ROWS: usize = 16;
-
-/// The sum of `term(i)` for `i` in `0..len`.
-#[inline(always)]
-fn lane_sum(len: usize, term: impl Fn(usize) -> f32) -> f32 {
-    let mut lanes = [0.0f32; LANES];
-    let whole = len - len % LANES;
-    for start in (0..whole).step_by(LANES) {
-        for (lane, sum) in lanes.iter_mut().enumerate() {
-            *sum += term(start + lane);
-        }
-    }
-    for i in whole..len {
-        lanes[i - whole] += term(i);
-    }
-    lanes.iter().sum()
-}
 
 /// The mean of `x` and the reciprocal of its standard deviation.
 #[inline(always)]
 fn moments(x: &[f32], eps: f32) -> [f32; 2] {
     let count = x.len() as f32;
-    let mean = lane_sum(x.len(), |i| x[i]) / count;
-    let variance = lane_sum(x.len(), |i| (x[i] - mean) * (x[i] - mean)) / count;
+    let mean = lanes::sum(x, |x| x) / count;
+    let variance = lanes::sum(x, |x| (x - mean) * (x - mean)) / count;
     [mean, 1.0 / (variance + eps).sqrt()]
 }
 
@@ -55,8 +38,16 @@ pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Acti
                     let scale = gamma[channel + c] * rstd;
                     let shift = beta[channel + c] - mean * scale;
                     match activation {
-                        Activation::None => out.iter_mut().zip(x).for_each(|(out, x)| *out = x * scale + shift),
-                        Activation::Silu => out.iter_mut().zip(x).for_each(|(out, x)| *out = silu(x * scale + shift)),
+                        Activation::None => {
+                            for (out, x) in out.iter_mut().zip(x) {
+                                *out = x * scale + shift;
+                            }
+                        }
+                        Activation::Silu => {
+                            for (out, x) in out.iter_mut().zip(x) {
+                                *out = silu(x * scale + shift);
+                            }
+                        }
                     }
                 }
             },
@@ -87,12 +78,16 @@ pub fn group_backward(
                     let gamma = gamma[channel + c];
                     let (scale, shift) = (gamma * rstd, beta[channel + c] - mean * gamma * rstd);
                     match activation {
-                        Activation::None => dx.iter_mut().zip(dy).for_each(|(dx, dy)| *dx = dy * gamma),
-                        Activation::Silu => dx
-                            .iter_mut()
-                            .zip(x)
-                            .zip(dy)
-                            .for_each(|((dx, x), dy)| *dx = dy * silu_slope(x * scale + shift) * gamma),
+                        Activation::None => {
+                            for (dx, dy) in dx.iter_mut().zip(dy) {
+                                *dx = dy * gamma;
+                            }
+                        }
+                        Activation::Silu => {
+                            for ((dx, x), dy) in dx.iter_mut().zip(x).zip(dy) {
+                                *dx = dy * silu_slope(x * scale + shift) * gamma;
+                            }
+                        }
                     }
                 }
                 project(x, dx, [mean, rstd]);
@@ -107,8 +102,8 @@ pub fn group_backward(
 #[inline(always)]
 fn project(x: &[f32], dx: &mut [f32], [mean, rstd]: [f32; 2]) {
     let count = x.len() as f32;
-    let along_mean = lane_sum(x.len(), |i| dx[i]) / count;
-    let along_value = lane_sum(x.len(), |i| dx[i] * ((x[i] - mean) * rstd)) / count;
+    let along_mean = lanes::sum(dx, |dx| dx) / count;
+    let along_value = lanes::sum_pairs(dx, x, |dx, x| dx * ((x - mean) * rstd)) / count;
     for (dx, x) in dx.iter_mut().zip(x) {
         *dx = rstd * (*dx - along_mean - (x - mean) * rstd * along_value);
     }
@@ -119,17 +114,18 @@ pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Vec<f32> {
     let width = gamma.len();
     let mut out = vec![0.0; x.len()];
     fill(&mut out, ROWS * width, |i, out| {
-        for (out, x) in out.chunks_mut(width).zip(x[i * ROWS * width..].chunks(width)) {
-            vectorize(
-                #[inline(always)]
-                || {
+        let rows = out.chunks_exact_mut(width).zip(x[i * ROWS * width..].chunks_exact(width));
+        vectorize(
+            #[inline(always)]
+            || {
+                for (out, x) in rows {
                     let [mean, rstd] = moments(x, eps);
-                    for (i, out) in out.iter_mut().enumerate() {
-                        *out = (x[i] - mean) * rstd * gamma[i] + beta[i];
+                    for (((out, x), gamma), beta) in out.iter_mut().zip(x).zip(gamma).zip(beta) {
+                        *out = (x - mean) * rstd * gamma + beta;
                     }
-                },
-            );
-        }
+                }
+            },
+        );
     });
     out
 }
@@ -139,16 +135,19 @@ pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Vec<f32
     let width = gamma.len();
     let mut dx = vec![0.0; x.len()];
     fill(&mut dx, ROWS * width, |i, dx| {
-        let rows = x[i * ROWS * width..].chunks(width).zip(dy[i * ROWS * width..].chunks(width));
-        for (dx, (x, dy)) in dx.chunks_mut(width).zip(rows) {
-            vectorize(
-                #[inline(always)]
-                || {
-                    dx.iter_mut().zip(dy).zip(gamma).for_each(|((dx, dy), gamma)| *dx = dy * gamma);
+        let inputs = x[i * ROWS * width..].chunks_exact(width).zip(dy[i * ROWS * width..].chunks_exact(width));
+        let rows = dx.chunks_exact_mut(width).zip(inputs);
+        vectorize(
+            #[inline(always)]
+            || {
+                for (dx, (x, dy)) in rows {
+                    for ((dx, dy), gamma) in dx.iter_mut().zip(dy).zip(gamma) {
+                        *dx = dy * gamma;
+                    }
                     project(x, dx, moments(x, eps));
-                },
-            );
-        }
+                }
+            },
+        );
     });
     dx
 }

@@ -28,7 +28,11 @@ fn along_columns(x: &[f32], taps: &Taps, width: usize, out: &mut [f32]) {
         for (&weight, x) in window.weights.iter().zip(x[window.first * width..].chunks(width)) {
             vectorize(
                 #[inline(always)]
-                || out.iter_mut().zip(x).for_each(|(out, x)| *out += weight * x),
+                || {
+                    for (out, x) in out.iter_mut().zip(x) {
+                        *out += weight * x;
+                    }
+                },
             );
         }
     }

@@ -52,13 +52,25 @@ pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Vec<f3
 pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Vec<f32> {
     let wide = w * factor;
     let mut out = vec![0.0; planes * h * factor * wide];
-    fill(&mut out, (factor * wide).max(1), |i, out| {
-        let row = &x[i * w..(i + 1) * w];
-        for out in out.chunks_mut(wide) {
-            out.chunks_mut(factor).zip(row).for_each(|(out, &x)| out.fill(x));
+    fill(&mut out, (h * factor * wide).max(1), |plane, out| {
+        let rows = x[plane * h * w..].chunks(w.max(1));
+        for (out, x) in out.chunks_mut(factor * wide).zip(rows) {
+            let (first, copies) = out.split_at_mut(wide);
+            repeat_each(x, factor, first);
+            copies.chunks_mut(wide).for_each(|copy| copy.copy_from_slice(first));
         }
     });
     out
+}
+
+/// Every element `factor` times. Twice, as networks do, is a loop of its own: it vectorises.
+fn repeat_each(x: &[f32], factor: usize, out: &mut [f32]) {
+    if factor == 2 {
+        let pairs = out.as_chunks_mut::<2>().0;
+        pairs.iter_mut().zip(x).for_each(|(pair, &x)| *pair = [x, x]);
+    } else {
+        out.chunks_mut(factor).zip(x).for_each(|(out, &x)| out.fill(x));
+    }
 }
 
 /// The sum over every block of `factor` by `factor`; `[planes, h, w]` is the extent of the result.
