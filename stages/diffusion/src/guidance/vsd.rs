@@ -37,16 +37,19 @@ pub struct Vsd {
 }
 
 impl Default for Vsd {
+    /// Values under which 2000 steps with tiny-x4 stay within a tenth of a decibel of renoised score distillation's, or above:
+    /// with a weaker anchor the last timesteps of the annealing, where the rule weighs most, push the latents apart. The paper's
+    /// LoRA rate of 1e-4 is for many more steps.
     fn default() -> Self {
         Self {
-            rate: 0.002,
+            rate: 0.005,
             timesteps: Timesteps::ANNEALED,
             lora_every: 1,
             warm_up: 50,
-            lora_rate: 1e-4,
+            lora_rate: 1e-3,
             lora_rank: 4,
             camera_drop: 0.1,
-            anchor: 0.1,
+            anchor: 0.5,
         }
     }
 }
