@@ -1,15 +1,13 @@
-//! The networks beside diffusers, transformers and peft: `golden/networks.py` wrote what those compute.
-
-mod support;
+//! The networks beside diffusers, transformers and peft: `../golden/networks.py` wrote what those compute.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::support::{Golden, golden, numbers};
 use compute::elementwise::{scale, sub};
 use compute::{Array, Device};
 use diffusion::{LoraNetwork, ModelSource, Prior, Unet};
 use serde_json::{Value, json};
-use support::{Golden, golden, numbers};
 
 const TOLERANCE: f64 = 1e-5;
 

@@ -1,0 +1,7 @@
+//! The networks: beside those of diffusers, in training, on images of any size, and when their files are damaged.
+
+mod autoencoder;
+mod golden;
+mod loading;
+mod support;
+mod training;

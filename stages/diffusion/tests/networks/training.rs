@@ -1,0 +1,140 @@
+//! What training relies on beyond the golden gradients.
+
+use crate::support::{distance, numbers};
+use compute::elementwise::{mul, scale, sub};
+use compute::reduce::{mean_square, sum};
+use compute::{Array, Device};
+use diffusion::{LoraGradients, LoraNetwork, ModelSource, Prior, Unet};
+
+struct Case {
+    unet: Unet,
+    sample: Array,
+    text: Array,
+    camera: Array,
+}
+
+impl Case {
+    fn new() -> Self {
+        let unet = Prior::load(&ModelSource::Embedded, &Device::cpu()).unwrap().unet;
+        let sample = numbers(1, &[2, 19, 5, 6]);
+        Self { unet, sample, text: numbers(2, &[2, 77, 32]), camera: numbers(3, &[2, 16]) }
+    }
+
+    fn forward(&self, lora: Option<&LoraNetwork>, camera: bool) -> Array {
+        self.unet.forward(&self.sample, &[500, 20], &self.text, &[20, 20], lora, camera.then_some(&self.camera))
+    }
+
+    /// The gradients of the output's mean square.
+    fn gradients(&self, lora: &LoraNetwork, camera: bool, sample: bool) -> LoraGradients {
+        let camera = camera.then_some(&self.camera);
+        let (y, tape) = self.unet.forward_train(&self.sample, &[500, 20], &self.text, &[20, 20], Some(lora), camera);
+        self.unet.backward(tape, &scale(&y, 2.0 / y.len() as f32), sample)
+    }
+
+    /// A LoRA of which no tensor is zero.
+    fn trained_lora(&self) -> LoraNetwork {
+        let mut lora = self.unet.new_lora(4, 4.0, 7);
+        for (i, tensor) in lora.adapters.values_mut().chain(lora.camera.values_mut()).enumerate() {
+            *tensor = scale(&numbers(100 + i as u64, tensor.shape()), 0.2);
+        }
+        lora
+    }
+}
+
+#[test]
+fn an_untrained_lora_changes_nothing() {
+    let case = Case::new();
+    let lora = case.unet.new_lora(4, 8.0, 7);
+    assert_eq!(case.forward(Some(&lora), true).to_vec(), case.forward(None, false).to_vec());
+    let down = lora.adapters.iter().filter(|(name, _)| name.ends_with("lora_A.weight"));
+    let (count, square) = down.fold((0, 0.0), |(n, s), (_, a)| (n + 1, s + mean_square(a)));
+    assert!(count == 56 && (square / count as f32 - 1.0 / 16.0).abs() < 0.004, "std of A is not 1/4: {square}");
+    assert!(
+        lora.adapters["unet.mid_block.attentions.0.transformer_blocks.0.attn1.to_out.0.lora_B.weight"].shape()
+            == [128, 4]
+    );
+}
+
+#[test]
+fn camera_gradients_are_slopes_of_the_loss() {
+    let case = Case::new();
+    let lora = case.trained_lora();
+    let gradients = case.gradients(&lora, true, false);
+    for (name, gradient) in &gradients.camera {
+        let direction = numbers(9, gradient.shape());
+        let loss = |step: f32| {
+            let mut moved = lora.clone();
+            let tensor = &lora.camera[name];
+            moved.camera.insert(name.clone(), sub(tensor, &scale(&direction, -step)));
+            f64::from(mean_square(&case.forward(Some(&moved), true)))
+        };
+        let slope = (loss(3e-3) - loss(-3e-3)) / 6e-3;
+        let expected = f64::from(sum(&mul(gradient, &direction)));
+        assert!((slope - expected).abs() < 0.01 * expected.abs() + 2e-5, "{name}: slope {slope}, gradient {expected}");
+    }
+}
+
+#[test]
+fn the_walk_back_ends_early_with_the_same_gradients() {
+    let case = Case::new();
+    let lora = case.trained_lora();
+    for camera in [false, true] {
+        let (all, some) = (case.gradients(&lora, camera, true), case.gradients(&lora, camera, false));
+        assert!(all.sample.is_some() && some.sample.is_none());
+        assert_eq!(some.camera.is_empty(), !camera);
+        assert!(all.adapters.keys().eq(some.adapters.keys()) && all.adapters.len() == 112);
+        for (name, gradient) in all.adapters.iter().chain(&all.camera) {
+            let other = some.adapters.get(name).or(some.camera.get(name)).unwrap();
+            assert_eq!(gradient.to_vec(), other.to_vec(), "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_batch_is_its_samples_side_by_side() {
+    let case = Case::new();
+    let lora = case.trained_lora();
+    let both = case.forward(Some(&lora), true);
+    let alone = |i: usize| {
+        let [sample, text, camera] =
+            [&case.sample, &case.text, &case.camera].map(|x| compute::shape::slice(x, 0, i, 1));
+        case.unet.forward(&sample, &[[500, 20][i]], &text, &[20], Some(&lora), Some(&camera))
+    };
+    for i in [0, 1] {
+        assert!(distance(&compute::shape::slice(&both, 0, i, 1), &alone(i)) < 1e-6);
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let case = Case::new();
+    let lora = case.trained_lora();
+    let bits = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let gradients = case.gradients(&lora, true, true);
+            let tensors = gradients.adapters.values().chain(gradients.camera.values()).chain(&gradients.sample);
+            tensors.flat_map(Array::to_vec).map(f32::to_bits).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(bits(1), bits(3));
+}
+
+#[test]
+fn a_lora_for_another_model_is_refused_by_tensor() {
+    let case = Case::new();
+    let refusal = |change: &dyn Fn(&mut LoraNetwork)| {
+        let mut lora = case.unet.new_lora(4, 4.0, 7);
+        change(&mut lora);
+        case.unet.check_lora(&lora, "lora.safetensors").map_err(|e| e.to_string())
+    };
+    let name = "unet.mid_block.attentions.0.transformer_blocks.0.attn1.to_q.lora_A.weight";
+    assert_eq!(refusal(&|_| {}), Ok(()));
+    let shape = refusal(&|lora| drop(lora.adapters.insert(name.into(), Device::cpu().zeros(&[4, 96]))));
+    let expected = format!("lora.safetensors: tensor `{name}` has the shape [4, 96]; this model needs [4, 128]");
+    assert_eq!(shape, Err(expected));
+    let missing = refusal(&|lora| drop(lora.camera.remove("camera_embedding.linear_1.bias")));
+    assert_eq!(missing, Err("lora.safetensors: tensor `camera_embedding.linear_1.bias` is missing".into()));
+    let extra = refusal(&|lora| drop(lora.adapters.insert("x".into(), Device::cpu().zeros(&[1]))));
+    assert_eq!(extra, Err("lora.safetensors: tensor `x` belongs to no layer of this model".into()));
+}
