@@ -47,15 +47,28 @@ impl Array {
     }
 }
 
+/// How to read a file.
+type Reader = fn(&Path) -> Result<Content, String>;
+
+/// How to read a file with this extension.
+fn reader(path: &Path) -> Option<Reader> {
+    match path.extension()?.to_str()? {
+        "exr" => Some(read_exr),
+        "safetensors" | "latent" => Some(read_safetensors),
+        "json" => Some(read_json),
+        _ => None,
+    }
+}
+
 impl Content {
+    /// Whether a path is that of a file which can be read, going by its extension.
+    pub fn can_read(path: &Path) -> bool {
+        reader(path).is_some()
+    }
+
     /// Reads a file by its extension.
     pub fn read(path: &Path) -> Result<Self, String> {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("exr") => read_exr(path),
-            Some("safetensors" | "latent") => read_safetensors(path),
-            Some("json") => read_json(path),
-            _ => Err("a file of an unknown type".into()),
-        }
+        reader(path).ok_or("a file of an unknown type")?(path)
     }
 
     /// All of it as JSON.

@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(key, key_of("(guidance: Vsd(lora_every: 0x3,),\n /* first */ steps: 1_00)"));
         assert_ne!(key, key_of("(steps: 101, guidance: Vsd(lora_every: 3))"));
         assert_ne!(key, key_of("(steps: 100, guidance: Vsd(lora_every: 1))"));
-        assert_ne!(key, key_of("(steps: 100, guidance: Rsd)"));
+        assert_ne!(key, key_of("(steps: 100, guidance: Rsd())"));
     }
 
     #[test]

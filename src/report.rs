@@ -1,5 +1,7 @@
 //! Tables of metrics and paths of comparison pictures, from results in the store.
 
+use std::collections::BTreeSet;
+
 use artifacts_schema::{Artifact, ArtifactKind, Metrics};
 
 use crate::cli::output::table;
@@ -45,10 +47,8 @@ impl Scores {
     /// Rows by metrics, the mean over views.
     pub fn table(&self) -> String {
         let Metrics { rows, definitions } = &self.metrics;
-        let mut names: Vec<&String> = definitions.keys().collect();
-        let others = rows.values().flat_map(|row| row.mean.keys()).filter(|name| !definitions.contains_key(*name));
-        names.extend(others);
-        names.dedup();
+        let names: BTreeSet<&String> =
+            definitions.keys().chain(rows.values().flat_map(|row| row.mean.keys())).collect();
         let head = std::iter::once(self.stage.clone()).chain(names.iter().map(|name| (*name).clone())).collect();
         let lines = rows.iter().map(|(row, scores)| {
             let cell = |name: &&String| scores.mean.get(*name).map_or("-".to_owned(), |value| figure(*value));

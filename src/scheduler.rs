@@ -21,7 +21,7 @@ use crate::explain::Reason;
 use crate::plan::{Assessment, Context, Inputs};
 use crate::progress::{Event, Progress};
 use crate::store::error::StoreError;
-use crate::store::result::Record;
+use crate::store::result::{Lookup, Record};
 use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
 use crate::store::work::Work;
@@ -71,14 +71,18 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
         news: &Receiver<News>,
     ) -> Result<(), StoreError> {
+        let mut ticked = Instant::now();
         loop {
             self.begin_all(board, scope, sender)?;
             if board.is_idle(!self.stopped()) {
                 return Ok(());
             }
-            match news.recv_timeout(TICK) {
-                Ok(news) => self.take(board, news)?,
-                Err(_) => board.tick(),
+            if let Ok(news) = news.recv_timeout(TICK) {
+                self.take(board, news)?;
+            }
+            if ticked.elapsed() >= TICK {
+                board.tick();
+                ticked = Instant::now();
             }
         }
     }
@@ -102,11 +106,16 @@ impl Scheduler<'_> {
             let Some(at) = board.next(self.pool.current_num_threads()) else { return Ok(()) };
             let inputs = self.inputs(at, &board.outcome.records);
             let assessment = self.pool.install(|| self.context.assess(at, &inputs))?;
-            match &assessment.verdict {
-                Ok(_) => self.reuse(board, at, assessment)?,
+            let Assessment { key, manifest, verdict } = assessment;
+            match verdict {
+                Ok(record) => self.reuse(board, at, key, record)?,
                 Err(reason) => {
-                    let reason = reason.clone();
-                    self.begin(board, at, assessment, reason, scope, sender)?;
+                    let Some(work) = self.claim(board, at, key, &reason)? else { continue };
+                    self.context.store.put_manifest(&key, &manifest)?;
+                    let task = self.task(at, key, work, &board.outcome.records, reason == Reason::Forced)?;
+                    board.begin(at, key, reason);
+                    let sender = sender.clone();
+                    scope.spawn(move || self.work(at, task, &sender));
                 }
             }
         }
@@ -121,39 +130,40 @@ impl Scheduler<'_> {
         wires.iter().filter_map(digest).collect()
     }
 
-    fn reuse(&self, board: &mut Board, at: usize, assessment: Assessment) -> Result<(), StoreError> {
-        let Ok(record) = assessment.verdict else { return Ok(()) };
+    fn reuse(&self, board: &mut Board, at: usize, key: Digest, record: Record) -> Result<(), StoreError> {
         self.view.show(self.context.store, self.name(at), &record)?;
-        board.progress.event(&Event::Cached { stage: self.name(at), key: assessment.key });
-        let run = StageRun { end: End::Cached, key: Some(assessment.key), reason: None, seconds: 0.0 };
-        board.done(at, run, record);
+        board.progress.event(&Event::Cached { stage: self.name(at), key });
+        board.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
         Ok(())
     }
 
-    fn begin<'s>(
-        &'s self,
+    /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has the folder,
+    /// or had it and has left a result by now.
+    fn claim(
+        &self,
         board: &mut Board,
         at: usize,
-        assessment: Assessment,
-        reason: Reason,
-        scope: &'s Scope<'s, '_>,
-        sender: &Sender<News>,
-    ) -> Result<(), StoreError> {
-        let (store, stage) = (self.context.store, self.name(at));
-        let Some(work) = store.work(assessment.key)? else {
+        key: Digest,
+        reason: &Reason,
+    ) -> Result<Option<Work<'_>>, StoreError> {
+        let store = self.context.store;
+        let Some(work) = store.work(key)? else {
             board.wait(at);
-            return Ok(());
+            return Ok(None);
         };
-        if let Reason::Broken(breakage) = &reason {
-            board.progress.event(&Event::Warning { stage, text: &format!("{breakage}; computing it again") });
-            store.discard(&assessment.key, breakage)?;
+        if *reason != Reason::Forced
+            && let Lookup::Sound(record) = store.lookup(&key)?
+        {
+            work.abandon()?;
+            self.reuse(board, at, key, record)?;
+            return Ok(None);
         }
-        store.put_manifest(&assessment.key, &assessment.manifest)?;
-        let task = self.task(at, assessment.key, work, &board.outcome.records, reason == Reason::Forced)?;
-        board.begin(at, assessment.key, reason);
-        let sender = sender.clone();
-        scope.spawn(move || self.work(at, task, &sender));
-        Ok(())
+        if let Reason::Broken(breakage) = reason {
+            let text = format!("{breakage}; computing it again");
+            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+            store.discard(&key, breakage)?;
+        }
+        Ok(Some(work))
     }
 
     fn task<'s>(

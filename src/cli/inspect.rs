@@ -28,7 +28,8 @@ impl Inspect {
     /// Prints what there is to say.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let path = Path::new(&self.what);
-        if path.is_file() { file(path, json) } else { self.stage(json) }
+        // Names of stages have dots too, but never one of these endings.
+        if path.is_file() || Content::can_read(path) { file(path, json) } else { self.stage(json) }
     }
 
     fn stage(&self, json: bool) -> Result<(), Error> {

@@ -70,15 +70,18 @@ fn blobs(space: &Space, shown: &str) -> PathBuf {
     cas.into_iter().find(of_bytes).unwrap()
 }
 
+/// Something that happens to a blob.
+type Act = fn(&Path);
+
 #[test]
 fn a_lost_or_changed_blob_is_noticed_and_only_its_stage_runs_again() {
-    let acts: [(&str, &dyn Fn(&Path)); 3] = [
-        ("blob missing", &|blob| fs::remove_file(blob).unwrap()),
-        ("blob damaged", &|blob| {
+    let acts: [(&str, Act); 3] = [
+        ("blob missing", |blob| fs::remove_file(blob).unwrap()),
+        ("blob damaged", |blob| {
             fs::remove_file(blob).unwrap();
             fs::write(blob, "cut").unwrap();
         }),
-        ("blob damaged", &|blob| {
+        ("blob damaged", |blob| {
             let mut bytes = fs::read(blob).unwrap();
             *bytes.last_mut().unwrap() ^= 1;
             fs::remove_file(blob).unwrap();

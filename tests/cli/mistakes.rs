@@ -75,3 +75,16 @@ fn help_lists_the_exit_codes() {
         assert!(said.out.contains(&format!("\n  {code}")), "{code} is not in: {}", said.out);
     }
 }
+
+#[test]
+fn files_that_cannot_be_read_are_said_to_be_so() {
+    let space = Space::new();
+    fs::write(space.path("cut.exr"), "v/1").unwrap();
+    fs::write(space.path("cut.safetensors"), [255; 9]).unwrap();
+    fs::write(space.path("cut.json"), "{").unwrap();
+    for name in ["cut.exr", "cut.safetensors", "cut.json", "gone.exr", "tiny.ron"] {
+        let said = space.say(&["inspect", name]);
+        assert_eq!(said.code, 2, "{name}: {}", said.err);
+        assert!(said.err.contains(name) && !said.err.contains("panicked"), "{}", said.err);
+    }
+}
