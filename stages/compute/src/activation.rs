@@ -35,7 +35,7 @@ pub fn silu_backward(x: &Array, dy: &Array) -> Array {
     apply_backward(Function::Silu, "silu_backward", x, dy)
 }
 
-/// `x Phi(x)` with the exact normal distribution function `Phi` (Hendrycks and Gimpel 2016), not its tanh approximation.
+/// `x Phi(x)` with the exact distribution function `Phi`, not its tanh approximation (Hendrycks and Gimpel 2016).
 pub fn gelu(x: &Array) -> Array {
     apply(Function::Gelu, x)
 }

@@ -1,10 +1,10 @@
 //! Arrays on a device, and operators with explicit forward and backward.
 //!
-//! An operator is a pure function of [`Array`]s. It checks shapes, picks the kernel of the device its inputs lie on, and
-//! returns a new array; its gradient stands beside it under the same name. Nothing here knows networks, images or files.
+//! An operator is a pure function of [`Array`]s. It checks shapes, picks the kernel of the device its inputs lie on,
+//! and returns a new array; its gradient stands beside it under the same name. Nothing here knows networks or files.
 //!
 //! Same inputs give the same bits for any number of threads: work is cut into chunks whose size never depends on the
-//! thread count, and every reduction runs in a fixed order.
+//! thread count, and every reduction runs in a fixed order. Another processor may round matrix products differently.
 
 pub mod activation;
 pub mod adam;

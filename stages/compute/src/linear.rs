@@ -1,4 +1,5 @@
-//! The fully connected layer `y = x W^T + b` and its gradients. It knows PyTorch's weight layout, not what the layer is for.
+//! The fully connected layer `y = x W^T + b` and its gradients. It knows PyTorch's weight
+//! layout, not what the layer is for.
 
 use crate::array::{Array, matrix, vector};
 use crate::cpu;

@@ -1,5 +1,5 @@
-//! Resampling images by separable filters, with gradients. It knows pixel centres at half-integers and the conventions of
-//! PyTorch and Pillow; it knows no colour space, so give it linear light where that matters.
+//! Resampling images by separable filters, with gradients. It knows pixel centres at half-integers and the conventions
+//! of PyTorch and Pillow; it knows no colour space, so give it linear light where that matters.
 
 use std::f64::consts::PI;
 

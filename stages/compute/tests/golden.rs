@@ -15,13 +15,15 @@ struct Golden(BTreeMap<String, serde_json::Value>);
 
 impl Golden {
     fn load() -> Golden {
-        Golden(serde_json::from_str(include_str!("golden/golden.json")).unwrap())
+        Golden(serde_json::from_str(include_str!("golden/golden.json")).expect("golden.json parses"))
     }
 
     fn get(&self, name: &str) -> Array {
-        let list = |key: &str| self.0[name][key].as_array().unwrap();
-        let shape: Vec<usize> = list("shape").iter().map(|extent| extent.as_u64().unwrap() as usize).collect();
-        Device::cpu().array(&shape, list("values").iter().map(|value| value.as_f64().unwrap() as f32).collect())
+        let list = |key: &str| self.0[name][key].as_array().expect("a list");
+        let shape: Vec<usize> =
+            list("shape").iter().map(|extent| extent.as_u64().expect("an extent") as usize).collect();
+        Device::cpu()
+            .array(&shape, list("values").iter().map(|value| value.as_f64().expect("a number") as f32).collect())
     }
 
     #[track_caller]

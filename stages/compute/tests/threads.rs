@@ -13,7 +13,7 @@ use compute::{Array, Device, Rng, activation, attention, elementwise, linear, ma
 #[track_caller]
 fn assert_same_bits(what: &str, work: impl Fn() -> Vec<Array> + Sync) {
     let run = |threads: usize| -> Vec<Vec<u32>> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
         let arrays = pool.install(&work);
         arrays.iter().map(|array| array.to_vec().iter().map(|x| x.to_bits()).collect()).collect()
     };

@@ -142,8 +142,8 @@ pub fn multiply(out: &mut MatrixMut, a: Matrix, b: Matrix, accumulate: bool, thr
     }
 }
 
-/// Cuts each of the matrices `[rows, columns]` stacked in `out` into blocks of `width` columns, and hands every block out
-/// in parallel: `kernel(matrix, first column, block)`.
+/// Cuts each of the matrices `[rows, columns]` stacked in `out` into blocks of `width` columns, and hands every block
+/// out in parallel: `kernel(matrix, first column, block)`.
 pub fn column_blocks<K>(out: &mut [f32], [rows, columns]: [usize; 2], width: usize, kernel: K)
 where
     K: Fn(usize, usize, MatrixMut) + Sync,

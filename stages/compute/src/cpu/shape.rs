@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::map::fill;
 
-/// Planes of at least this many elements are a task of their own.
+/// Side of the square blocks that a transpose works through.
 const BLOCK: usize = 32;
 
 /// Joins `outer` rows of every part; a part is its values with the length of its rows.
@@ -29,12 +29,10 @@ pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Vec<f3
 /// Each of `batch` matrices `[rows, columns]` as `[columns, rows]`, in square blocks that stay in the cache.
 pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Vec<f32> {
     let mut out = vec![0.0; batch * rows * columns];
-    let blocks = columns.div_ceil(BLOCK);
     if rows == 0 || columns == 0 {
         return out;
     }
     for (x, out) in x.chunks(rows * columns).zip(out.chunks_mut(rows * columns)) {
-        debug_assert_eq!(blocks, out.chunks(BLOCK * rows).len());
         fill(out, BLOCK * rows, |block, out| {
             for row0 in (0..rows).step_by(BLOCK) {
                 for (j, out) in out.chunks_mut(rows).enumerate() {

@@ -1,9 +1,9 @@
 //! Choosing the widest vector instructions at run time. It knows instruction sets, and nothing of what is computed.
 #![allow(unsafe_code)]
 
-/// Runs `kernel` compiled for the widest vectors this processor has. Only what is inlined here is compiled anew, so mark
-/// the closure (and closures that it calls) `#[inline(always)]`, and loop by `for`, not by `for_each`. Kernels round every
-/// operation by itself (no fused multiply-add), so their bits are the same for every instruction set.
+/// Runs `kernel` compiled for the widest vectors this processor has. Only what is inlined here is compiled anew, so
+/// mark the closure (and closures that it calls) `#[inline(always)]`, and loop by `for`, not by `for_each`. Kernels
+/// round every operation by itself (no fused multiply-add), so their bits are the same for every instruction set.
 #[inline(always)]
 pub fn vectorize<R>(kernel: impl FnOnce() -> R) -> R {
     #[cfg(target_arch = "x86_64")]
