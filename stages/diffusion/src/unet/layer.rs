@@ -10,7 +10,7 @@ use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
 
 /// A step of the walk.
 pub(super) enum Layer {
-    Resnet(Resnet),
+    Resnet(Box<Resnet>),
     Transformer(Transformer),
     Downsample(Downsample),
     /// Doubles to the size of the skip connection on top of the stack.

@@ -88,7 +88,7 @@ impl Plan<'_> {
             groups: self.config.norm_num_groups,
             eps: self.config.norm_eps,
         };
-        self.layers.push(Layer::Resnet(Resnet::read(scope, &shape)?));
+        self.layers.push(Layer::Resnet(Box::new(Resnet::read(scope, &shape)?)));
         self.channels = outputs;
         Ok(())
     }

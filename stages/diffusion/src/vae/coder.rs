@@ -22,7 +22,7 @@ pub(super) struct Coder {
 }
 
 enum Layer {
-    Resnet(Resnet),
+    Resnet(Box<Resnet>),
     Attention(Attention),
     Downsample(Downsample),
     Upsample(Upsample),
@@ -123,7 +123,7 @@ impl Stack<'_> {
     fn resnet(&mut self, scope: &Scope, outputs: usize) -> Result<(), ModelError> {
         let groups = self.config.norm_num_groups;
         let shape = ResnetShape { inputs: self.channels, outputs, time: None, groups, eps: EPS };
-        self.layers.push(Layer::Resnet(Resnet::read(scope, &shape)?));
+        self.layers.push(Layer::Resnet(Box::new(Resnet::read(scope, &shape)?)));
         self.channels = outputs;
         Ok(())
     }

@@ -1,0 +1,68 @@
+//! The configuration of a text encoder.
+
+use serde::Deserialize;
+use serde_json::json;
+
+use super::check::{check_divisors, check_sizes};
+use super::parse;
+use crate::error::ModelError;
+use crate::source::ModelFile;
+
+/// The activation of a text encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TextActivation {
+    /// x Phi(x).
+    Gelu,
+    /// x sigmoid(1.702 x).
+    QuickGelu,
+}
+
+/// `CLIPTextModel`. Its file carries many fields that have no effect here; they are not looked at.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(default)]
+#[allow(missing_docs)]
+pub struct TextConfig {
+    pub vocab_size: usize,
+    pub hidden_size: usize,
+    pub intermediate_size: usize,
+    pub num_hidden_layers: usize,
+    pub num_attention_heads: usize,
+    pub max_position_embeddings: usize,
+    pub hidden_act: TextActivation,
+    pub layer_norm_eps: f32,
+}
+
+impl Default for TextConfig {
+    fn default() -> Self {
+        Self {
+            vocab_size: 49408,
+            hidden_size: 512,
+            intermediate_size: 2048,
+            num_hidden_layers: 12,
+            num_attention_heads: 8,
+            max_position_embeddings: 77,
+            hidden_act: TextActivation::QuickGelu,
+            layer_norm_eps: 1e-5,
+        }
+    }
+}
+
+impl TextConfig {
+    pub(crate) fn read(file: &ModelFile) -> Result<Self, ModelError> {
+        let config: Self = parse(file, &json!({ "model_type": "clip_text_model" }), &[])?;
+        let sizes = [
+            ("vocab_size", config.vocab_size >> 8),
+            ("hidden_size", config.hidden_size),
+            ("intermediate_size", config.intermediate_size),
+            ("num_hidden_layers", config.num_hidden_layers),
+            ("num_attention_heads", config.num_attention_heads),
+            ("max_position_embeddings", config.max_position_embeddings),
+        ];
+        for (field, size) in sizes {
+            check_sizes(&file.name, &[(field, &[size])])?;
+        }
+        check_divisors(&file.name, "num_attention_heads", &[config.hidden_size], |_| config.num_attention_heads)?;
+        Ok(config)
+    }
+}
