@@ -19,6 +19,7 @@ mod occupancy;
 mod render;
 mod space;
 mod spherical;
+mod state;
 mod survey;
 mod train;
 

@@ -4,8 +4,11 @@ use crate::space::Space;
 
 /// What a cell keeps of its value when it is looked at again.
 const DECAY: f32 = 0.95;
-/// A cell is occupied above this optical depth per marching step, or above the mean if that is less.
+/// A cell is occupied from this optical depth per marching step on, or from half the mean if that is less: an even haze
+/// stays occupied.
 const THRESHOLD: f32 = 0.01;
+/// The value of a cell not looked at yet: occupied, and forgotten at the first look.
+const UNKNOWN: f32 = THRESHOLD;
 /// The value of cells that no camera sees: they are never filled.
 const UNSEEN: f32 = -1.0;
 
@@ -30,7 +33,7 @@ impl OccupancyGrid {
         let size = space.extent.map(|side| (side * resolution as f32).ceil().max(1.0) as usize);
         let cells = size.iter().product();
         let mut grid =
-            Self { size, resolution: resolution as f32, values: vec![1.0; cells], updates: 0, occupied: vec![] };
+            Self { size, resolution: resolution as f32, values: vec![UNKNOWN; cells], updates: 0, occupied: vec![] };
         grid.refresh();
         grid
     }
@@ -53,7 +56,7 @@ impl OccupancyGrid {
         for (value, &seen) in self.values.iter_mut().zip(seen) {
             *value = match (seen, *value < 0.0) {
                 (false, _) => UNSEEN,
-                (true, true) => 1.0,
+                (true, true) => UNKNOWN,
                 (true, false) => *value,
             };
         }
@@ -74,7 +77,7 @@ impl OccupancyGrid {
 
     /// Rebuilds the bits of occupied cells from the values.
     pub fn refresh(&mut self) {
-        let threshold = THRESHOLD.min(self.mean());
+        let threshold = THRESHOLD.min(0.5 * self.mean());
         let word = |values: &[f32]| values.iter().rev().fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold));
         self.occupied = self.values.chunks(64).map(word).collect();
     }
@@ -135,8 +138,9 @@ mod tests {
     fn values_decay_unless_something_fresh_is_larger() {
         let mut grid = grid();
         grid.update(&[0, 1], &[0.5, 3.0]);
-        assert_eq!(grid.values[..3], [0.95, 3.0, 1.0]);
-        assert_eq!(grid.updates, 1);
+        grid.update(&[0, 1], &[0.1, 0.0]);
+        assert_eq!(grid.values[..3], [0.95 * 0.5, 0.95 * 3.0, UNKNOWN]);
+        assert_eq!(grid.updates, 2);
     }
 
     #[test]
@@ -148,7 +152,7 @@ mod tests {
         assert_eq!(grid.occupied_cells(), [3], "0.5 is above 0.01");
         (0..200).for_each(|_| grid.update(&all, &[0.0; 16]));
         grid.update(&[5], &[0.004]);
-        assert_eq!(grid.occupied_cells(), [5], "0.004 is above the mean of 0.004 / 16");
+        assert_eq!(grid.occupied_cells(), [5], "0.004 is above half the mean of 0.004 / 16");
     }
 
     #[test]

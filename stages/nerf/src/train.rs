@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// Rays one task takes from the march to the gradients; fixed, so that sums do not depend on the number of threads.
 const RAYS_PER_TASK: usize = 64;
 /// Pixels of the first batch, and the fewest and most of any.
-const PIXELS: [u32; 3] = [256, 64, 1 << 16];
+const PIXELS: [u32; 3] = [64, 16, 1 << 16];
 /// Steps between updates of the occupancy grid.
 const OCCUPANCY_EVERY: u32 = 16;
 

@@ -1,0 +1,62 @@
+//! A trainer's whole state as named tensors, so that training can go on elsewhere with the same bits. Knows nothing of
+//! files.
+
+use crate::batch::TrainView;
+use crate::config::{FEATURES, FieldConfig};
+use crate::field::{Field, FieldError, Tensors, network_tensors, read_network, take};
+use crate::network::Network;
+use crate::train::{TrainOptions, Trainer};
+
+impl Trainer {
+    /// Everything that the coming steps depend on besides the views, the options and the seed: the field, Adam's moments
+    /// and counters, the step and the batch size. Whole numbers stand as f32, exact below 2^24.
+    pub fn state(&self) -> Tensors {
+        let mut tensors = self.field.tensors();
+        let entries = self.field.table.len();
+        let moments = &self.table_moments;
+        let mut put =
+            |name: &str, shape: &[usize], values: Vec<f32>| tensors.insert(name.into(), (shape.to_vec(), values));
+        put("adam.first.hash_table", &[entries, FEATURES], moments.first.as_flattened().to_vec());
+        put("adam.second.hash_table", &[entries, FEATURES], moments.second.as_flattened().to_vec());
+        put("adam.steps.hash_table", &[entries], moments.steps.iter().map(|&n| n as f32).collect());
+        put("trainer.step", &[1], vec![self.step as f32]);
+        put("trainer.pixels", &[1], vec![self.pixels as f32]);
+        tensors.extend(network_tensors(&self.like_network(&self.network_moments.first), "adam.first."));
+        tensors.extend(network_tensors(&self.like_network(&self.network_moments.second), "adam.second."));
+        tensors
+    }
+
+    /// The trainer that [`Trainer::state`] was called on; `config`, `bounds`, views, options and seed are those it was
+    /// made with.
+    pub fn from_state(
+        config: &FieldConfig,
+        bounds: [[f32; 3]; 2],
+        views: Vec<TrainView>,
+        options: &TrainOptions,
+        seed: u64,
+        state: &Tensors,
+    ) -> Result<Self, FieldError> {
+        let mut trainer = Trainer::new(Field::from_tensors(config, bounds, state)?, views, options, seed);
+        let entries = trainer.field.table.len();
+        let pairs = |name| Ok(take(state, name, &[entries, FEATURES])?.as_chunks::<FEATURES>().0.to_vec());
+        trainer.table_moments.first = pairs("adam.first.hash_table")?;
+        trainer.table_moments.second = pairs("adam.second.hash_table")?;
+        trainer.table_moments.steps =
+            take(state, "adam.steps.hash_table", &[entries])?.iter().map(|&n| n as u32).collect();
+        trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;
+        trainer.network_moments.second = trainer.read_moment("adam.second.", state)?;
+        trainer.step = take(state, "trainer.step", &[1])?[0] as u32;
+        trainer.pixels = take(state, "trainer.pixels", &[1])?[0] as u32;
+        Ok(trainer)
+    }
+
+    fn like_network(&self, values: &[f32]) -> Network {
+        Network { layers: self.field.network.layers.clone(), weights: values.to_vec() }
+    }
+
+    fn read_moment(&self, prefix: &str, state: &Tensors) -> Result<Vec<f32>, FieldError> {
+        let mut moment = self.like_network(&self.network_moments.first);
+        read_network(&mut moment, prefix, state)?;
+        Ok(moment.weights)
+    }
+}
