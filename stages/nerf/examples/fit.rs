@@ -40,6 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn Error>> {
     let Settings { config, options, supersample, render } = settings;
     match name {
+        "levels" => config.levels = value.parse()?,
         "table" => config.log2_table = value.parse()?,
         "base" => config.base_resolution = value.parse()?,
         "finest" => config.finest_resolution = value.parse()?,
@@ -90,7 +91,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let seconds = start.elapsed().as_secs_f64();
     println!("{} samples in {seconds:.1} s: {:.3} million a second", samples, samples as f64 / seconds / 1e6);
     let field = trainer.into_field();
-    let averaged = RenderOptions { supersample: 4, ..settings.render.clone() };
+    let averaged = RenderOptions { supersample: 2, ..settings.render.clone() };
     println!("low-resolution training views: {:.2} dB", mean(&low, |photo| quality(&field, photo, &averaged)));
     let test_low = test.iter().map(small).collect::<Result<Vec<_>, _>>()?;
     println!("held out, low resolution: {:.2} dB", mean(&test_low, |photo| quality(&field, photo, &averaged)));

@@ -240,3 +240,6 @@ impl Block {
         EncodingGradient { positions: std::mem::take(&mut self.positions), levels }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,7 +7,7 @@ const DECAY: f32 = 0.95;
 /// A cell is occupied from this optical depth per marching step on, or from half the mean if that is less: an even haze
 /// stays occupied.
 const THRESHOLD: f32 = 0.01;
-/// The value of a cell not looked at yet: occupied, and forgotten at the first look.
+/// The value of a cell not looked at yet: occupied, and forgotten at the first update.
 const UNKNOWN: f32 = THRESHOLD;
 /// The value of cells that no camera sees: they are never filled.
 const UNSEEN: f32 = -1.0;
@@ -65,10 +65,11 @@ impl OccupancyGrid {
 
     /// Folds fresh optical depths of some cells into the grid, in order: v = max(0.95 v, fresh).
     pub fn update(&mut self, cells: &[u32], fresh: &[f32]) {
+        let decay = if self.updates == 0 { 0.0 } else { DECAY };
         for (&cell, &fresh) in cells.iter().zip(fresh) {
             let value = &mut self.values[cell as usize];
             if *value >= 0.0 {
-                *value = (DECAY * *value).max(fresh);
+                *value = (decay * *value).max(fresh);
             }
         }
         self.updates += 1;

@@ -111,7 +111,7 @@ fn one_two_and_seven_threads_give_the_same_bits() {
 #[test]
 fn going_on_from_a_saved_state_equals_a_straight_run() {
     let mut straight = Trainer::new(Field::new(&config(), BOUNDS, 3), views(), &options(40), 3);
-    (0..23).for_each(|_| drop(straight.step()));
+    (0..23).for_each(|_| _ = straight.step());
     let saved = straight.state();
     let mut resumed = Trainer::from_state(&config(), BOUNDS, views(), &options(40), 3, &saved).unwrap();
     assert!(resumed.state() == saved);
@@ -133,7 +133,7 @@ fn a_state_without_its_moments_is_refused() {
 #[test]
 fn a_larger_image_of_the_same_view_agrees_with_the_smaller() {
     let mut trainer = Trainer::new(Field::new(&config(), BOUNDS, 4), views(), &options(60), 4);
-    (0..60).for_each(|_| drop(trainer.step()));
+    (0..60).for_each(|_| _ = trainer.step());
     let small = render(trainer.field(), &camera(0.2, 16), &RenderOptions { supersample: 4, ..Default::default() });
     let large = render(trainer.field(), &camera(0.2, 16).scaled(64, 64), &RenderOptions::default());
     for pixel in 0..16 * 16 {
@@ -153,7 +153,7 @@ fn opaque_views_leave_no_hole_and_no_fog_before_the_near_plane() {
     };
     let views: Vec<_> = (0..3).map(|i| wall(camera(0.1 * f64::from(i), 16))).collect();
     let mut trainer = Trainer::new(Field::new(&config(), BOUNDS, 5), views, &options(150), 5);
-    (0..150).for_each(|_| drop(trainer.step()));
+    (0..150).for_each(|_| _ = trainer.step());
     let image = render(trainer.field(), &camera(0.1, 16), &RenderOptions::default());
     let mean = image.opacity.iter().sum::<f32>() / 256.0;
     assert!(mean > 0.97, "opacity {mean}");

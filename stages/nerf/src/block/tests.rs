@@ -1,0 +1,140 @@
+use super::*;
+use crate::config::FieldConfig;
+use crate::kernels::hash::encode_backward;
+use compute::rng::Rng;
+
+/// Gradients of a loss to everything a field learns.
+struct Gradient {
+    table: Vec<[f32; FEATURES]>,
+    weights: Vec<f32>,
+}
+
+/// A small field of strong features, so that every path carries a gradient that stands out from rounding.
+fn field() -> Field {
+    let config = FieldConfig {
+        levels: 4,
+        log2_table: 9,
+        base_resolution: 4,
+        finest_resolution: 24,
+        occupancy_resolution: 8,
+        march_steps: 24,
+        march_cone: 0.02,
+    };
+    let mut field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.5]], 11);
+    let rng = Rng::new(11, "block test");
+    field.table.iter_mut().enumerate().for_each(|(i, entry)| *entry = [0, 1].map(|f| rng.normal(f, i as u64)));
+    field.network.weights.iter_mut().for_each(|w| *w *= 2.5);
+    field
+}
+
+/// Rays through the box, with the gradients that a loss would send back: a linear loss, different for each ray.
+fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
+    let rng = Rng::new(12, "block test");
+    let segment = |i: u64| {
+        let direction = [0.3 * rng.normal(0, i), 0.3 * rng.normal(1, i), 1.0];
+        let length = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let origin = [0.5, 0.25, -0.5];
+        Segment { origin, direction: direction.map(|x| x / length), range: [0.5, 1.3], depth_per_distance: 1.0 }
+    };
+    let gradient = |i: u64| SeenGradient { rgb: [2, 3, 4].map(|c| rng.normal(c, i)), transmittance: rng.normal(5, i) };
+    ((0..12).map(segment).collect(), (0..12).map(|i| rng.uniform(6, i)).collect(), (0..12).map(gradient).collect())
+}
+
+const REGULARIZER: Regularizer = Regularizer { distortion: 0.7, fog: 0.0, fog_range: 0.0 };
+
+fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient) {
+    let (segments, jitter, d_seen) = rays();
+    let mut block = Block::default();
+    let linear = |(seen, d): (&Seen, &SeenGradient)| {
+        let colors = seen.rgb.iter().zip(d.rgb).map(|(c, d)| f64::from(c * d)).sum::<f64>();
+        colors + f64::from(seen.transmittance * d.transmittance)
+    };
+    let seen: f64 = block.forward(field, &segments, &jitter).iter().zip(&d_seen).map(linear).sum();
+    let mut gradient =
+        Gradient { table: vec![[0.0; 2]; field.table.len()], weights: vec![0.0; field.network.weights.len()] };
+    let transposed = field.network.transposed();
+    let (encoding, distortion) =
+        block.backward(field, &transposed, &segments, &d_seen, regularizer, &mut gradient.weights);
+    for (level, d) in field.levels.iter().zip(&encoding.levels) {
+        let table = &mut gradient.table[level.offset..level.offset + level.entries];
+        encode_backward(level, &encoding.positions, d, table);
+    }
+    (seen + f64::from(regularizer.distortion * distortion), gradient)
+}
+
+/// Compares gradients with central differences of the loss. A step that carries a unit across the kink of its ReLU gives a
+/// wrong difference; few do.
+fn compare(pairs: impl Iterator<Item = (f32, f64)>) {
+    let (mut large, mut wrong, mut count) = (0, 0, 0);
+    for (analytic, numeric) in pairs {
+        count += 1;
+        large += usize::from(numeric.abs() > 0.002);
+        wrong += usize::from((f64::from(analytic) - numeric).abs() > 0.03 * numeric.abs() + 3e-4);
+    }
+    assert!(large * 12 > count, "only {large} of {count} gradients are large enough to tell");
+    assert!(wrong * 12 < count, "{wrong} of {count} gradients are wrong");
+}
+
+#[test]
+fn gradients_of_the_whole_renderer_match_finite_differences() {
+    const STEP: f32 = 2e-3;
+    let field = field();
+    let (_, gradient) = loss_and_gradient(&field, REGULARIZER);
+    let difference = |change: &dyn Fn(&mut Field, f32)| {
+        let at = |shift| {
+            let mut moved = field.clone();
+            change(&mut moved, shift);
+            loss_and_gradient(&moved, REGULARIZER).0
+        };
+        (at(STEP) - at(-STEP)) / f64::from(2.0 * STEP)
+    };
+    let touched: Vec<usize> = (0..field.table.len()).filter(|&i| gradient.table[i] != [0.0; 2]).collect();
+    assert!(touched.len() > 200, "{} entries are touched", touched.len());
+    compare(touched.iter().step_by(7).map(|&i| (gradient.table[i][1], difference(&|f, h| f.table[i][1] += h))));
+    for (l, layer) in field.network.layers.iter().enumerate() {
+        let used =
+            (0..layer.used[0]).flat_map(|row| (0..layer.used[1]).map(move |column| row * layer.outputs + column));
+        let mut flags = Field { ..field.clone() };
+        flags.network.weights.fill(0.0);
+        let checked: Vec<usize> = used.step_by(17).collect();
+        compare(checked.into_iter().map(|at| {
+            flags.network.matrix_mut(l)[at] = 1.0;
+            let place = flags.network.weights.iter().position(|&w| w == 1.0).unwrap();
+            flags.network.matrix_mut(l)[at] = 0.0;
+            (gradient.weights[place], difference(&|f, h| f.network.weights[place] += h))
+        }));
+    }
+}
+
+#[test]
+fn fog_is_pulled_down_near_the_camera_only() {
+    let field = field();
+    let pull = |fog_range| {
+        let none = loss_and_gradient(&field, Regularizer::default()).1;
+        let fog = loss_and_gradient(&field, Regularizer { fog: 1.0, fog_range, ..Regularizer::default() }).1;
+        none.table.iter().zip(&fog.table).filter(|(a, b)| a != b).count()
+    };
+    assert_eq!(pull(0.0), 0);
+    assert!(0 < pull(0.2) && pull(0.2) < pull(1.0));
+}
+
+#[test]
+fn what_a_wall_hides_is_cut_off() {
+    let mut field = field();
+    let (segments, jitter, _) = rays();
+    let mut block = Block::default();
+    let seen = block.forward(&field, &segments, &jitter).to_vec();
+    assert!(block.samples() <= block.marched());
+    // A hundredfold density network makes the haze a wall.
+    field.network.matrix_mut(1).iter_mut().for_each(|w| *w = w.abs() * 100.0);
+    let before = block.marched();
+    let walled = block.forward(&field, &segments, &jitter).to_vec();
+    assert_eq!(block.marched(), before, "the march does not know densities");
+    assert!(block.samples() < before / 2, "{} of {before}", block.samples());
+    assert!(
+        walled
+            .iter()
+            .zip(&seen)
+            .all(|(wall, haze)| wall.transmittance < 1e-3 && wall.transmittance < haze.transmittance)
+    );
+}
