@@ -73,16 +73,26 @@ impl Evaluate {
         let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
         Picked { width, height, rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect() }
     }
+}
 
-    fn figure(columns: &[(&str, &Picked)]) -> Picture {
-        let truth = columns[0].1.image();
-        let psnr = |picked: &Picked| format!("{:.2} dB", metrics::psnr(truth, picked.image()));
-        let notes: Vec<String> = columns.iter().skip(1).map(|(_, picked)| psnr(picked)).collect();
-        let notes = [""].into_iter().chain(notes.iter().map(String::as_str));
-        let panels = columns.iter().zip(notes).map(|((label, picked), note)| Panel { label, note, image: picked.image() });
-        let figure = metrics::comparison(&panels.collect::<Vec<_>>());
-        Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8 }
-    }
+/// Truth and images side by side, each with its PSNR.
+fn figure(truth: &(&str, Picked), images: &[(&str, Picked)]) -> Picture {
+    let psnr = |image: &Picked| format!("{:.2} dB", metrics::psnr(truth.1.image(), image.image()));
+    let notes: Vec<String> = images.iter().map(|(_, image)| psnr(image)).collect();
+    let labels: Vec<String> = images.iter().map(|(name, _)| name.replace('_', " ")).collect();
+    let panel = |(((_, image), label), note)| Panel { label, note, image: Picked::image(image) };
+    let mut panels = vec![Panel { label: truth.0, note: "", image: truth.1.image() }];
+    panels
+        .extend(images.iter().zip(labels.iter().map(String::as_str)).zip(notes.iter().map(String::as_str)).map(panel));
+    let figure = metrics::comparison(&panels);
+    Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8 }
+}
+
+/// Rows of a table: by name, then by view, then by metric.
+type Rows = BTreeMap<String, BTreeMap<String, BTreeMap<String, f64>>>;
+
+fn add(rows: &mut Rows, name: &str, view: &View, values: BTreeMap<String, f64>) {
+    rows.entry(name.to_owned()).or_default().insert(view.name.clone(), values);
 }
 
 /// The figures of one image against the truth.
@@ -97,10 +107,13 @@ fn measure(image: &Picked, truth: &Picked, low: &Picked) -> BTreeMap<String, f64
     values.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
 }
 
-/// What every column means.
-fn definitions() -> BTreeMap<String, String> {
-    let ours = [("psnr_lr", "PSNR in dB against the low-resolution photos that the field was trained on; higher is better")];
-    metrics::DEFINITIONS.iter().chain(&ours).map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
+/// What the columns that occur mean.
+fn definitions(rows: &BTreeMap<String, Row>) -> BTreeMap<String, String> {
+    let ours =
+        ("psnr_lr", "PSNR in dB against the low-resolution photos that the field was trained on; higher is better");
+    let occurs = |name: &str| rows.values().any(|row| row.mean.contains_key(name));
+    let known = metrics::DEFINITIONS.iter().chain([&ours]).filter(|(name, _)| occurs(name));
+    known.map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
 }
 
 /// Adds the means over views to a row.
@@ -148,30 +161,30 @@ impl Stage for Evaluate {
         let (field, baseline) = (convert::field(io.read("field")?)?, convert::field(io.read("baseline")?)?);
         let (truths, lows, train): (ImageSet, ImageSet, ImageSet) =
             (io.read("truth")?, io.read("low")?, io.read("train")?);
-        let mut rows: BTreeMap<&str, BTreeMap<String, _>> = BTreeMap::new();
+        let mut rows = Rows::new();
         let mut figures = Figures { images: BTreeMap::new() };
         for (done, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
-            let (truth, small) = (Picked::of(view), Picked::of(low));
-            let ours = self.render(&field, view);
-            let lr_nerf = self.render(&baseline, view);
-            let bicubic = self.bicubic(&baseline, low, view, io);
-            for (name, image) in [("sr_nerf", &ours), ("lr_nerf", &lr_nerf), ("bicubic", &bicubic)] {
-                rows.entry(name).or_default().insert(view.name.clone(), measure(image, &truth, &small));
+            let truth = ("truth", Picked::of(view));
+            let images = [
+                ("bicubic", self.bicubic(&baseline, low, view, io)),
+                ("lr_nerf", self.render(&baseline, view)),
+                ("sr_nerf", self.render(&field, view)),
+            ];
+            for (name, image) in &images {
+                add(&mut rows, name, view, measure(image, &truth.1, &Picked::of(low)));
             }
             if done < self.figures as usize {
-                let columns = [("truth", &truth), ("bicubic", &bicubic), ("lr nerf", &lr_nerf), ("sr nerf", &ours)];
-                figures.images.insert(view.name.clone(), Self::figure(&columns));
+                figures.images.insert(view.name.clone(), figure(&truth, &images));
             }
             io.progress(done + 1, truths.views.len(), &[])?;
         }
         for view in &train.views {
             let psnr = metrics::psnr(Picked::of(view).image(), self.render(&baseline, view).image());
-            let values = BTreeMap::from([("psnr_lr".to_owned(), psnr)]);
-            rows.entry("lr_nerf_on_training_views").or_default().insert(view.name.clone(), values);
+            add(&mut rows, "lr_nerf_on_training_views", view, BTreeMap::from([("psnr_lr".to_owned(), psnr)]));
         }
-        let rows = rows.into_iter().map(|(name, views)| (name.to_owned(), row(views))).collect();
-        io.write("metrics", &Metrics { rows, definitions: definitions() })?;
+        let rows: BTreeMap<_, _> = rows.into_iter().map(|(name, views)| (name, row(views))).collect();
+        io.write("metrics", &Metrics { definitions: definitions(&rows), rows })?;
         io.write("figures", &figures)
     }
 }

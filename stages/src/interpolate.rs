@@ -81,7 +81,10 @@ impl Stage for Interpolate {
 
     fn check(&self) -> Result<(), StageError> {
         if !(self.factor > 0.0 && self.factor <= 64.0) {
-            return Err(StageError::parameter("factor", format!("is {}; it must be above 0 and at most 64", self.factor)));
+            return Err(StageError::parameter(
+                "factor",
+                format!("is {}; it must be above 0 and at most 64", self.factor),
+            ));
         }
         Ok(())
     }

@@ -38,7 +38,10 @@ impl Stage for Render {
 
     fn check(&self) -> Result<(), StageError> {
         if !(self.scale > 0.0 && self.scale <= 64.0) {
-            return Err(StageError::parameter("scale", format!("is {}; it must be above 0 and at most 64", self.scale)));
+            return Err(StageError::parameter(
+                "scale",
+                format!("is {}; it must be above 0 and at most 64", self.scale),
+            ));
         }
         convert::in_range("supersample", self.supersample, 1, 16)
     }

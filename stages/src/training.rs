@@ -30,7 +30,9 @@ pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &I
         psnr = smoothed(psnr, step, &stats);
         io.progress(step as usize, options.steps as usize, &[("loss", stats.loss), ("psnr", psnr)])?;
         if step % LOG_EVERY == 0 || step == options.steps {
-            lines.push(json!({ "step": step, "loss": stats.loss, "psnr": psnr, "rays": stats.rays, "samples": stats.samples }));
+            lines.push(
+                json!({ "step": step, "loss": stats.loss, "psnr": psnr, "rays": stats.rays, "samples": stats.samples }),
+            );
         }
     }
     io.metric("training psnr (running mean)", psnr);
