@@ -76,14 +76,13 @@ impl Evaluate {
 }
 
 /// Truth and images side by side, each with its PSNR.
-fn figure(truth: &(&str, Picked), images: &[(&str, Picked)]) -> Picture {
-    let psnr = |image: &Picked| format!("{:.2} dB", metrics::psnr(truth.1.image(), image.image()));
-    let notes: Vec<String> = images.iter().map(|(_, image)| psnr(image)).collect();
-    let labels: Vec<String> = images.iter().map(|(name, _)| name.replace('_', " ")).collect();
-    let panel = |(((_, image), label), note)| Panel { label, note, image: Picked::image(image) };
-    let mut panels = vec![Panel { label: truth.0, note: "", image: truth.1.image() }];
-    panels
-        .extend(images.iter().zip(labels.iter().map(String::as_str)).zip(notes.iter().map(String::as_str)).map(panel));
+fn figure(truth: &Picked, images: &[(&str, Picked)]) -> Picture {
+    let psnr = |image: &Picked| format!("{:.2} dB", metrics::psnr(truth.image(), image.image()));
+    let texts: Vec<_> = images.iter().map(|(name, image)| (name.replace('_', " "), psnr(image))).collect();
+    let mut panels = vec![Panel { label: "truth", note: "", image: truth.image() }];
+    for ((label, note), (_, image)) in texts.iter().zip(images) {
+        panels.push(Panel { label, note, image: image.image() });
+    }
     let figure = metrics::comparison(&panels);
     Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8 }
 }
@@ -165,14 +164,14 @@ impl Stage for Evaluate {
         let mut figures = Figures { images: BTreeMap::new() };
         for (done, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
-            let truth = ("truth", Picked::of(view));
+            let truth = Picked::of(view);
             let images = [
                 ("bicubic", self.bicubic(&baseline, low, view, io)),
                 ("lr_nerf", self.render(&baseline, view)),
                 ("sr_nerf", self.render(&field, view)),
             ];
             for (name, image) in &images {
-                add(&mut rows, name, view, measure(image, &truth.1, &Picked::of(low)));
+                add(&mut rows, name, view, measure(image, &truth, &Picked::of(low)));
             }
             if done < self.figures as usize {
                 figures.images.insert(view.name.clone(), figure(&truth, &images));
