@@ -13,6 +13,7 @@ struct Settings {
     config: FieldConfig,
     options: TrainOptions,
     supersample: u32,
+    factor: u32,
     render: RenderOptions,
 }
 
@@ -22,7 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut settings = Settings {
         config: FieldConfig::default(),
         options: TrainOptions::default(),
-        supersample: 2,
+        supersample: 1,
+        factor: 4,
         render: RenderOptions::default(),
     };
     for argument in arguments {
@@ -38,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn Error>> {
-    let Settings { config, options, supersample, render } = settings;
+    let Settings { config, options, supersample, factor, render } = settings;
     match name {
         "levels" => config.levels = value.parse()?,
         "table" => config.log2_table = value.parse()?,
@@ -57,6 +59,7 @@ fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn E
         "fog_range" => options.fog_range = value.parse()?,
         "background" => options.random_background = value.parse()?,
         "supersample" => *supersample = value.parse()?,
+        "factor" => *factor = value.parse()?,
         "render_supersample" => render.supersample = value.parse()?,
         _ => return Err(format!("no setting is called {name}").into()),
     }
@@ -65,7 +68,7 @@ fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn E
 
 fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let (train, test) = split_holdout(scene.photos, 8);
-    let small = |photo: &Photo| downscale(photo, 4, Reduction::Bicubic);
+    let small = |photo: &Photo| downscale(photo, settings.factor, Reduction::Bicubic);
     let low = train.iter().map(small).collect::<Result<Vec<_>, _>>()?;
     let view = |photo: &Photo| TrainView {
         camera: photo.camera.clone(),

@@ -203,10 +203,10 @@ impl Block {
         let mut d_weight = vec![0.0; ray.len()];
         for (i, d_weight) in ray.clone().zip(&mut d_weight) {
             let raw = &mut self.activations.color[i * COLOR_OUTPUT..(i + 1) * COLOR_OUTPUT];
-            for c in 0..3 {
-                let color = sigmoid(raw[c]);
-                *d_weight += d.rgb[c] * color;
-                raw[c] = d.rgb[c] * self.weights[i] * color * (1.0 - color);
+            for (raw, d_rgb) in raw.iter_mut().zip(d.rgb) {
+                let color = sigmoid(*raw);
+                *d_weight += d_rgb * color;
+                *raw = d_rgb * self.weights[i] * color * (1.0 - color);
             }
             raw[3..].fill(0.0);
         }

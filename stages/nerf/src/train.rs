@@ -229,9 +229,9 @@ impl Trainer {
             rest = behind;
             let (target, share) = (view.target(pixel), 1.0 / rays.len() as f32);
             let mut d = SeenGradient::default();
-            for c in 0..3 {
+            for (c, target) in target.into_iter().enumerate() {
                 let color = |ray: &Seen| ray.rgb[c] + ray.transmittance * pixel.background[c];
-                let residual = share * rays.iter().map(color).sum::<f32>() - target[c];
+                let residual = share * rays.iter().map(color).sum::<f32>() - target;
                 let beta = self.options.beta as f32;
                 loss += f64::from(view.weight * smooth_l1(residual, beta));
                 squared_error += f64::from(residual * residual);
