@@ -229,4 +229,25 @@ mod tests {
             assert_eq!(got, want);
         }
     }
+
+    #[cfg(target_arch = "x86_64")]
+    /// Both kernels with the vectors of one instruction set.
+    fn both<S: Simd>(simd: S) -> [Vec<f32>; 2] {
+        let (rows, inner, columns) = (72, 32, 64);
+        let (a, b, g) = (random(rows * inner, "a"), random(inner * columns, "b"), random(rows * columns, "g"));
+        let (mut c, mut d) = (vec![0.0; rows * columns], vec![0.0; inner * columns]);
+        simd.vectorize(Product { c: &mut c, a: &a, b: &b, inner, columns, epilogue: Epilogue::Relu });
+        simd.vectorize(TransposedProduct { c: &mut d, a: &a, b: &g, inner, columns });
+        [c, d]
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn every_vector_width_gives_the_same_bits() {
+        let portable = both(pulp::Scalar);
+        let avx2 = pulp::x86::V3::try_new().map(both);
+        let avx512 = pulp::x86::V4::try_new().map(both);
+        assert!(avx2.is_none_or(|results| results == portable));
+        assert!(avx512.is_none_or(|results| results == portable));
+    }
 }
