@@ -84,7 +84,7 @@ impl SparseMoments {
     }
 }
 
-/// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest (method.md 6.2). Clears the
+/// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in instant-ngp. Clears the
 /// gradient for the next step.
 pub fn update_sparse(
     table: &mut [[f32; FEATURES]],

@@ -38,7 +38,7 @@ pub struct SeenGradient {
 pub struct Regularizer {
     /// Weight of the distortion loss, in fractions of the ray's range.
     pub distortion: f32,
-    /// Downward pull on raw densities in the first part of a ray's range (method.md 6.2).
+    /// Downward pull on raw densities in the first part of a ray's range, as instant-ngp's near-camera regulariser.
     pub fog: f32,
     /// That part, from 0 to 1.
     pub fog_range: f32,

@@ -41,7 +41,7 @@ pub enum FieldError {
     NotFinite(String),
 }
 
-/// A hash-grid radiance field (Müller et al. 2022; the networks of method.md 1.4).
+/// A hash-grid radiance field (Müller et al. 2022).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
     pub(crate) config: FieldConfig,
@@ -144,7 +144,7 @@ pub(crate) fn sigma(raw: f32) -> f32 {
     crate::exponential::exp(raw - 1.0)
 }
 
-/// The derivative of [`sigma`], held back where it would explode (method.md 1.4).
+/// The derivative of [`sigma`], held back where it would explode.
 #[inline(always)]
 pub(crate) fn sigma_backward(raw: f32) -> f32 {
     crate::exponential::exp((raw - 1.0).min(15.0))

@@ -12,9 +12,9 @@ pub fn smooth_l1_backward(residual: f32, beta: f32) -> f32 {
     (residual / beta).clamp(-1.0, 1.0)
 }
 
-/// Peak signal-to-noise ratio in dB of a mean squared error of values in [0, 1].
+/// Peak signal-to-noise ratio in dB of a mean squared error of values in [0, 1]; at most 100.
 pub fn psnr(mean_squared_error: f64) -> f64 {
-    -10.0 * mean_squared_error.log10()
+    -10.0 * mean_squared_error.max(1e-10).log10()
 }
 
 #[cfg(test)]
@@ -41,5 +41,6 @@ mod tests {
     #[test]
     fn a_mean_squared_error_of_a_hundredth_is_20_db() {
         assert!((psnr(0.01) - 20.0).abs() < 1e-12);
+        assert_eq!(psnr(0.0), 100.0);
     }
 }

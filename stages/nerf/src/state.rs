@@ -46,7 +46,7 @@ impl Trainer {
         trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;
         trainer.network_moments.second = trainer.read_moment("adam.second.", state)?;
         trainer.step = take(state, "trainer.step", &[1])?[0] as u32;
-        trainer.pixels = take(state, "trainer.pixels", &[1])?[0] as u32;
+        trainer.pixels = trainer.within_limits(take(state, "trainer.pixels", &[1])?[0] as u32);
         Ok(trainer)
     }
 

@@ -115,6 +115,7 @@ mod tests {
             log2_table: 8,
             finest_resolution: 32,
             occupancy_resolution: 16,
+            march_steps: 512,
             ..Default::default()
         };
         Field::new(&config, [[-2.0, -2.0, -4.0], [2.0, 2.0, 0.0]], 1)

@@ -16,9 +16,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Rays one task takes from the march to the gradients; fixed, so that sums do not depend on the number of threads.
-const RAYS_PER_TASK: usize = 64;
-/// Pixels of the first batch, and the fewest and most of any.
-const PIXELS: [u32; 3] = [64, 16, 1 << 16];
+const RAYS_PER_TASK: u32 = 64;
+/// Pixels of the first batch, and the fewest of any.
+const PIXELS: [u32; 2] = [64, 16];
+/// Rays of the largest batch.
+const MOST_RAYS: u32 = 1 << 16;
 /// Steps between updates of the occupancy grid.
 const OCCUPANCY_EVERY: u32 = 16;
 
@@ -55,9 +57,9 @@ impl Default for TrainOptions {
     fn default() -> Self {
         Self {
             steps: 2000,
-            samples: 1 << 15,
+            samples: 1 << 14,
             rate: 1e-2,
-            final_rate: 0.05,
+            final_rate: 0.1,
             warm_up: 50,
             beta: 1.0,
             l2: 1e-6,
@@ -161,15 +163,33 @@ impl Trainer {
             rays: sum(|part| part.rays),
             samples: sum(|part| part.samples),
         };
-        self.pixels = next_pixels(self.pixels, self.options.samples, stats.samples, sum(|part| part.marched));
+        self.pixels = self.next_pixels(stats.samples, sum(|part| part.marched));
         stats
+    }
+
+    /// Rays of a pixel of the view that has the most.
+    fn rays_per_pixel(&self) -> u32 {
+        self.views.iter().map(|view| view.supersample * view.supersample).max().unwrap_or(1)
+    }
+
+    /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts a
+    /// quarter of one that is trained on. At most twice or half as many as before.
+    fn next_pixels(&self, samples: usize, marched: usize) -> u32 {
+        let cost = (3 * samples as u64 + marched as u64).max(1);
+        let wanted = u64::from(self.pixels) * 4 * u64::from(self.options.samples) / cost;
+        let near = wanted.clamp(u64::from(self.pixels / 2), u64::from(self.pixels) * 2) as u32;
+        self.within_limits(near.next_multiple_of(PIXELS[1]))
+    }
+
+    /// The nearest number of pixels that a batch may have.
+    pub(crate) fn within_limits(&self, pixels: u32) -> u32 {
+        pixels.clamp(PIXELS[1], MOST_RAYS / self.rays_per_pixel())
     }
 
     /// Gradients of the batch, one contribution per task, in order.
     fn contributions(&self) -> Vec<Contribution> {
         let transposed = self.field.network.transposed();
-        let most_rays = self.views.iter().map(|view| view.supersample * view.supersample).max().unwrap_or(1);
-        let per_task = (RAYS_PER_TASK as u32 / most_rays).max(1);
+        let per_task = (RAYS_PER_TASK / self.rays_per_pixel()).max(1);
         (0..self.pixels.div_ceil(per_task))
             .into_par_iter()
             .map_init(Block::default, |block, task| {
@@ -284,12 +304,4 @@ fn scatter(field: &Field, parts: &[Contribution], mut d_table: &mut [[f32; FEATU
             encode_backward(&field.levels[l], &part.encoding.positions, &part.encoding.levels[l], d_table);
         }
     });
-}
-
-/// Pixels of the next batch, so that it costs what `target` samples cost; a sample that is only looked at counts a
-/// quarter of one that is trained on. At most twice or half as many as before.
-fn next_pixels(pixels: u32, target: u32, samples: usize, marched: usize) -> u32 {
-    let cost = (3 * samples as u64 + marched as u64).max(1);
-    let wanted = u64::from(pixels) * 4 * u64::from(target) / cost;
-    (wanted as u32).clamp(pixels / 2, pixels * 2).clamp(PIXELS[1], PIXELS[2]).next_multiple_of(PIXELS[1])
 }
