@@ -38,7 +38,7 @@ impl Default for Sync {
             field: Input::default(),
             images: Input::default(),
             low: Input::default(),
-            low_weight: 0.0,
+            low_weight: 1.0,
             low_supersample: 2,
             steps: 1000,
             samples: options.samples,
