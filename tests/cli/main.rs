@@ -6,3 +6,4 @@ mod damage;
 mod mistakes;
 mod runs;
 mod space;
+mod whole;
