@@ -96,7 +96,7 @@ impl Decode {
         }
         View {
             name: parts.latent.name.clone(),
-            camera: parts.latent.camera.clone(),
+            camera: parts.latent.camera,
             rgb: convert::linear_pixels_of_signed(&image),
             alpha: None,
             depth: None,

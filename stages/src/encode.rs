@@ -64,7 +64,7 @@ impl Stage for Encode {
             views.push(LatentView {
                 name: view.name.clone(),
                 size: [view.camera.width, view.camera.height],
-                camera: view.camera.clone(),
+                camera: view.camera,
                 tensor: convert::tensor(&latent),
             });
             io.progress(done + 1, images.views.len(), &[])?;

@@ -31,7 +31,7 @@ pub struct FieldConfig {
 impl Default for FieldConfig {
     fn default() -> Self {
         Self {
-            levels: 12,
+            levels: 16,
             log2_table: 17,
             base_resolution: 16,
             finest_resolution: 1024,
