@@ -64,3 +64,42 @@ registry! {
     sync::Sync,
     evaluate::Evaluate,
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn every_kind_has_defaults_that_make_sense_and_go_through_text() {
+        for kind in KINDS {
+            let stage = AnyStage::from_parameters(kind, json!({})).unwrap();
+            assert_eq!(stage.stage().kind(), *kind);
+            assert!(stage.stage().check().is_ok(), "{kind}");
+            let parameters = stage.parameters().unwrap();
+            let again = AnyStage::from_parameters(kind, parameters.clone()).unwrap();
+            assert_eq!(again.parameters().unwrap(), parameters, "{kind}");
+        }
+    }
+
+    #[test]
+    fn inputs_are_fields_and_outputs_have_names_of_their_own() {
+        for kind in KINDS {
+            let stage = AnyStage::from_parameters(kind, json!({})).unwrap();
+            let parameters = stage.parameters().unwrap();
+            assert!(stage.stage().inputs().iter().all(|port| parameters[port.name].is_string()), "{kind}");
+            let outputs = stage.stage().outputs();
+            let names: BTreeSet<_> = outputs.iter().map(|port| port.name).collect();
+            assert!(!names.is_empty() && names.len() == outputs.len(), "{kind}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_field_is_named_by_its_path() {
+        let wrong = AnyStage::from_parameters("Optimize", json!({ "guidance": { "Vsd": { "lora_every": "often" } } }));
+        assert_eq!(wrong.err().map(|error| error.path().to_string()).as_deref(), Some("guidance.Vsd.lora_every"));
+    }
+}

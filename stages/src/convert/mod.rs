@@ -3,6 +3,8 @@
 mod cameras;
 mod images;
 mod tensors;
+#[cfg(test)]
+mod tests;
 
 pub use cameras::{camera, disk_camera, scaled};
 pub use images::{

@@ -1,0 +1,39 @@
+//! Conversions there and back.
+
+use artifacts_schema::{Camera, View};
+use compute::Device;
+
+use super::*;
+
+fn view() -> View {
+    let camera_to_world = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0], [0.0, 0.0, 0.0, 1.0]];
+    let camera =
+        Camera { width: 2, height: 3, fl_x: 2.0, fl_y: 2.5, cx: 1.0, cy: 1.5, camera_to_world, near: 1.0, far: 9.0 };
+    let rgb = (0..18).map(|i| i as f32 / 17.0).collect();
+    View { name: "view_000".into(), camera, rgb, alpha: None, depth: None }
+}
+
+#[test]
+fn a_camera_comes_back_as_it_was_and_stands_where_its_last_column_says() {
+    let disk = view().camera;
+    assert_eq!(camera(&disk).position().to_array(), [5.0, 6.0, 7.0]);
+    assert_eq!(disk_camera(&camera(&disk)), disk);
+}
+
+#[test]
+fn colours_come_back_from_planes_and_from_srgb() {
+    let (view, device) = (view(), Device::cpu());
+    assert_eq!(srgb_array(&view, &device).shape(), [1, 3, 3, 2]);
+    assert_eq!(pixels(&linear_array(&view, &device)), view.rgb);
+    for back in [linear_pixels(&srgb_array(&view, &device)), linear_pixels_of_signed(&signed_array(&view, &device))] {
+        assert!(back.iter().zip(&view.rgb).all(|(a, b)| (a - b).abs() < 1e-6), "{back:?}");
+    }
+}
+
+#[test]
+fn a_range_names_the_bound_that_was_crossed() {
+    assert!(in_range("steps", 1, 1, 9).is_ok());
+    let problem = |value| in_range("steps", value, 1, 9).unwrap_err().to_string();
+    assert_eq!(problem(0), "`steps` is 0; it must be at least 1");
+    assert_eq!(problem(10), "`steps` is 10; it must be at most 9");
+}
