@@ -28,10 +28,11 @@ pub fn assert_close(what: &str, got: &Array, expected: &Array, tolerance: f32) {
     }
 }
 
-/// Fails unless two numbers agree to `tolerance`, relative to the larger.
+/// Fails unless `back`, which is `<x, A^T dy>`, is `<y, dy>` with y = A x. Relative to the norms: the products may cancel.
 #[track_caller]
-pub fn assert_near(what: &str, a: f64, b: f64, tolerance: f64) {
-    assert!((a - b).abs() <= tolerance * a.abs().max(b.abs()).max(1e-9), "{what}: {a} and {b}");
+pub fn assert_adjoint(what: &str, y: &Array, dy: &Array, back: f64) {
+    let (forward, scale) = (dot(y, dy), (dot(y, y) * dot(dy, dy)).sqrt());
+    assert!((forward - back).abs() <= 1e-5 * scale, "{what}: {forward} and {back}, norms {scale}");
 }
 
 /// Fails unless `gradient` is the derivative of `<f(x), dy>` at `x`, by central differences along a fixed direction.
