@@ -34,19 +34,29 @@ const SAME_SHAPE: f64 = 0.03;
 /// # Errors
 /// Every way in which the folder can be unfit, as a [`SceneError`] that names the file.
 pub fn llff(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<SceneData, SceneError> {
-    reject_empty(folder, size)?;
-    let files = llff_files::find(folder, images, size)?;
-    let poses = read_poses(&files.poses)?;
-    check_count(&files, poses.rows)?;
-    let source_size = llff_files::one_size(&files.photos)?;
-    let target_size = size.unwrap_or(source_size);
-    let cameras = normalize(&cameras(&files.poses, &poses, source_size)?);
+    let (files, cameras) = survey(folder, images, size)?;
+    let cameras = normalize(&cameras);
+    let target_size = size.unwrap_or((cameras[0].width, cameras[0].height));
     let photos = files.photos.par_iter().zip(&cameras).map(|(file, camera)| read_photo(file, camera, target_size));
     Ok(SceneData {
         photos: photos.collect::<Result<_, _>>()?,
         bounds: bounding_box(cameras.iter().flat_map(Camera::frustum_corners)),
         description: describe(folder, &files, target_size),
     })
+}
+
+/// Everything that can be known without decoding a photo: the files, and the cameras in their own coordinates.
+pub(crate) fn survey(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<(LlffFiles, Vec<Camera>), SceneError> {
+    reject_empty(folder, size)?;
+    let files = llff_files::find(folder, images, size)?;
+    let poses = read_poses(&files.poses)?;
+    check_count(&files, poses.rows)?;
+    let cameras = cameras(&files.poses, &poses, llff_files::one_size(&files.photos)?)?;
+    Ok((files, cameras))
 }
 
 fn check_count(files: &LlffFiles, poses: usize) -> Result<(), SceneError> {

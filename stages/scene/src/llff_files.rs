@@ -35,9 +35,9 @@ pub(crate) fn find(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>
 /// the same arguments. It says whether a scene on disk has changed, without decoding it.
 ///
 /// # Errors
-/// The same as [`crate::llff`]'s for missing folders and files.
+/// The same as [`crate::llff`]'s, but for photos that cannot be decoded.
 pub fn llff_digest(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<[u8; 32], SceneError> {
-    let files = find(folder, images, size)?;
+    let (files, _) = crate::llff::survey(folder, images, size)?;
     let mut hasher = blake3::Hasher::new_derive_key(DIGEST_DOMAIN);
     for path in std::iter::once(&files.poses).chain(&files.photos) {
         let name = path.file_name().map(|name| name.as_encoded_bytes()).unwrap_or_default();
