@@ -4,6 +4,7 @@
 use crate::array::{Array, nchw, vector};
 use crate::cpu;
 use crate::device::Backend;
+use crate::weight::{Weight, kernels};
 
 /// How a convolution walks over its input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,8 +65,9 @@ impl Geometry {
 }
 
 /// Convolves `x [N, C, H, W]` with `weight [O, C, kh, kw]` and adds `bias [O]`: `[N, O, H', W']`.
-pub fn conv2d(x: &Array, weight: &Array, bias: Option<&Array>, conv: Conv) -> Array {
-    let ([_, c, _, _], [o, wc, kh, kw]) = (nchw("conv2d", x), nchw("conv2d", weight));
+pub fn conv2d(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>, conv: Conv) -> Array {
+    let weight = weight.into();
+    let ([_, c, _, _], [o, wc, kh, kw]) = (nchw("conv2d", x), kernels("conv2d", &weight));
     assert_eq!(c, wc, "conv2d: input {:?} and weight {:?}", x.shape(), weight.shape());
     let geometry = Geometry::new("conv2d", nchw("conv2d", x), o, [kh, kw], conv);
     if let Some(bias) = bias {
@@ -73,21 +75,22 @@ pub fn conv2d(x: &Array, weight: &Array, bias: Option<&Array>, conv: Conv) -> Ar
     }
     match x.device().backend() {
         Backend::Cpu => {
-            let values = cpu::conv::forward(x.host(), weight.host(), bias.map(Array::host), &geometry);
+            let values = cpu::conv::forward(x.host(), &weight.host().to_slice(), bias.map(Array::host), &geometry);
             Array::on_cpu(&[geometry.batch, o, geometry.out_height, geometry.out_width], values)
         }
     }
 }
 
 /// The gradient of [`conv2d`] to its input, whose height and width are `size`: `[N, C, H, W]`.
-pub fn conv2d_backward_input(dy: &Array, weight: &Array, conv: Conv, size: [usize; 2]) -> Array {
-    let op = "conv2d_backward_input";
-    let ([n, _, _, _], [o, c, kh, kw]) = (nchw(op, dy), nchw(op, weight));
+pub fn conv2d_backward_input(dy: &Array, weight: impl Into<Weight>, conv: Conv, size: [usize; 2]) -> Array {
+    let (op, weight) = ("conv2d_backward_input", weight.into());
+    let ([n, _, _, _], [o, c, kh, kw]) = (nchw(op, dy), kernels(op, &weight));
     let geometry = Geometry::new(op, [n, c, size[0], size[1]], o, [kh, kw], conv);
     geometry.expect_output(op, dy);
     match dy.device().backend() {
         Backend::Cpu => {
-            Array::on_cpu(&[n, c, size[0], size[1]], cpu::conv::backward_input(dy.host(), weight.host(), &geometry))
+            let values = cpu::conv::backward_input(dy.host(), &weight.host().to_slice(), &geometry);
+            Array::on_cpu(&[n, c, size[0], size[1]], values)
         }
     }
 }

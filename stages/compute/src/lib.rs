@@ -5,6 +5,11 @@
 //!
 //! Same inputs give the same bits for any number of threads: work is cut into chunks whose size never depends on the
 //! thread count, and every reduction runs in a fixed order. Another processor may round matrix products differently.
+//!
+//! A frozen weight may stay in 16 bits, in memory or in a mapped file: [`linear::linear`],
+//! [`linear::linear_backward_input`], [`conv::conv2d`], [`conv::conv2d_backward_input`] and [`shape::gather_rows`] take
+//! `impl Into<Weight>`, that is `&Array`, `&Weight` or either by value. [`Weight::from_bytes`] makes one of bytes that
+//! it shares, and [`Weight::first_not_finite`] finds bad numbers without widening all of them at once.
 
 pub mod activation;
 pub mod adam;
@@ -21,7 +26,9 @@ pub mod reduce;
 pub mod resize;
 pub mod rng;
 pub mod shape;
+pub mod weight;
 
 pub use array::Array;
 pub use device::Device;
 pub use rng::Rng;
+pub use weight::{Format, Weight};

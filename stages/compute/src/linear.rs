@@ -1,9 +1,10 @@
 //! The fully connected layer `y = x W^T + b` and its gradients. It knows PyTorch's weight
 //! layout, not what the layer is for.
 
-use crate::array::{Array, matrix, vector};
+use crate::array::{Array, vector};
 use crate::cpu;
 use crate::device::Backend;
+use crate::weight::{Weight, matrix};
 
 fn with_last(x: &Array, last: usize) -> Vec<usize> {
     let mut shape = x.shape().to_vec();
@@ -18,27 +19,31 @@ fn rows(x: &Array) -> usize {
 }
 
 /// `x [.., K]` times the transpose of `weight [M, K]`, plus `bias [M]`: `[.., M]`.
-pub fn linear(x: &Array, weight: &Array, bias: Option<&Array>) -> Array {
-    let [m, k] = matrix("linear", weight);
+pub fn linear(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>) -> Array {
+    let weight = weight.into();
+    let [m, k] = matrix("linear", &weight);
     assert_eq!(x.last(), k, "linear: input {:?} and weight {:?}", x.shape(), weight.shape());
     if let Some(bias) = bias {
         vector("linear", "bias", bias, m);
     }
     match x.device().backend() {
         Backend::Cpu => {
-            let values = cpu::linear::linear(x.host(), weight.host(), bias.map(Array::host), [rows(x), k, m]);
+            let values =
+                cpu::linear::linear(x.host(), &weight.host().to_slice(), bias.map(Array::host), [rows(x), k, m]);
             Array::on_cpu(&with_last(x, m), values)
         }
     }
 }
 
 /// The gradient of [`linear`] to its input: `dy [.., M]` times `weight [M, K]`, `[.., K]`.
-pub fn linear_backward_input(dy: &Array, weight: &Array) -> Array {
-    let [m, k] = matrix("linear_backward_input", weight);
+pub fn linear_backward_input(dy: &Array, weight: impl Into<Weight>) -> Array {
+    let weight = weight.into();
+    let [m, k] = matrix("linear_backward_input", &weight);
     assert_eq!(dy.last(), m, "linear_backward_input: gradient {:?} and weight {:?}", dy.shape(), weight.shape());
     match dy.device().backend() {
         Backend::Cpu => {
-            Array::on_cpu(&with_last(dy, k), cpu::linear::matmul(dy.host(), weight.host(), [rows(dy), m, k]))
+            let values = cpu::linear::matmul(dy.host(), &weight.host().to_slice(), [rows(dy), m, k]);
+            Array::on_cpu(&with_last(dy, k), values)
         }
     }
 }

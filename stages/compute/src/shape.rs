@@ -1,8 +1,9 @@
 //! Moving values around without changing them, with the gradients that are not moves themselves.
 
-use crate::array::{Array, matrix, nchw};
+use crate::array::{Array, nchw};
 use crate::cpu;
 use crate::device::Backend;
+use crate::weight::{Weight, matrix};
 
 /// The extents before, at and after an axis.
 fn around(op: &str, x: &Array, axis: usize) -> [usize; 3] {
@@ -104,8 +105,9 @@ pub fn crop(x: &Array, top: usize, left: usize, height: usize, width: usize) -> 
 }
 
 /// Row `id` of `table [V, D]` for every id: `[ids, D]`.
-pub fn gather_rows(table: &Array, ids: &[u32]) -> Array {
-    let [rows, depth] = matrix("gather_rows", table);
+pub fn gather_rows(table: impl Into<Weight>, ids: &[u32]) -> Array {
+    let table = table.into();
+    let [rows, depth] = matrix("gather_rows", &table);
     assert!(ids.iter().all(|&id| (id as usize) < rows), "gather_rows: an id is beyond the {rows} rows");
     match table.device().backend() {
         Backend::Cpu => Array::on_cpu(&[ids.len(), depth], cpu::shape::gather_rows(table.host(), depth, ids)),

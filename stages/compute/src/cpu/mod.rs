@@ -13,3 +13,4 @@ pub mod norm;
 pub mod resize;
 pub mod shape;
 mod simd;
+pub mod weight;

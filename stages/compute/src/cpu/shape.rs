@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::map::fill;
+use super::weight::Values;
 
 /// Side of the square blocks that a transpose works through.
 const BLOCK: usize = 32;
@@ -101,6 +102,8 @@ pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, ri
 }
 
 /// Row `id` of the table for every id.
-pub fn gather_rows(table: &[f32], depth: usize, ids: &[u32]) -> Vec<f32> {
-    ids.iter().flat_map(|&id| &table[id as usize * depth..][..depth]).copied().collect()
+pub fn gather_rows(table: Values, depth: usize, ids: &[u32]) -> Vec<f32> {
+    let mut out = vec![0.0; ids.len() * depth];
+    out.chunks_mut(depth.max(1)).zip(ids).for_each(|(out, &id)| table.widen(id as usize * depth, out));
+    out
 }

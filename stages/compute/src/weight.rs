@@ -1,0 +1,176 @@
+//! Frozen weights: `f32` arrays, or 16-bit numbers that operators widen piece by piece. It knows how numbers are
+//! stored, not what a weight is for.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::array::Array;
+use crate::cpu;
+use crate::device::{Backend, Device};
+
+/// How the bytes of a weight encode numbers; all are little-endian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// IEEE 754 binary32.
+    F32,
+    /// IEEE 754 binary16.
+    F16,
+    /// The upper half of a binary32.
+    Bf16,
+}
+
+impl Format {
+    /// Bytes of one number.
+    pub fn width(self) -> usize {
+        match self {
+            Format::F32 => 4,
+            Format::F16 | Format::Bf16 => 2,
+        }
+    }
+}
+
+/// Bytes that outlive the weights cut from them: a memory map, or a vector.
+pub type SharedBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
+
+/// An immutable weight, in row-major order. A clone shares the numbers. Operators that take `impl Into<Weight>` also
+/// take `&Array` and `&Weight`.
+#[derive(Clone)]
+pub struct Weight {
+    shape: Arc<[usize]>,
+    storage: Storage,
+}
+
+#[derive(Clone)]
+enum Storage {
+    Array(Array),
+    Bytes(Encoded),
+}
+
+/// Numbers in the bytes `range` of `owner`, which are never copied as a whole.
+#[derive(Clone)]
+pub(crate) struct Encoded {
+    device: Device,
+    format: Format,
+    owner: SharedBytes,
+    range: Range<usize>,
+}
+
+impl Encoded {
+    /// The values as the CPU's kernels read them.
+    fn values(&self) -> cpu::weight::Values<'_> {
+        cpu::weight::Values::new(self.format, &(*self.owner).as_ref()[self.range.clone()])
+    }
+}
+
+impl Weight {
+    /// The numbers in the bytes `range` of `owner`, which is kept alive and not copied.
+    /// Panics if `range` is not `shape`'s number of elements long, or lies beyond the bytes.
+    pub fn from_bytes(
+        device: &Device,
+        shape: &[usize],
+        format: Format,
+        owner: SharedBytes,
+        range: Range<usize>,
+    ) -> Weight {
+        let expected = shape.iter().product::<usize>() * format.width();
+        let held = (*owner).as_ref().len();
+        assert_eq!(range.len(), expected, "weight: {range:?} does not fill the shape {shape:?} of {format:?}");
+        assert!(range.end <= held, "weight: {range:?} lies beyond {held} bytes");
+        let device = device.clone();
+        Weight { shape: shape.into(), storage: Storage::Bytes(Encoded { device, format, owner, range }) }
+    }
+
+    /// The extents of the axes, outermost first.
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    /// The device that computes with the weight.
+    pub fn device(&self) -> &Device {
+        match &self.storage {
+            Storage::Array(array) => array.device(),
+            Storage::Bytes(encoded) => &encoded.device,
+        }
+    }
+
+    /// How the numbers are stored.
+    pub fn format(&self) -> Format {
+        match &self.storage {
+            Storage::Array(_) => Format::F32,
+            Storage::Bytes(encoded) => encoded.format,
+        }
+    }
+
+    /// All numbers, widened into an array; a new one unless the weight was made of one.
+    pub fn to_array(&self) -> Array {
+        match &self.storage {
+            Storage::Array(array) => array.clone(),
+            Storage::Bytes(encoded) => match encoded.device.backend() {
+                Backend::Cpu => Array::on_cpu(&self.shape, encoded.values().to_vec()),
+            },
+        }
+    }
+
+    /// The same numbers under another shape of the same size, without a copy.
+    pub fn reshape(&self, shape: &[usize]) -> Weight {
+        let [old, new] = [&self.shape, shape].map(|shape| shape.iter().product::<usize>());
+        assert_eq!(old, new, "weight: {:?} does not fit {shape:?}", self.shape);
+        Weight { shape: shape.into(), ..self.clone() }
+    }
+
+    /// The place and value of the first element that is infinite or not a number.
+    pub fn first_not_finite(&self) -> Option<(usize, f32)> {
+        match self.device().backend() {
+            Backend::Cpu => self.host().first_not_finite(),
+        }
+    }
+
+    /// The values for CPU kernels only.
+    pub(crate) fn host(&self) -> cpu::weight::Values<'_> {
+        match &self.storage {
+            Storage::Array(array) => cpu::weight::Values::F32(array.host()),
+            Storage::Bytes(encoded) => encoded.values(),
+        }
+    }
+}
+
+impl From<Array> for Weight {
+    fn from(array: Array) -> Weight {
+        Weight { shape: array.shape().into(), storage: Storage::Array(array) }
+    }
+}
+
+impl From<&Array> for Weight {
+    fn from(array: &Array) -> Weight {
+        array.clone().into()
+    }
+}
+
+impl From<&Weight> for Weight {
+    fn from(weight: &Weight) -> Weight {
+        weight.clone()
+    }
+}
+
+impl fmt::Debug for Weight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Weight{:?} of {:?} on {}", self.shape, self.format(), self.device().kind())
+    }
+}
+
+/// The extents of a two-axis weight `[rows, columns]`.
+pub(crate) fn matrix(op: &str, weight: &Weight) -> [usize; 2] {
+    match *weight.shape() {
+        [rows, columns] => [rows, columns],
+        _ => panic!("{op}: expected a weight [rows, columns], got {:?}", weight.shape()),
+    }
+}
+
+/// The extents of a convolution's weight `[O, C, kh, kw]`.
+pub(crate) fn kernels(op: &str, weight: &Weight) -> [usize; 4] {
+    match *weight.shape() {
+        [o, c, kh, kw] => [o, c, kh, kw],
+        _ => panic!("{op}: expected a weight [O, C, kh, kw], got {:?}", weight.shape()),
+    }
+}
