@@ -32,7 +32,7 @@ Exit codes:
   2    the command line makes no sense
   3    the pipeline, or something it names, is not as it should be; nothing was run
   4    the store or the output folder cannot be used
-  75   interrupted; the same command goes on where it stopped
+  75   interrupted by a signal, with checkpoints kept; the same command goes on
   101  a bug in the program";
 
 /// What went wrong with a command.

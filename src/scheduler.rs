@@ -44,6 +44,8 @@ pub struct Scheduler<'a> {
     pub view: &'a View,
     /// Set when the run is to stop.
     pub cancelled: &'a AtomicBool,
+    /// How often stages keep checkpoints.
+    pub checkpoint_every: Duration,
 }
 
 /// What a stage's thread says.
@@ -181,7 +183,8 @@ impl Scheduler<'_> {
                 inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
             }
         }
-        Ok(Task { node, key, work, inputs, device: self.device, cancelled: self.cancelled, replace })
+        let Self { device, cancelled, checkpoint_every, .. } = *self;
+        Ok(Task { node, key, work, inputs, device, cancelled, checkpoint_every, replace })
     }
 
     /// The life of a stage's thread. Nobody listens any more only when the run is over.

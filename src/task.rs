@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Mutex;
-use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use artifacts_schema::{ArtifactKind, Digest, Provenance};
 use compute::Device;
@@ -48,6 +48,8 @@ pub struct Task<'a> {
     pub device: &'a Device,
     /// Set when it should stop.
     pub cancelled: &'a AtomicBool,
+    /// How often it keeps checkpoints.
+    pub checkpoint_every: Duration,
     /// Whether its result replaces an earlier one.
     pub replace: bool,
 }
@@ -82,9 +84,11 @@ impl Task<'_> {
             inputs: self.inputs.iter().map(|(name, (folder, _))| (name.clone(), folder.clone())).collect(),
             outputs: self.work.outputs(),
             scratch: self.work.scratch(),
+            checkpoint_every: self.checkpoint_every,
+            earlier: None,
             provenance: self.provenance(),
             messages,
-            cancelled: self.cancelled,
+            cancelled: &|| self.cancelled.load(Ordering::Relaxed),
         })
     }
 

@@ -1,6 +1,7 @@
 //! Options that several subcommands share.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 
@@ -50,4 +51,33 @@ pub struct Choice {
     /// Compute this stage even if its result is there (repeatable)
     #[arg(long, value_name = "STAGE")]
     pub force: Vec<String>,
+}
+
+/// A time as people write it: `30s`, `5min`, `1h`, or a number of seconds.
+pub fn time(text: &str) -> Result<Duration, String> {
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match &text[number.len()..] {
+        "" | "s" => 1.0,
+        "ms" => 0.001,
+        "min" => 60.0,
+        "h" => 3600.0,
+        other => return Err(format!("`{other}` is no unit of time; the units are ms, s, min and h")),
+    };
+    let seconds = number.parse::<f64>().map_err(|error| error.to_string())?;
+    Duration::try_from_secs_f64(seconds * unit).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_units() {
+        for (text, seconds) in [("0", 0.0), ("30s", 30.0), ("1.5min", 90.0), ("2h", 7200.0), ("250ms", 0.25)] {
+            assert_eq!(time(text), Ok(Duration::from_secs_f64(seconds)), "{text}");
+        }
+        for text in ["", "s", "-1s", "5 days", "1e99h", "NaN"] {
+            assert!(time(text).is_err(), "{text}");
+        }
+    }
 }

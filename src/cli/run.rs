@@ -3,16 +3,16 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::json;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
-use super::options::{Choice, PipelineOptions};
+use super::options::{self, Choice, PipelineOptions};
 use super::output::print;
 use super::session::Session;
-use crate::error::{Error, INTERRUPTED};
+use crate::error::Error;
 use crate::plan::Context;
 use crate::progress::{self, Verbosity, duration};
 use crate::report;
@@ -36,6 +36,9 @@ pub struct Run {
     /// How many threads compute; by default one per core
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     threads: usize,
+    /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every step
+    #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
+    checkpoint_every: Duration,
     /// No bars: one line for each thing that happens
     #[arg(long)]
     no_progress: bool,
@@ -71,7 +74,8 @@ impl Run {
         let pool = builder.build().map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
         let cancelled = stop_on_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))?;
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
-        let scheduler = Scheduler { context, pool: &pool, device: &session.device, view, cancelled: &cancelled };
+        let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
+        let scheduler = Scheduler { context, pool: &pool, device, view, cancelled: &cancelled, checkpoint_every };
         Ok(scheduler.run(progress.as_mut())?)
     }
 
@@ -132,11 +136,12 @@ fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -
     Record { pipeline: context.graph.pipeline.clone(), started, seconds, stages }
 }
 
-/// The first signal asks for a stop, the second one stops at once.
+/// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing caught it. SIGUSR1 is what Slurm sends
+/// ahead of the end of a job's time.
 fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
     let cancelled = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), cancelled.clone())?;
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, cancelled.clone())?;
         signal_hook::flag::register(signal, cancelled.clone())?;
     }
     Ok(cancelled)

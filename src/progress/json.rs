@@ -43,6 +43,10 @@ impl Json {
     fn said(&mut self, stage: &str, message: &Message) -> Option<Value> {
         match message {
             Message::Warning(text) => Some(json!({"event": "warning", "stage": stage, "text": text})),
+            Message::Resumed { step, total, finished } => {
+                let of = if *finished { "result" } else { "checkpoint" };
+                Some(json!({"event": "resumed", "stage": stage, "step": step, "total": total, "from": of}))
+            }
             Message::Metric { name, value } => {
                 Some(json!({"event": "metric", "stage": stage, "name": name, "value": value}))
             }

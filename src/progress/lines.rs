@@ -14,8 +14,23 @@ const PAUSE: Duration = Duration::from_secs(10);
 /// Tells events line by line.
 pub struct Lines {
     verbosity: Verbosity,
-    /// When each running stage began, and when it last had a line.
-    running: BTreeMap<String, (Instant, Instant)>,
+    running: BTreeMap<String, Running>,
+}
+
+/// A stage that runs.
+struct Running {
+    /// When it began, or went on.
+    begun: Instant,
+    /// The step that it went on from.
+    from: u64,
+    /// When it last had a line.
+    last: Instant,
+}
+
+impl Running {
+    fn new(from: u64) -> Self {
+        Self { begun: Instant::now(), from, last: Instant::now() }
+    }
 }
 
 impl Lines {
@@ -33,7 +48,7 @@ impl Lines {
                 (Verbosity::Normal, format!("{stage}: cached{}", detail(format!(" {key}"))))
             }
             Event::Started { stage, key, reason } => {
-                self.running.insert((*stage).to_owned(), (Instant::now(), Instant::now()));
+                self.running.insert((*stage).to_owned(), Running::new(0));
                 (Verbosity::Normal, format!("{stage}: running ({reason}){}", detail(format!(" {key}"))))
             }
             Event::Finished { stage, seconds, record } => {
@@ -56,15 +71,20 @@ impl Lines {
     fn said(&mut self, stage: &str, message: &Message) -> Option<String> {
         match message {
             Message::Warning(text) => Some(format!("{stage}: warning: {text}")),
+            Message::Resumed { step, total, finished } => {
+                self.running.insert(stage.to_owned(), Running::new(*step));
+                let what = if *finished { "extending its finished result" } else { "going on" };
+                (self.verbosity > Verbosity::Quiet).then(|| format!("{stage}: {what} from step {step} of {total}"))
+            }
             _ if self.verbosity == Verbosity::Quiet => None,
             Message::Metric { name, value } => Some(format!("{stage}: {name} {}", figure(*value))),
             Message::Progress { step, total, values } => {
-                let (begun, last) = self.running.get_mut(stage)?;
-                if last.elapsed() < PAUSE {
+                let running = self.running.get_mut(stage)?;
+                if running.last.elapsed() < PAUSE {
                     return None;
                 }
-                *last = Instant::now();
-                let rate = *step as f64 / begun.elapsed().as_secs_f64();
+                running.last = Instant::now();
+                let rate = step.saturating_sub(running.from) as f64 / running.begun.elapsed().as_secs_f64();
                 let left = duration((total - step.min(total)) as f64 / rate.max(1e-9));
                 let figures = figures(values);
                 Some(format!("{stage}: {step}/{total}  {figures}  {} steps/s, {left} left", figure(rate)))

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use compute::Device;
 use stages::Source;
@@ -53,8 +54,14 @@ fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) -> Done {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let (view, cancelled) = (View::new(&folder.join("out"), "test"), AtomicBool::new(false));
     let mut ear = Ear { started: Vec::new(), stop: stop.then_some(&cancelled) };
-    let scheduler =
-        Scheduler { context: &context, pool: &pool, device: &Device::cpu(), view: &view, cancelled: &cancelled };
+    let scheduler = Scheduler {
+        context: &context,
+        pool: &pool,
+        device: &Device::cpu(),
+        view: &view,
+        cancelled: &cancelled,
+        checkpoint_every: Duration::ZERO,
+    };
     let outcome = scheduler.run(&mut ear).unwrap();
     let stages = outcome.stages.iter().map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone())).collect();
     store.put_run(&Run { pipeline: "test".into(), started: now(), seconds: 0.0, stages }).unwrap();

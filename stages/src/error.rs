@@ -38,6 +38,14 @@ pub enum StageError {
     /// A model that could not be loaded.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
+    /// Numbers that have grown beyond all bounds. The last checkpoint is from before.
+    #[error("the loss is not a number any more after step {step}; a lower `{rate}` should mend it")]
+    Diverged {
+        /// The step, from 1.
+        step: u64,
+        /// The parameter that is likely too high.
+        rate: &'static str,
+    },
     /// The run is being stopped; nothing is wrong.
     #[error("stopped")]
     Cancelled,

@@ -1,7 +1,9 @@
 //! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the runner.
 
+pub mod checkpoint;
 pub mod convert;
 pub mod error;
+pub mod keeper;
 pub mod model;
 pub mod registry;
 pub mod stage;
@@ -19,4 +21,4 @@ pub mod sync;
 
 pub use error::StageError;
 pub use registry::{AnyStage, KINDS};
-pub use stage::{Determinism, Input, InputPort, Io, Message, OutputPort, Source, Stage};
+pub use stage::{Determinism, Estimate, Extension, Input, InputPort, Io, Message, OutputPort, Sizes, Source, Stage};

@@ -1,16 +1,15 @@
 //! `Optimize`: residual latents by score distillation (paper section 2.2, algorithm 1). Knows nothing of images.
 
-use std::ops::ControlFlow;
-
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residuals};
 use compute::Device;
 use compute::elementwise::add;
 use diffusion::guidance::{Guidance, Loss};
-use diffusion::optimize::{Optimized, Optimizer, Options, StepLog, ViewLatents, optimize};
+use diffusion::optimize::{Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents};
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
+use crate::keeper::Keeper;
 use crate::model::Model;
 use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
 
@@ -150,27 +149,49 @@ impl Stage for Optimize {
         let options = self.options();
         let prior = self.model.load(io)?;
         let views: Vec<_> = latents.views.iter().map(|v| view(v, &low, io.device)).collect::<Result<_, _>>()?;
-        let total = (options.steps + options.warm_up()) as usize;
-        let mut on_step = |log: &StepLog| report(log, total, io);
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
-        let optimized = optimize(&denoiser, &views, &options, io.seed, &mut on_step)
-            .map_err(|error| StageError::Mismatch(error.to_string()))?;
-        io.check_cancelled()?;
-        write(&latents, &views, optimized, io)
+        let begin = || Optimization::new(&denoiser, &views, &options, io.seed).map_err(refused);
+        let mut keeper = Keeper::new(io, u64::from(options.steps) + u64::from(options.warm_up()));
+        let resumed = keeper.resume(|checkpoint| {
+            let begun = begin().map_err(|error| error.to_string())?;
+            let state = convert::optimization_state(checkpoint, begun.state(), io.device)?;
+            let log: Vec<StepLog> = Vec::deserialize(&checkpoint.notes["log"]).map_err(|error| error.to_string())?;
+            Ok((begun.resume(state).map_err(|error| error.to_string())?, log))
+        })?;
+        let (mut optimization, mut log) = match resumed {
+            Some(resumed) => resumed,
+            None => (begin()?, Vec::new()),
+        };
+        while !optimization.is_done() {
+            let step = optimization.step().map_err(refused)?;
+            check_finite(&step)?;
+            log.push(step);
+            let state = optimization.state();
+            keeper.after(state.step, &figures(&step), || convert::optimization_checkpoint(state, &log))?;
+        }
+        write(&latents, &views, optimization.finish(log), io)
     }
 }
 
-/// Says how far it is; stops the optimisation when the run is being stopped.
-fn report(log: &StepLog, total: usize, io: &Io) -> ControlFlow<()> {
-    let mut values = Vec::new();
-    if let Some(guidance) = log.guidance {
-        values.extend([("loss", guidance.loss), ("residual", guidance.residual)]);
+/// A LoRA whose loss is not a number any more ends the stage, before its state is kept.
+fn check_finite(log: &StepLog) -> Result<(), StageError> {
+    if log.lora_loss.is_some_and(|loss| !loss.is_finite()) {
+        return Err(StageError::Diverged { step: log.step + 1, rate: "guidance.lora_rate" });
     }
-    values.extend(log.lora_loss.map(|loss| ("lora", loss)));
-    match io.progress(log.step as usize + 1, total, &values) {
-        Ok(()) => ControlFlow::Continue(()),
-        Err(_) => ControlFlow::Break(()),
+    Ok(())
+}
+
+fn refused(error: OptimizeError) -> StageError {
+    match error {
+        OptimizeError::Diverged { step } => StageError::Diverged { step: step + 1, rate: "guidance.rate" },
+        other => StageError::Mismatch(other.to_string()),
     }
+}
+
+/// What people watch.
+fn figures(log: &StepLog) -> Vec<(&'static str, f64)> {
+    let guidance = log.guidance.iter().flat_map(|g| [("loss", g.loss), ("residual", g.residual)]);
+    guidance.chain(log.lora_loss.map(|loss| ("lora", loss))).collect()
 }
 
 fn write(latents: &Latents, views: &[ViewLatents], optimized: Optimized, io: &Io) -> Result<(), StageError> {

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
 use compute::Device;
@@ -70,6 +70,29 @@ pub enum Determinism {
     PerDeviceKind,
 }
 
+/// Whether more steps may go on from the state that fewer left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extension {
+    /// The stage has no steps to add to.
+    None,
+    /// They may: step n does not depend on the number of steps, which this parameter says.
+    Possible(&'static str),
+    /// They may not: what a step does depends on their number, which this parameter says, in the way told.
+    Impossible(&'static str, &'static str),
+}
+
+/// What a stage will take, roughly: enough to choose what runs beside what, and what to ask of a cluster.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Bytes of main memory at the worst moment.
+    pub memory: u64,
+    /// Seconds on two cores.
+    pub seconds: f64,
+}
+
+/// Bytes of input artifacts by input name, as far as they are known.
+pub type Sizes<'a> = BTreeMap<&'a str, u64>;
+
 /// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters, with its defaults in `Default`.
 pub trait Stage: Send + Sync {
     /// The kind's name in pipeline files.
@@ -95,6 +118,15 @@ pub trait Stage: Send + Sync {
     fn determinism(&self) -> Determinism {
         Determinism::PerDeviceKind
     }
+    /// Whether a result of more steps may go on from one of fewer.
+    fn extension(&self) -> Extension {
+        Extension::None
+    }
+    /// Memory and time that it will take. By default those of a stage that reads all of its inputs and does little with them.
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let bytes: u64 = inputs.values().sum();
+        Estimate { memory: (64 << 20) + 6 * bytes, seconds: 1.0 + bytes as f64 / 1e7 }
+    }
     /// Reads the inputs, computes, writes every output.
     fn run(&self, io: &Io) -> Result<(), StageError>;
 }
@@ -111,6 +143,15 @@ pub enum Message {
         total: u64,
         /// Named figures of the last step.
         values: Vec<(&'static str, f64)>,
+    },
+    /// It goes on from where an earlier run left it.
+    Resumed {
+        /// Steps done.
+        step: u64,
+        /// Steps in all.
+        total: u64,
+        /// Whether these steps are a finished result's, which is extended; else they are an interrupted run's.
+        finished: bool,
     },
     /// A result worth a line of its own.
     Metric {
@@ -135,12 +176,16 @@ pub struct Io<'a> {
     pub outputs: PathBuf,
     /// Private to this stage's key and kept until its result is committed: the place for checkpoints.
     pub scratch: PathBuf,
+    /// How long to go on between two checkpoints; zero for one after every step. No result depends on it.
+    pub checkpoint_every: Duration,
+    /// The last state of a finished result that differs from this one in having fewer steps, if there is any.
+    pub earlier: Option<PathBuf>,
     /// What the artifacts say of their origin.
     pub provenance: Provenance,
     /// Takes messages.
     pub messages: &'a (dyn Fn(Message) + Sync),
-    /// Set when the run is being stopped.
-    pub cancelled: &'a AtomicBool,
+    /// Whether to stop.
+    pub cancelled: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Io<'_> {
@@ -177,6 +222,6 @@ impl Io<'_> {
 
     /// An error when the run is being stopped.
     pub fn check_cancelled(&self) -> Result<(), StageError> {
-        if self.cancelled.load(Ordering::Relaxed) { Err(StageError::Cancelled) } else { Ok(()) }
+        if (self.cancelled)() { Err(StageError::Cancelled) } else { Ok(()) }
     }
 }

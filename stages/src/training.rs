@@ -2,10 +2,13 @@
 
 use artifacts_schema::Log;
 use nerf::{Field, StepStats, TrainOptions, TrainView, Trainer};
-use serde_json::json;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
+use crate::checkpoint::Checkpoint;
 use crate::convert;
 use crate::error::StageError;
+use crate::keeper::Keeper;
 use crate::stage::Io;
 
 /// A log line is written every so many steps.
@@ -21,23 +24,64 @@ pub fn check(steps: u32, samples: u32, rate: f64) -> Result<(), StageError> {
     Err(StageError::parameter("rate", format!("is {rate}; it must be above 0 and at most 1")))
 }
 
-/// Trains `field` on `views` and writes the outputs `field` and `log`.
+/// Trains `field` on `views` and writes the outputs `field` and `log`. Goes on from a checkpoint where there is one.
 pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &Io) -> Result<(), StageError> {
-    let mut trainer = Trainer::new(field, views, options, io.seed);
-    let (mut lines, mut psnr) = (Vec::new(), 0.0);
-    for step in 1..=options.steps {
+    let mut keeper = Keeper::new(io, options.steps.into());
+    let (config, bounds) = (field.config().clone(), field.bounds());
+    let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
+        let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
+        let trainer = Trainer::from_state(&config, bounds, views.clone(), options, io.seed, tensors);
+        Ok((trainer.map_err(|error| error.to_string())?, diary))
+    })?;
+    let (mut trainer, mut diary) =
+        resumed.unwrap_or_else(|| (Trainer::new(field, views, options, io.seed), Diary::default()));
+    while trainer.steps_taken() < options.steps {
         let stats = trainer.step();
-        psnr = smoothed(psnr, step, &stats);
-        io.progress(step as usize, options.steps as usize, &[("loss", stats.loss), ("psnr", psnr)])?;
-        if step % LOG_EVERY == 0 || step == options.steps {
-            lines.push(
-                json!({ "step": step, "loss": stats.loss, "psnr": psnr, "rays": stats.rays, "samples": stats.samples }),
-            );
+        let step = u64::from(trainer.steps_taken());
+        if !stats.loss.is_finite() {
+            return Err(StageError::Diverged { step, rate: "rate" });
+        }
+        diary.note(trainer.steps_taken(), &stats);
+        keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || checkpoint(&trainer, &diary))?;
+    }
+    io.metric("training psnr (running mean)", diary.psnr);
+    io.write("field", &convert::disk_field(&trainer.into_field())?)?;
+    io.write("log", &diary.log())
+}
+
+fn checkpoint(trainer: &Trainer, diary: &Diary) -> Checkpoint {
+    Checkpoint { step: trainer.steps_taken().into(), tensors: trainer.state(), notes: json!(diary) }
+}
+
+/// What the log will say of the steps so far.
+#[derive(Default, Serialize, Deserialize)]
+struct Diary {
+    /// A running mean of the batches' PSNR.
+    psnr: f64,
+    /// A line for every [`LOG_EVERY`] steps.
+    lines: Vec<Value>,
+    /// The line of the last step.
+    last: Value,
+}
+
+impl Diary {
+    fn note(&mut self, step: u32, stats: &StepStats) {
+        self.psnr = smoothed(self.psnr, step, stats);
+        self.last = json!({
+            "step": step, "loss": stats.loss, "psnr": self.psnr, "rays": stats.rays, "samples": stats.samples,
+        });
+        if step.is_multiple_of(LOG_EVERY) {
+            self.lines.push(self.last.clone());
         }
     }
-    io.metric("training psnr (running mean)", psnr);
-    io.write("field", &convert::disk_field(&trainer.into_field())?)?;
-    io.write("log", &Log { lines })
+
+    /// All lines, with that of the last step.
+    fn log(mut self) -> Log {
+        if self.lines.last() != Some(&self.last) {
+            self.lines.push(self.last);
+        }
+        Log { lines: self.lines }
+    }
 }
 
 /// A running mean over about the last fifty steps.

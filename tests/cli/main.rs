@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod checkpoint;
 mod damage;
 mod mistakes;
 mod runs;

@@ -2,6 +2,7 @@
 
 mod cameras;
 mod images;
+mod optimization;
 mod tensors;
 #[cfg(test)]
 mod tests;
@@ -11,6 +12,7 @@ pub use images::{
     linear_array, linear_pixels, linear_pixels_of_signed, photo_view, pixels, rendered_view, signed_array, srgb,
     srgb_array, train_view, view_named,
 };
+pub use optimization::{optimization_checkpoint, optimization_state};
 pub use tensors::{disk_field, field, latent_array, latent_named, lora, tensor};
 
 use crate::error::StageError;

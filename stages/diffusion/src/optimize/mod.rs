@@ -16,7 +16,7 @@ mod window;
 use std::ops::ControlFlow;
 
 use compute::Array;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use denoiser::{Denoiser, LoraParameters, Query};
 pub use error::OptimizeError;
@@ -39,7 +39,7 @@ pub struct State {
 }
 
 /// What one step did.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StepLog {
     /// The step, from 0, LoRA warm-up counted in.
     pub step: u64,
@@ -50,7 +50,7 @@ pub struct StepLog {
 }
 
 /// What the guidance did in one step.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GuidanceLog {
     /// Mean timestep of the batch.
     pub timestep: f64,

@@ -157,7 +157,8 @@ impl<'a> Optimization<'a> {
         Some(loss)
     }
 
-    pub(super) fn finish(self, log: Vec<StepLog>) -> Optimized {
+    /// What it leaves behind, with the log of all steps.
+    pub fn finish(self, log: Vec<StepLog>) -> Optimized {
         let array = |residual: Residual| self.prior.device().array(&residual.shape, residual.values);
         let residuals = self.state.residuals.into_iter().map(array).collect();
         Optimized { residuals, lora: self.state.lora.map(|lora| lora.parameters), log }

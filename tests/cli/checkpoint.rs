@@ -1,0 +1,131 @@
+//! A training cut off in the middle goes on where it was, and ends with the bits of one that was left alone.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::space::{Said, Space};
+
+/// A training of about a second, then one that goes on from it.
+const TRAINING: &str = r#"(
+    name: "training",
+    stages: {
+        "scene": Scene(source: Procedural(views: 4, size: (48, 36), samples: 1), downscale: 2, holdout: 4),
+        "fit": Fit(images: "scene.train", steps: 120, samples: 1024, field: (log2_table: 12)),
+        "sync": Sync(field: "fit", images: "scene.train", low_weight: 0, steps: 20, samples: 1024),
+    },
+)"#;
+
+/// A space with the training in it.
+fn training() -> Space {
+    let space = Space::new();
+    fs::write(space.path("training.ron"), TRAINING).unwrap();
+    space
+}
+
+fn run(folder: &str, more: &[&str]) -> Vec<String> {
+    let (store, out) = (format!("--store={folder}/store"), format!("--out={folder}/out"));
+    ["run", "training.ron", "--json", &store, &out].iter().chain(more).map(ToString::to_string).collect()
+}
+
+fn text(arguments: &[String]) -> Vec<&str> {
+    arguments.iter().map(String::as_str).collect()
+}
+
+/// The checkpoint of the stage that is under way, once there is one.
+fn checkpoint(space: &Space, folder: &str) -> PathBuf {
+    let begun = Instant::now();
+    loop {
+        let folders = fs::read_dir(space.path(folder).join("store/work")).into_iter().flatten().flatten();
+        let found = folders.map(|entry| entry.path().join("scratch/checkpoint")).find(|path| path.exists());
+        if let Some(found) = found {
+            return found;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// Begins a run, and ends it by a signal once it has a checkpoint.
+fn cut_off(space: &Space, folder: &str, name: &str) -> Said {
+    let child = space.spawn(&text(&run(folder, &["--checkpoint-every=0"])));
+    checkpoint(space, folder);
+    signal(&child, name);
+    Space::wait(child)
+}
+
+fn resumed(said: &Said) -> Vec<(String, u64, String)> {
+    let events = said.out.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let word = |value: &Value| value.as_str().unwrap().to_owned();
+    events
+        .filter(|event| event["event"] == "resumed")
+        .map(|event| (word(&event["stage"]), event["step"].as_u64().unwrap(), word(&event["from"])))
+        .collect()
+}
+
+#[test]
+fn a_training_that_is_killed_goes_on_with_the_same_bits_for_any_number_of_threads() {
+    let space = training();
+    space.ok(&text(&run("calm", &["--threads=2"])));
+    let calm = space.files("calm/out");
+    for (threads, every) in [("1", "1h"), ("7", "0")] {
+        let folder = format!("threads{threads}");
+        space.ok(&text(&run(&folder, &["--threads", threads, "--checkpoint-every", every])));
+        assert!(space.files(&format!("{folder}/out")) == calm, "{threads} threads");
+    }
+    for name in ["-KILL", "-TERM", "-INT", "-USR1"] {
+        let folder = format!("cut{name}");
+        let said = cut_off(&space, &folder, name);
+        assert_eq!(said.code, if name == "-KILL" { -1 } else { 75 }, "{name}: {}", said.err);
+        let said = space.ok(&text(&run(&folder, &["--threads=7"])));
+        let (stage, step, from) = resumed(&said).remove(0);
+        assert_eq!((stage.as_str(), from.as_str()), ("fit", "checkpoint"), "{name}");
+        assert!((1..=120).contains(&step), "{name}: {step}");
+        assert!(space.files(&format!("{folder}/out")) == calm, "{name}");
+        assert!(fs::read_dir(space.path(&folder).join("store/work")).unwrap().next().is_none(), "{name}");
+    }
+}
+
+#[test]
+fn a_damaged_checkpoint_is_named_and_the_stage_starts_afresh() {
+    let space = training();
+    let damage: [fn(&Path); 2] = [
+        |path| fs::write(path, "v1").unwrap(),
+        |path| {
+            let mut bytes = fs::read(path).unwrap();
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 1;
+            fs::write(path, bytes).unwrap();
+        },
+    ];
+    space.ok(&text(&run("calm", &[])));
+    for (number, damage) in damage.into_iter().enumerate() {
+        let folder = format!("cut{number}");
+        cut_off(&space, &folder, "-KILL");
+        damage(&checkpoint(&space, &folder));
+        let said = space.ok(&text(&run(&folder, &[])));
+        assert!(
+            said.out.contains("checkpoint cannot be used: its content is damaged; starting afresh"),
+            "{}",
+            said.out
+        );
+        assert_eq!(resumed(&said), []);
+        assert!(space.files("calm/out") == space.files(&format!("{folder}/out")));
+    }
+}
+
+#[test]
+fn people_are_told_from_which_step_a_stage_goes_on() {
+    let space = training();
+    cut_off(&space, "cut", "-TERM");
+    let arguments = run("cut", &["--target=fit"]).into_iter().filter(|argument| argument != "--json");
+    let said = space.ok(&text(&arguments.collect::<Vec<_>>()));
+    assert!(said.err.contains("fit: going on from step "), "{}", said.err);
+}
