@@ -149,9 +149,12 @@ impl Scheduler<'_> {
         reason: &Reason,
     ) -> Result<Option<Work<'_>>, StoreError> {
         let store = self.context.store;
-        let Some(work) = store.work(key)? else {
-            board.wait(at);
-            return Ok(None);
+        let work = match store.work(key)? {
+            Ok(work) => work,
+            Err(holder) => {
+                board.wait(at, &holder);
+                return Ok(None);
+            }
         };
         if *reason != Reason::Forced
             && let Lookup::Sound(record) = store.lookup(&key)?
@@ -222,6 +225,7 @@ impl Scheduler<'_> {
                 board.progress.event(&Event::Finished { stage, seconds, record: &record });
                 board.done(at, run(End::Ran), record);
             }
+            Err(Failure::Lost(holder)) => board.wait(at, &holder),
             Err(Failure::Stopped) => {
                 board.progress.event(&Event::Stopped { stage });
                 board.outcome.stages.insert(at, run(End::Stopped));

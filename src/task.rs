@@ -14,6 +14,7 @@ use stages::{Io, Message, StageError};
 
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
+use crate::store::holder::Holder;
 use crate::store::result::Record;
 use crate::store::work::{Facts, Work};
 
@@ -29,6 +30,9 @@ pub enum Failure {
     /// It has a bug.
     #[error("internal error: {0}; this is a bug in srnerf-dag, please report it")]
     Bug(String),
+    /// Another process took the stage over, since this one gave no sign of life for long.
+    #[error("{0} has taken the stage over")]
+    Lost(Holder),
     /// The run is being stopped.
     #[error("stopped")]
     Stopped,
@@ -58,7 +62,11 @@ impl Task<'_> {
     /// Runs the stage in a pool of threads and commits its result. No panic gets out.
     pub fn run(self, pool: &rayon::ThreadPool, messages: &(dyn Fn(Message) + Sync)) -> Result<Record, Failure> {
         let begun = Instant::now();
-        match catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages)))) {
+        let end = catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages))));
+        if let Some(holder) = self.work.lost_to() {
+            return Err(Failure::Lost(holder));
+        }
+        match end {
             Ok(Ok(())) => {
                 let outputs: Vec<(&str, ArtifactKind)> =
                     self.node.stage.outputs().iter().map(|port| (port.name, port.kind)).collect();
@@ -88,7 +96,7 @@ impl Task<'_> {
             earlier: None,
             provenance: self.provenance(),
             messages,
-            cancelled: &|| self.cancelled.load(Ordering::Relaxed),
+            cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),
         })
     }
 

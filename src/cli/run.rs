@@ -60,7 +60,7 @@ impl Run {
         let store = Store::create(&changes.folders.store)?;
         let context = session.context(&store);
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
-        view.retain(session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?;
+        view.retain(&store, session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?;
         let outcome = self.compute(&context, &session, &view, json)?;
         let seconds = begun.elapsed().as_secs_f64();
         let record = record(&context, &outcome, started, seconds);

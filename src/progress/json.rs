@@ -33,7 +33,7 @@ impl Json {
             Event::Failed { stage, error } => json!({"event": "failed", "stage": stage, "error": error}),
             Event::Stopped { stage } => json!({"event": "stopped", "stage": stage}),
             Event::Blocked { stage, by } => json!({"event": "blocked", "stage": stage, "by": by}),
-            Event::Waiting { stage } => json!({"event": "waiting", "stage": stage}),
+            Event::Waiting { stage, holder } => json!({"event": "waiting", "stage": stage, "holder": holder}),
             Event::Warning { stage, text } => json!({"event": "warning", "stage": stage, "text": text}),
             Event::Said { stage, message } => return self.said(stage, message),
             Event::Tick => return None,

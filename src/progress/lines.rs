@@ -61,7 +61,9 @@ impl Lines {
             Event::Failed { stage, error } => (Verbosity::Quiet, format!("{stage}: error: {error}")),
             Event::Stopped { stage } => (Verbosity::Normal, format!("{stage}: stopped")),
             Event::Blocked { stage, by } => (Verbosity::Normal, format!("{stage}: not run, since {by} failed")),
-            Event::Waiting { stage } => (Verbosity::Normal, format!("{stage}: another process computes it; waiting")),
+            Event::Waiting { stage, holder } => {
+                (Verbosity::Normal, format!("{stage}: waiting for {holder}, which computes it"))
+            }
             Event::Warning { stage, text } => (Verbosity::Quiet, format!("{stage}: warning: {text}")),
             Event::Tick => return None,
         };

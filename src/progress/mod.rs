@@ -9,6 +9,7 @@ use std::io::IsTerminal;
 use artifacts_schema::Digest;
 use stages::Message;
 
+use crate::store::holder::Holder;
 use crate::store::result::Record;
 
 /// Something that happened.
@@ -68,6 +69,8 @@ pub enum Event<'a> {
     Waiting {
         /// The stage.
         stage: &'a str,
+        /// The process.
+        holder: &'a Holder,
     },
     /// Something is not as the user might expect.
     Warning {

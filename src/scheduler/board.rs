@@ -8,6 +8,7 @@ use crate::explain::Reason;
 use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{Event, Progress};
+use crate::store::holder::Holder;
 use crate::store::result::Record;
 use crate::store::runs::{End, StageRun};
 use crate::task::Failure;
@@ -87,10 +88,10 @@ impl<'p> Board<'p> {
     }
 
     /// Another process computes a stage.
-    pub fn wait(&mut self, at: usize) {
+    pub fn wait(&mut self, at: usize, holder: &Holder) {
         self.elsewhere.insert(at);
         if self.told.insert(at) {
-            self.progress.event(&Event::Waiting { stage: &self.graph.nodes[at].name });
+            self.progress.event(&Event::Waiting { stage: &self.graph.nodes[at].name, holder });
         }
     }
 

@@ -1,6 +1,6 @@
 //! Blobs: read-only files named by the BLAKE3 digest of their bytes. Knows nothing of what is in them.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::path::Path;
 
 use artifacts_schema::Digest;
@@ -30,11 +30,11 @@ impl Store {
         let (digest, bytes) = digest_file(file).at("read", file)?;
         let path = self.blob_path(&digest);
         let folder = super::parent(&path);
-        fs::create_dir_all(folder).at("create", folder)?;
-        File::open(file).and_then(|file| file.sync_all()).at("flush", file)?;
-        set_read_only(file).at("protect", file)?;
+        self.disk.create_folders(folder).at("create", folder)?;
+        self.disk.flush(file).at("flush", file)?;
+        self.disk.protect(file).at("protect", file)?;
         // Replacing a blob of the same name also heals one that was damaged.
-        fs::rename(file, &path).at("write", &path)?;
+        self.disk.rename(file, &path).at("write", &path)?;
         self.know_sound(digest);
         Ok((digest, bytes))
     }
@@ -59,7 +59,7 @@ impl Store {
     /// Puts a damaged blob out of reach, for whoever wants to look into it.
     pub(super) fn quarantine(&self, digest: &Digest) -> Result<(), StoreError> {
         let (from, to) = (self.blob_path(digest), self.root.join("quarantine").join(digest.to_string()));
-        match fs::rename(&from, &to) {
+        match self.disk.rename(&from, &to) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error).at("move", &from),
             _ => Ok(()),
         }
@@ -70,10 +70,4 @@ impl Store {
             sound.insert(digest);
         }
     }
-}
-
-fn set_read_only(path: &Path) -> std::io::Result<()> {
-    let mut permissions = fs::metadata(path)?.permissions();
-    permissions.set_readonly(true);
-    fs::set_permissions(path, permissions)
 }

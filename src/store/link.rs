@@ -1,7 +1,6 @@
 //! Files shown at a second place: by hard link, or by copy where the file system has none.
 
 use std::fs;
-use std::io;
 use std::path::Path;
 
 use super::Store;
@@ -14,14 +13,14 @@ impl Store {
         if self.shows(output, folder) {
             return Ok(());
         }
-        clear(folder)?;
+        self.clear(folder)?;
         for file in &output.files {
             let path = folder.join(&file.path);
             let parent = super::parent(&path);
-            fs::create_dir_all(parent).at("create", parent)?;
-            link(&self.blob_path(&file.blob), &path).at("write", &path)?;
+            self.disk.create_folders(parent).at("create", parent)?;
+            self.disk.link(&self.blob_path(&file.blob), &path).at("write", &path)?;
         }
-        fs::create_dir_all(folder).at("create", folder)
+        self.disk.create_folders(folder).at("create", folder)
     }
 
     fn shows(&self, output: &Output, folder: &Path) -> bool {
@@ -36,26 +35,6 @@ impl Store {
     }
 }
 
-/// Removes a folder, if there is one.
-pub fn clear(folder: &Path) -> Result<(), StoreError> {
-    match fs::remove_dir_all(folder) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error).at("remove", folder),
-        _ => Ok(()),
-    }
-}
-
-fn link(from: &Path, to: &Path) -> io::Result<()> {
-    match fs::hard_link(from, to) {
-        Err(error) if error.kind() != io::ErrorKind::StorageFull => fs::copy(from, to).map(drop),
-        other => other,
-    }
-}
-
-/// Whether a path still leads to this open file.
-pub fn is_still_at(file: &fs::File, path: &Path) -> bool {
-    matches!((file.metadata(), fs::metadata(path)), (Ok(file), Ok(there)) if identity(&file) == identity(&there))
-}
-
 fn same_file(a: &Path, b: &Path) -> bool {
     let pair = (fs::metadata(a), fs::metadata(b));
     matches!(pair, (Ok(a), Ok(b)) if identity(&a).is_some() && identity(&a) == identity(&b))
@@ -63,12 +42,12 @@ fn same_file(a: &Path, b: &Path) -> bool {
 
 /// What tells a file from all others, whatever its name; `None` where the system does not say.
 #[cfg(unix)]
-fn identity(data: &fs::Metadata) -> Option<(u64, u64)> {
+pub fn identity(data: &fs::Metadata) -> Option<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
     Some((data.dev(), data.ino()))
 }
 
 #[cfg(not(unix))]
-fn identity(_: &fs::Metadata) -> Option<(u64, u64)> {
+pub fn identity(_: &fs::Metadata) -> Option<(u64, u64)> {
     None
 }

@@ -1,10 +1,13 @@
 //! The store: immutable blobs by digest, results by key. `docs/store.md` has the annotated tree.
 //!
-//! Nothing half-written is ever visible: everything is written in `work/`, flushed, and renamed into place.
+//! Nothing half-written is ever visible: everything is written in `work/` or `tmp/`, flushed, and renamed into place.
 //! Knows nothing of pipelines; a stage is a name, a key and a folder of outputs to it.
 
 pub mod blob;
+mod disk;
 pub mod error;
+pub mod holder;
+pub mod lease;
 pub mod link;
 pub mod result;
 pub mod runs;
@@ -12,21 +15,25 @@ pub mod view;
 pub mod work;
 
 #[cfg(test)]
+mod crash;
+#[cfg(test)]
 mod tests;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime};
 
 use artifacts_schema::Digest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::key::Manifest;
+use disk::Disk;
 use error::{At, StoreError};
+use lease::Patience;
 
 /// The layout's version.
 const VERSION: &str = "1";
@@ -43,12 +50,21 @@ pub struct Store {
     root: PathBuf,
     /// Blobs that this process has found sound, so that each is read once.
     sound: Mutex<BTreeSet<Digest>>,
+    disk: Disk,
+    patience: Patience,
+    /// When each lease of others was last touched, and since when we have seen that.
+    seen: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>>,
 }
 
 impl Store {
     /// A store for reading; one that does not exist is empty.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
-        let store = Self { root: root.to_owned(), sound: Mutex::default() };
+        Self::open_on(Disk::default(), root)
+    }
+
+    fn open_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
+        let (sound, seen) = Default::default();
+        let store = Self { root: root.to_owned(), sound, disk, patience: Patience::default(), seen };
         match fs::read_to_string(store.root.join("version")) {
             Ok(version) if version.trim() == VERSION => Ok(store),
             Ok(version) => Err(StoreError::Version { root: store.root, found: version.trim().to_owned() }),
@@ -59,10 +75,14 @@ impl Store {
 
     /// A store for writing; its folders are made where they are missing.
     pub fn create(root: &Path) -> Result<Self, StoreError> {
-        let store = Self::open(root)?;
-        for folder in ["cas", "results", "manifests", "work", "runs", "quarantine", "tmp"] {
+        Self::create_on(Disk::default(), root)
+    }
+
+    fn create_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
+        let store = Self::open_on(disk, root)?;
+        for folder in ["cas", "results", "manifests", "work", "leases", "runs", "quarantine", "tmp"] {
             let folder = store.root.join(folder);
-            fs::create_dir_all(&folder).at("create", &folder)?;
+            store.disk.create_folders(&folder).at("create", &folder)?;
         }
         for (name, text) in [("CACHEDIR.TAG", CACHEDIR_TAG), ("version", VERSION)] {
             let path = store.root.join(name);
@@ -96,26 +116,35 @@ impl Store {
 
     /// Writes a whole file: in `tmp/`, flushed, then renamed. Replaces what was there.
     fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
-        self.staged(path, bytes)?.persist(path).map_err(|error| error.error).at("write", path)?;
-        flush_folder(parent(path))
+        let staged = self.staged(path, bytes)?;
+        self.disk.rename(&staged, path).at("write", path)?;
+        self.flush_folder(parent(path))
     }
 
     /// The same, unless something is there already: then nothing changes and the answer is false.
     fn put_new(&self, path: &Path, bytes: &[u8]) -> Result<bool, StoreError> {
-        match self.staged(path, bytes)?.persist_noclobber(path) {
-            Ok(_) => flush_folder(parent(path)).map(|()| true),
-            Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-            Err(error) => Err(error.error).at("write", path),
+        let staged = self.staged(path, bytes)?;
+        match self.disk.rename_new(&staged, path) {
+            Ok(()) => self.flush_folder(parent(path)).map(|()| true),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            Err(error) => Err(error).at("write", path),
         }
     }
 
-    fn staged(&self, path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile, StoreError> {
+    fn staged(&self, path: &Path, bytes: &[u8]) -> Result<PathBuf, StoreError> {
         let folder = parent(path);
-        fs::create_dir_all(folder).at("create", folder)?;
-        let mut file =
-            readable_by_all(&mut tempfile::Builder::new()).tempfile_in(self.root.join("tmp")).at("write", path)?;
-        file.write_all(bytes).and_then(|()| file.as_file().sync_all()).at("write", path)?;
-        Ok(file)
+        self.disk.create_folders(folder).at("create", folder)?;
+        self.disk.stage(&self.root.join("tmp"), bytes).at("write", path)
+    }
+
+    /// Makes a folder's new names survive a loss of power.
+    fn flush_folder(&self, folder: &Path) -> Result<(), StoreError> {
+        self.disk.flush(folder).at("flush", folder)
+    }
+
+    /// Removes a folder, if there is one.
+    pub fn clear(&self, folder: &Path) -> Result<(), StoreError> {
+        self.disk.remove_folder(folder).at("remove", folder)
     }
 
     /// Removes what killed processes left in `tmp/`, where no file is needed for longer than a moment.
@@ -124,7 +153,7 @@ impl Store {
         for entry in fs::read_dir(&folder).at("read", &folder)?.flatten() {
             let age = entry.metadata().and_then(|data| data.modified()).map(|time| time.elapsed().unwrap_or_default());
             if age.is_ok_and(|age| age > LEFT_BEHIND) {
-                fs::remove_file(entry.path()).at("remove", &entry.path())?;
+                self.disk.remove_file(&entry.path()).at("remove", &entry.path())?;
             }
         }
         Ok(())
@@ -147,23 +176,6 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, StoreError> 
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error).at("read", path),
     }
-}
-
-/// Temporary files are private unless told otherwise, but stores are shared: only the user's own mask shall count.
-#[cfg(unix)]
-fn readable_by_all<'a, 'p, 's>(builder: &'a mut tempfile::Builder<'p, 's>) -> &'a mut tempfile::Builder<'p, 's> {
-    use std::os::unix::fs::PermissionsExt;
-    builder.permissions(fs::Permissions::from_mode(0o666))
-}
-
-#[cfg(not(unix))]
-fn readable_by_all<'a, 'p, 's>(builder: &'a mut tempfile::Builder<'p, 's>) -> &'a mut tempfile::Builder<'p, 's> {
-    builder
-}
-
-/// Makes a folder's new names survive a crash.
-fn flush_folder(folder: &Path) -> Result<(), StoreError> {
-    fs::File::open(folder).and_then(|folder| folder.sync_all()).at("flush", folder)
 }
 
 fn parent(path: &Path) -> &Path {

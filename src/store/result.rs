@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
 use std::path::{Component, Path};
 
 use artifacts_schema::{ArtifactKind, Digest};
@@ -109,10 +108,7 @@ impl Store {
     /// Takes a result that cannot be used any more out of the store, its record first.
     pub fn discard(&self, key: &Digest, breakage: &Breakage) -> Result<(), StoreError> {
         let path = self.result_path(key);
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error).at("remove", &path),
-            _ => {}
-        }
+        self.disk.remove_file(&path).at("remove", &path)?;
         match breakage {
             Breakage::Blob { blob, damage: Damage::Changed, .. } => self.quarantine(blob),
             _ => Ok(()),

@@ -7,16 +7,17 @@ use artifacts_schema::{Artifact, ArtifactKind, Digest, Metrics, Provenance, Row}
 
 use super::Store;
 use super::blob::Damage;
+use super::holder::Holder;
 use super::result::{Breakage, Lookup, Record};
 use super::runs::{Run, now};
 use super::view::View;
 use super::work::Facts;
 
-fn key(text: &str) -> Digest {
+pub fn key(text: &str) -> Digest {
     blake3::hash(text.as_bytes()).into()
 }
 
-fn metrics(value: f64) -> Metrics {
+pub fn metrics(value: f64) -> Metrics {
     let row = Row { mean: [("value".to_owned(), value)].into(), views: Default::default() };
     Metrics { rows: [("row".to_owned(), row)].into(), definitions: Default::default() }
 }
@@ -118,8 +119,8 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
     let store = Store::create(folder.path()).unwrap();
     let lasting = folder.path().join("work").join(key("k").to_string());
     for step in 0..4 {
-        fs::create_dir_all(lasting.join("out/m")).unwrap();
-        fs::write(lasting.join("out/m/metrics.json"), "{ half").unwrap();
+        fs::create_dir_all(lasting.join("run-1/out/m")).unwrap();
+        fs::write(lasting.join("run-1/out/m/metrics.json"), "{ half").unwrap();
         fs::create_dir_all(lasting.join("scratch")).unwrap();
         fs::write(lasting.join("scratch/checkpoint"), "7").unwrap();
         if step > 0 {
@@ -133,6 +134,7 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
         }
         assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
         let work = store.work(key("k")).unwrap().unwrap();
+        assert!(!lasting.join("run-1").exists());
         assert_eq!(fs::read_dir(work.outputs()).unwrap().count(), 0);
         assert_eq!(fs::read_to_string(work.scratch().join("checkpoint")).unwrap(), "7");
         drop(work);
@@ -146,8 +148,8 @@ fn one_key_is_computed_by_one_process_at_a_time_and_the_first_result_stays() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (Store::create(folder.path()).unwrap(), Store::create(folder.path()).unwrap());
     let held = a.work(key("k")).unwrap().unwrap();
-    assert!(b.work(key("k")).unwrap().is_none());
-    assert!(b.work(key("other")).unwrap().is_some());
+    assert!(b.work(key("k")).unwrap().is_err_and(|holder| holder == *Holder::this_process()));
+    assert!(b.work(key("other")).unwrap().is_ok());
     held.abandon().unwrap();
     let first = commit(&b, key("k"), 1.0, "first");
     assert_eq!(commit(&a, key("k"), 2.0, "second"), first);
@@ -183,8 +185,8 @@ fn people_see_what_the_store_has_and_nothing_of_theirs_is_removed() {
     assert_eq!(Metrics::read(&view.output("s", "m")).unwrap(), metrics(2.0));
     let notes = folder.path().join("out/p/notes");
     fs::create_dir_all(&notes).unwrap();
-    view.retain(["s".to_owned(), "t".to_owned()].into()).unwrap();
-    view.retain(["t".to_owned()].into()).unwrap();
+    view.retain(&store, ["s".to_owned(), "t".to_owned()].into()).unwrap();
+    view.retain(&store, ["t".to_owned()].into()).unwrap();
     assert!(notes.exists() && !folder.path().join("out/p/s").exists());
 }
 

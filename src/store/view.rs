@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::error::{At, StoreError};
-use super::link::clear;
 use super::result::Record;
 use super::{Store, parent, read_json};
 
@@ -34,11 +33,11 @@ impl View {
     }
 
     /// Removes the folders of stages that the pipeline had once and has no more.
-    pub fn retain(&self, stages: BTreeSet<String>) -> Result<(), StoreError> {
+    pub fn retain(&self, store: &Store, stages: BTreeSet<String>) -> Result<(), StoreError> {
         let list = self.folder.join(LIST);
         let before: BTreeSet<String> = read_json(&list)?.unwrap_or_default();
         for gone in before.difference(&stages).filter(|name| !name.contains(['/', '\\']) && !name.starts_with('.')) {
-            clear(&self.folder.join(gone))?;
+            store.clear(&self.folder.join(gone))?;
         }
         if before != stages {
             fs::create_dir_all(parent(&list)).at("create", parent(&list))?;

@@ -1,26 +1,31 @@
 //! The private folder in which one stage runs, and the commit that turns what it wrote into a result.
 //!
-//! `work/<key>/in` shows its inputs, `out` takes its outputs, `scratch` outlives an interrupted run: the place for checkpoints.
+//! In `work/<key>`, `run-<nonce>` belongs to one lease: `in` shows the stage's inputs, `out` takes its outputs. `scratch` is the
+//! key's own, and outlives an interrupted run: the place for checkpoints.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, TryLockError};
+use std::fs;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::{Path, PathBuf};
 
 use artifacts_schema::{ArtifactKind, Digest, semantic_digest};
 use walkdir::WalkDir;
 
 use super::error::{At, StoreError};
-use super::link::clear;
+use super::holder::Holder;
+use super::lease::{Claim, Lease};
 use super::result::{Output, Record, StoredFile};
-use super::{Store, flush_folder, parent};
+use super::{Store, parent};
 
 /// The private folder of one key. Only one process at a time has it.
 pub struct Work<'s> {
     store: &'s Store,
     key: Digest,
+    /// The key's folder.
     folder: PathBuf,
-    /// Locked for as long as this lives; the system unlocks it when the process dies, however it dies.
-    _lock: File,
+    /// The folder of this lease.
+    run: PathBuf,
+    lease: Lease<'s>,
 }
 
 /// What a commit says of a stage beside its outputs.
@@ -34,34 +39,27 @@ pub struct Facts {
 }
 
 impl Store {
-    /// The private folder of a key, with empty `in` and `out`; `None` while another process has it.
-    pub fn work(&self, key: Digest) -> Result<Option<Work<'_>>, StoreError> {
+    /// The private folder of a key, with empty `in` and `out`; else the process that has it.
+    pub fn work(&self, key: Digest) -> Result<Result<Work<'_>, Holder>, StoreError> {
+        let lease = match self.lease(&key)? {
+            Claim::Ours(lease) => lease,
+            Claim::Theirs(holder) => return Ok(Err(holder)),
+        };
         let folder = self.root.join("work").join(key.to_string());
-        let lock_path = folder.with_extension("lock");
-        let lock = File::create(&lock_path).at("create", &lock_path)?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Ok(None),
-            Err(TryLockError::Error(error)) => return Err(error).at("lock", &lock_path),
-        }
-        // The one who had it before may have removed the file while we waited at its door.
-        if !super::link::is_still_at(&lock, &lock_path) {
-            return Ok(None);
-        }
-        let work = Work { store: self, key, folder, _lock: lock };
-        clear(&work.folder.join("in"))?;
-        clear(&work.outputs())?;
+        let run = folder.join(format!("run-{:016x}", RandomState::new().build_hasher().finish()));
+        let work = Work { store: self, key, folder, run, lease };
+        work.sweep()?;
         for folder in [work.outputs(), work.scratch()] {
-            fs::create_dir_all(&folder).at("create", &folder)?;
+            self.disk.create_folders(&folder).at("create", &folder)?;
         }
-        Ok(Some(work))
+        Ok(Ok(work))
     }
 }
 
 impl Work<'_> {
     /// Where the stage writes its outputs.
     pub fn outputs(&self) -> PathBuf {
-        self.folder.join("out")
+        self.run.join("out")
     }
 
     /// What is kept until the result is committed.
@@ -69,11 +67,31 @@ impl Work<'_> {
         self.folder.join("scratch")
     }
 
+    /// Whether another process has taken the key over, so that nothing done here counts.
+    pub fn is_lost(&self) -> bool {
+        self.lease.is_lost()
+    }
+
+    /// The process that has, after looking.
+    pub fn lost_to(&self) -> Option<Holder> {
+        self.lease.lost_to()
+    }
+
     /// Shows an input artifact to the stage, and says where.
     pub fn input(&self, name: &str, artifact: &Output) -> Result<PathBuf, StoreError> {
-        let folder = self.folder.join("in").join(name);
+        let folder = self.run.join("in").join(name);
         self.store.show(artifact, &folder)?;
         Ok(folder)
+    }
+
+    /// Removes what runs that were killed, and those that lost their lease, have left or still write to.
+    fn sweep(&self) -> Result<(), StoreError> {
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            if entry.file_name() != "scratch" {
+                self.store.clear(&entry.path())?;
+            }
+        }
+        Ok(())
     }
 
     /// Turns what the stage wrote into a result: blobs, flushed, then the record. `replace` overrules an earlier result.
@@ -82,30 +100,23 @@ impl Work<'_> {
         for (name, kind) in outputs {
             kept.insert((*name).to_owned(), self.keep(name, *kind)?);
         }
-        for folder in kept.values().flat_map(|output| &output.files).map(|file| self.store.blob_path(&file.blob)) {
-            flush_folder(parent(&folder))?;
+        for file in kept.values().flat_map(|output| &output.files) {
+            self.store.flush_folder(parent(&self.store.blob_path(&file.blob)))?;
         }
         let Facts { stage, seconds, device } = facts;
         let record = Record { key: self.key, stage, outputs: kept, seconds, device };
         let record = self.store.put_result(record, replace)?;
-        clear(&self.folder)?;
-        self.unlock()?;
+        self.store.clear(&self.folder)?;
         Ok(record)
     }
 
     /// Gives the folder up without a result; scratch stays if there is anything in it.
     pub fn abandon(self) -> Result<(), StoreError> {
-        clear(&self.folder.join("in"))?;
-        clear(&self.outputs())?;
+        self.store.clear(&self.run)?;
         // Both fail, as they should, while there is something in the folder.
         let _ = fs::remove_dir(self.scratch());
         let _ = fs::remove_dir(&self.folder);
-        self.unlock()
-    }
-
-    fn unlock(self) -> Result<(), StoreError> {
-        let lock = self.folder.with_extension("lock");
-        fs::remove_file(&lock).at("remove", &lock)
+        Ok(())
     }
 
     fn keep(&self, name: &str, kind: ArtifactKind) -> Result<Output, StoreError> {

@@ -1,0 +1,181 @@
+//! The store's laws on a machine that stops after any file operation, on a full disk, and on one that cannot be written.
+
+use std::path::Path;
+use std::time::Duration;
+
+use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
+use proptest::prelude::*;
+
+use super::Store;
+use super::disk::{Disk, Fault};
+use super::error::StoreError;
+use super::lease::Patience;
+use super::result::{Lookup, Record};
+use super::runs::{Run, now};
+use super::tests::{key, metrics};
+use super::work::Facts;
+
+/// More operations than a life has.
+const ENOUGH: usize = 1000;
+
+/// A store on this disk. Those who died in it are known to be dead.
+fn store(disk: Disk, root: &Path) -> Result<Store, StoreError> {
+    let patience = Patience { beat: Duration::from_secs(3600), stale: Duration::ZERO };
+    Ok(Store { patience, ..Store::create_on(disk, root)? })
+}
+
+fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Record, StoreError> {
+    let work = store.work(key)?.unwrap_or_else(|holder| panic!("{holder} has the key"));
+    metrics(value).write(&work.outputs().join("m"), &Provenance::default()).unwrap();
+    let facts = Facts { stage: "s".into(), seconds: 1.0, device: "cpu".into() };
+    work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
+}
+
+/// What a run does to a store.
+fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
+    let store = store(disk, root)?;
+    store.put_manifest(&key("k"), &Default::default())?;
+    let record = commit(&store, key("k"), 1.0, false)?;
+    let run = Run { pipeline: "p".into(), started: now(), seconds: 1.0, stages: Default::default() };
+    store.put_run(&run)?;
+    Ok(record)
+}
+
+fn lookup(root: &Path, key: Digest) -> Lookup {
+    Store::open(root).unwrap().lookup(&key).unwrap()
+}
+
+/// The names of the operations of a life.
+fn operations() -> Vec<(String, std::path::PathBuf)> {
+    let folder = tempfile::tempdir().unwrap();
+    let fault = Fault::crash(ENOUGH);
+    let done = fault.done();
+    life(Disk::failing(fault), folder.path()).unwrap();
+    let done = done.lock().unwrap();
+    done.clone()
+}
+
+/// A life that is cut short by a fault leaves a whole result or none, and the next life is like any other.
+fn cut_short(fault: fn(usize) -> Fault) -> Vec<String> {
+    let calm = life(Disk::default(), tempfile::tempdir().unwrap().path()).unwrap();
+    let count = operations().len();
+    let mut errors = Vec::new();
+    for after in 0..=count {
+        let folder = tempfile::tempdir().unwrap();
+        let done = life(Disk::failing(fault(after)), folder.path());
+        match (lookup(folder.path(), key("k")), &done) {
+            (Lookup::Sound(found), _) => assert_eq!(found.outputs, calm.outputs, "after {after} operations"),
+            (Lookup::Absent, Err(_)) => {}
+            (found, done) => panic!("after {after} operations: {found:?}, {done:?}"),
+        }
+        errors.extend(done.err().map(|error| format!("{:?}", miette::Report::new(error))));
+        let again = life(Disk::default(), folder.path()).unwrap();
+        assert_eq!(again.outputs, calm.outputs, "after {after} operations");
+        for left in ["work", "leases"] {
+            let left: Vec<_> = std::fs::read_dir(folder.path().join(left)).unwrap().collect();
+            assert!(left.is_empty(), "after {after} operations: {left:?}");
+        }
+    }
+    errors
+}
+
+#[test]
+fn a_commit_is_whole_or_not_there_wherever_the_machine_stops() {
+    let errors = cut_short(Fault::crash);
+    assert_eq!(errors.len(), operations().len());
+}
+
+#[test]
+fn a_full_disk_is_said_to_be_full_and_nothing_is_lost() {
+    let errors = cut_short(Fault::full);
+    assert!(errors.len() > 10);
+    errors.iter().for_each(|error| assert!(error.contains("the disk is full: free some space"), "{error}"));
+}
+
+#[test]
+fn a_store_that_cannot_be_written_is_said_to_be_so_and_nothing_is_lost() {
+    let errors = cut_short(Fault::read_only);
+    errors.iter().for_each(|error| assert!(error.contains("choose a folder that can be written"), "{error}"));
+}
+
+/// After a loss of power a name may be there and what it names may not, unless what it names was flushed before.
+#[test]
+fn whatever_gets_its_name_was_flushed_before_and_a_record_comes_after_its_blobs() {
+    let done = operations();
+    let flushed = |path: &Path, by: usize| done[..by].iter().any(|(what, at)| what == "flush" && at == path);
+    let renames: Vec<usize> = (0..done.len()).filter(|&at| done[at].0 == "rename").collect();
+    assert!(renames.len() >= 5);
+    renames.iter().for_each(|&at| assert!(flushed(&done[at].1, at), "{:?} was not flushed", done[at].1));
+    let blob = renames.iter().find(|&&at| done[at].1.ends_with("out/m/metrics.json")).copied().unwrap();
+    let folder = |at: usize| done[at].0 == "flush" && done[at].1.parent().is_some_and(|path| path.ends_with("cas"));
+    let named = (blob..done.len()).find(|&at| folder(at)).unwrap();
+    let record = renames.iter().filter(|&&at| at > blob).min().unwrap();
+    assert!(named < *record, "the record is visible before its blobs are safe");
+}
+
+/// Something that a run may do to one of a few keys.
+#[derive(Clone, Debug)]
+enum Act {
+    Commit(u8),
+    Force(u8),
+    Damage(u8),
+}
+
+fn acts() -> impl Strategy<Value = Vec<Act>> {
+    let act = (0u8..3, 0u8..3).prop_map(|(act, key)| match act {
+        0 => Act::Commit(key),
+        1 => Act::Force(key),
+        _ => Act::Damage(key),
+    });
+    prop::collection::vec(act, 1..7)
+}
+
+/// Does all of it, and returns which keys have a result. The value of a key is the key.
+fn act_all(store: &Store, acts: &[Act], known: &mut [bool; 3]) -> Result<(), StoreError> {
+    for act in acts {
+        let (Act::Commit(at) | Act::Force(at) | Act::Damage(at)) = *act;
+        let key = key(&at.to_string());
+        if let (Act::Damage(_), Lookup::Sound(record)) = (act, store.lookup(&key)?) {
+            let (_, file) = record.files().next().unwrap();
+            let breakage = super::result::Breakage::Blob {
+                file: "m".into(),
+                blob: file.blob,
+                damage: super::blob::Damage::Changed,
+            };
+            known[usize::from(at)] = false;
+            store.discard(&key, &breakage)?;
+        } else {
+            commit(store, key, at.into(), matches!(act, Act::Force(_)))?;
+            known[usize::from(at)] = true;
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases / 16, ..ProptestConfig::default() })]
+
+    #[test]
+    fn what_was_committed_stays_and_what_was_not_is_whole_or_absent(acts in acts(), after in 0usize..160) {
+        let folder = tempfile::tempdir().unwrap();
+        let mut known = [false; 3];
+        if let Ok(store) = store(Disk::failing(Fault::crash(after)), folder.path()) {
+            // The error, if any, is the end of the world, which was expected.
+            let _ = act_all(&store, &acts, &mut known);
+        }
+        for at in 0..3u8 {
+            let found = lookup(folder.path(), key(&at.to_string()));
+            let right = match &found {
+                Lookup::Sound(_) => true,
+                Lookup::Absent => !known[usize::from(at)],
+                Lookup::Broken(_) => false,
+            };
+            prop_assert!(right, "{at}: {found:?}");
+        }
+        let after = store(Disk::default(), folder.path()).unwrap();
+        for at in 0..3u8 {
+            let record = commit(&after, key(&at.to_string()), at.into(), false).unwrap();
+            prop_assert!(matches!(lookup(folder.path(), record.key), Lookup::Sound(found) if found.outputs == record.outputs));
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! A process that holds a lease: where it runs, and whether it still does. Knows nothing of leases.
+
+use std::fmt;
+use std::fs;
+use std::sync::LazyLock;
+
+use serde::{Deserialize, Serialize};
+
+/// A process. What cannot be known is left empty.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Holder {
+    /// The host's name.
+    pub host: String,
+    /// The process's number.
+    pub pid: u32,
+    /// What tells the host's boots, and on one host the spaces of process numbers (of containers), from each other.
+    pub boot: String,
+    /// When the process began, in ticks since the boot: numbers are used again, these pairs are not.
+    pub started: String,
+    /// The cluster's number of the job, if it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub job: Option<String>,
+}
+
+impl Holder {
+    /// The process that we are.
+    pub fn this_process() -> &'static Self {
+        static THIS: LazyLock<Holder> = LazyLock::new(|| {
+            let pid = std::process::id();
+            Holder {
+                host: read("/proc/sys/kernel/hostname").or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default(),
+                pid,
+                boot: boot().unwrap_or_default(),
+                started: started(pid).unwrap_or_default(),
+                job: std::env::var("SLURM_JOB_ID").ok(),
+            }
+        });
+        &THIS
+    }
+
+    /// Whether the process is certainly over. Of a process elsewhere nothing is certain.
+    pub fn is_dead(&self) -> bool {
+        let here = !self.boot.is_empty() && self.boot == Self::this_process().boot;
+        here && !self.started.is_empty() && started(self.pid).as_ref() != Some(&self.started)
+    }
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        if self.host.is_empty() {
+            return f.write_str("another process");
+        }
+        write!(f, "process {} on {}", self.pid, self.host)?;
+        self.job.iter().try_for_each(|job| write!(f, " (job {job})"))
+    }
+}
+
+/// This boot and this space of process numbers.
+fn boot() -> Option<String> {
+    let space = fs::read_link("/proc/self/ns/pid").ok()?;
+    Some(format!("{} {}", read("/proc/sys/kernel/random/boot_id")?, space.to_str()?))
+}
+
+/// When a living process began. Field 22 of its `stat`; the second is a name in parentheses, the third its state.
+fn started(pid: u32) -> Option<String> {
+    let stat = read(&format!("/proc/{pid}/stat"))?;
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let over = matches!(*fields.first()?, "Z" | "X");
+    (!over).then(|| fields.get(19).map(ToString::to_string))?
+}
+
+fn read(path: &str) -> Option<String> {
+    fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_living_are_told_from_the_dead() {
+        let me = Holder::this_process().clone();
+        assert!(!me.is_dead() && !me.host.is_empty());
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let other = Holder { pid: child.id(), started: started(child.id()).unwrap(), ..me.clone() };
+        assert!(!other.is_dead());
+        child.kill().unwrap();
+        // Nobody has asked for its end yet: it is over all the same.
+        while started(child.id()).is_some() {
+            std::thread::yield_now();
+        }
+        assert!(other.is_dead());
+        child.wait().unwrap();
+        assert!(other.is_dead());
+        assert!(Holder { started: "1".into(), ..me.clone() }.is_dead(), "another with the same number");
+        assert!(!Holder { boot: "elsewhere".into(), ..other }.is_dead(), "who knows");
+        assert!(!Holder::default().is_dead());
+    }
+}

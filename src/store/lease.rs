@@ -1,0 +1,283 @@
+//! Leases: which process computes which key. Knows nothing of what is computed.
+//!
+//! A lease is a file `leases/<key>.<generation>`, put there only if absent; the highest generation of a key holds it. Its holder
+//! touches it every few seconds. Whoever finds the holder dead puts the next generation beside it, which only one can, and
+//! removes the older file, by which a holder that was only asleep learns that its work is another's now. No clock is compared
+//! with another: a waiter measures on its own how long a file has gone untouched.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime};
+
+use artifacts_schema::Digest;
+
+use super::error::{At, StoreError};
+use super::holder::Holder;
+use super::link::identity;
+use super::{Store, json, read_json};
+
+/// How long leases last without a sign of life.
+#[derive(Clone, Copy, Debug)]
+pub struct Patience {
+    /// How often a holder touches its lease.
+    pub beat: Duration,
+    /// How long a lease may go untouched.
+    pub stale: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Self { beat: Duration::from_secs(5), stale: Duration::from_secs(60) }
+    }
+}
+
+/// Who has a key.
+pub enum Claim<'s> {
+    /// We do.
+    Ours(Lease<'s>),
+    /// Someone else does.
+    Theirs(Holder),
+}
+
+/// The right to compute a key, until it is dropped or taken over.
+pub struct Lease<'s> {
+    store: &'s Store,
+    key: Digest,
+    path: PathBuf,
+    file: Arc<File>,
+    lost: Arc<AtomicBool>,
+    heart: Option<(Sender<()>, JoinHandle<()>)>,
+}
+
+impl Store {
+    /// Takes the lease of a key, if nobody alive has it.
+    pub fn lease(&self, key: &Digest) -> Result<Claim<'_>, StoreError> {
+        let before = self.latest_lease(key)?;
+        if let Some((_, path)) = &before
+            && !self.is_stale(path)?
+        {
+            return self.theirs(path);
+        }
+        let generation = before.as_ref().map_or(0, |(generation, _)| generation + 1);
+        let path = self.lease_path(key, generation);
+        if !self.put_new(&path, &json(&path, Holder::this_process())?)? {
+            return self.theirs(&path);
+        }
+        let lease = Lease::new(self, *key, path)?;
+        // Between our look and our mark the older lease may have been taken over, and even given back, by another.
+        let overtaken = self.latest_lease(key)?.is_none_or(|(latest, _)| latest != generation)
+            || before.as_ref().is_some_and(|(_, path)| !path.exists());
+        if overtaken {
+            return Ok(Claim::Theirs(Holder::this_process().clone()));
+        }
+        if let Some((_, path)) = before {
+            self.disk.remove_file(&path).at("remove", &path)?;
+        }
+        Ok(Claim::Ours(lease))
+    }
+
+    fn theirs(&self, path: &Path) -> Result<Claim<'_>, StoreError> {
+        Ok(Claim::Theirs(read_json(path)?.unwrap_or_default()))
+    }
+
+    /// Who has a key now, as far as that can be said.
+    fn holder(&self, key: &Digest) -> Holder {
+        let latest = self.latest_lease(key).ok().flatten();
+        latest.and_then(|(_, path)| read_json(&path).ok().flatten()).unwrap_or_default()
+    }
+
+    fn lease_path(&self, key: &Digest, generation: u64) -> PathBuf {
+        self.root.join("leases").join(format!("{key}.{generation}"))
+    }
+
+    /// The highest generation of a key's leases.
+    fn latest_lease(&self, key: &Digest) -> Result<Option<(u64, PathBuf)>, StoreError> {
+        let folder = self.root.join("leases");
+        let name = key.to_string();
+        let generation = |entry: fs::DirEntry| {
+            let generation = entry.file_name().to_str()?.strip_prefix(&name)?.strip_prefix('.')?.parse().ok()?;
+            Some((generation, entry.path()))
+        };
+        Ok(fs::read_dir(&folder).at("read", &folder)?.flatten().filter_map(generation).max())
+    }
+
+    /// Whether a lease's holder is dead: the system says so, or nobody has touched it for too long.
+    fn is_stale(&self, path: &Path) -> Result<bool, StoreError> {
+        let holder: Holder = read_json(path)?.unwrap_or_default();
+        let touched = match fs::metadata(path).and_then(|data| data.modified()) {
+            Ok(touched) => touched,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+            Err(error) => return Err(error).at("read", path),
+        };
+        Ok(holder.is_dead() || self.untouched(path, touched) > self.patience.stale)
+    }
+
+    /// For how long we have seen this time on a file, by our own steady clock.
+    fn untouched(&self, path: &Path, touched: SystemTime) -> Duration {
+        let Ok(mut seen) = self.seen.lock() else { return Duration::ZERO };
+        let (last, since) = seen.entry(path.to_owned()).or_insert_with(|| (touched, Instant::now()));
+        if *last != touched {
+            (*last, *since) = (touched, Instant::now());
+        }
+        since.elapsed()
+    }
+}
+
+impl<'s> Lease<'s> {
+    fn new(store: &'s Store, key: Digest, path: PathBuf) -> Result<Self, StoreError> {
+        let file = Arc::new(File::options().write(true).open(&path).at("open", &path)?);
+        let lost = Arc::new(AtomicBool::new(false));
+        let (stop, stopped) = mpsc::channel();
+        let (beat, lease) = (store.patience.beat, (path.clone(), file.clone(), lost.clone()));
+        let heart = std::thread::spawn(move || {
+            let (path, file, lost) = lease;
+            while stopped.recv_timeout(beat) == Err(RecvTimeoutError::Timeout) {
+                // Whoever cannot touch its lease will find it gone.
+                let _ = file.set_modified(SystemTime::now());
+                lost.fetch_or(is_gone(&file, &path), Ordering::Relaxed);
+            }
+        });
+        Ok(Self { store, key, path, file, lost, heart: Some((stop, heart)) })
+    }
+
+    /// Whether another process was seen to have taken the key over; as new as the last beat.
+    pub fn is_lost(&self) -> bool {
+        self.lost.load(Ordering::Relaxed)
+    }
+
+    /// The process that has, after looking.
+    pub fn lost_to(&self) -> Option<Holder> {
+        (self.is_lost() || is_gone(&self.file, &self.path)).then(|| self.store.holder(&self.key))
+    }
+}
+
+impl Drop for Lease<'_> {
+    /// Gives the key back, unless it is another's already.
+    fn drop(&mut self) {
+        if let Some((stop, heart)) = self.heart.take() {
+            drop(stop);
+            let _ = heart.join();
+        }
+        if !is_gone(&self.file, &self.path) {
+            // A lease that stays behind is dead as soon as this process is.
+            let _ = self.store.disk.remove_file(&self.path);
+        }
+    }
+}
+
+/// Whether a path does not lead to this open file any more. Where the system does not say, it does.
+fn is_gone(file: &File, path: &Path) -> bool {
+    match (file.metadata(), fs::metadata(path)) {
+        (Ok(ours), Ok(there)) => identity(&ours) != identity(&there),
+        (_, Err(error)) => error.kind() == io::ErrorKind::NotFound,
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key() -> Digest {
+        blake3::hash(b"k").into()
+    }
+
+    /// A store whose leases never beat by themselves, and last a minute.
+    fn store(root: &Path) -> Store {
+        let patience = Patience { beat: Duration::from_secs(3600), stale: Duration::from_secs(60) };
+        Store { patience, ..Store::create(root).unwrap() }
+    }
+
+    fn take(store: &Store) -> Option<Lease<'_>> {
+        match store.lease(&key()).unwrap() {
+            Claim::Ours(lease) => Some(lease),
+            Claim::Theirs(_) => None,
+        }
+    }
+
+    /// Makes a store believe that it has seen all leases as they are for so long.
+    fn wait(store: &Store, time: Duration) {
+        store.seen.lock().unwrap().values_mut().for_each(|(_, since)| *since -= time);
+    }
+
+    #[test]
+    fn a_lease_is_one_holders_until_it_is_given_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (store(folder.path()), store(folder.path()));
+        let held = take(&a).unwrap();
+        assert!(take(&b).is_none() && take(&a).is_none());
+        drop(held);
+        assert!(take(&b).is_some());
+        assert_eq!(fs::read_dir(folder.path().join("leases")).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_holder_without_a_sign_of_life_is_replaced_and_finds_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (store(folder.path()), store(folder.path()));
+        let asleep = take(&a).unwrap();
+        assert!(take(&b).is_none());
+        wait(&b, Duration::from_secs(59));
+        assert!(take(&b).is_none());
+        wait(&b, Duration::from_secs(2));
+        let awake = take(&b).unwrap();
+        assert_eq!((asleep.lost_to().as_ref(), awake.lost_to()), (Some(Holder::this_process()), None));
+        drop(asleep);
+        assert!(take(&a).is_none(), "the one who lost it must not give back what is another's");
+        drop(awake);
+        assert!(take(&a).is_some());
+    }
+
+    #[test]
+    fn a_clock_that_jumps_does_no_harm() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (store(folder.path()), store(folder.path()));
+        let held = take(&a).unwrap();
+        for clock in [SystemTime::UNIX_EPOCH, SystemTime::now() + Duration::from_secs(1 << 30), SystemTime::now()] {
+            assert!(take(&b).is_none());
+            wait(&b, Duration::from_secs(61));
+            held.file.set_modified(clock).unwrap();
+            assert!(take(&b).is_none(), "it was touched");
+        }
+        assert_eq!(held.lost_to(), None);
+    }
+
+    #[test]
+    fn of_many_who_take_over_one_wins() {
+        for _ in 0..20 {
+            let folder = tempfile::tempdir().unwrap();
+            let dead = take(&store(folder.path())).map(|lease| lease.path.clone()).unwrap();
+            fs::write(&dead, r#"{"host": "far", "pid": 1}"#).unwrap();
+            let stores: Vec<Store> = (0..4).map(|_| store(folder.path())).collect();
+            for store in &stores {
+                assert!(take(store).is_none());
+                wait(store, Duration::from_secs(61));
+            }
+            let won = std::thread::scope(|scope| {
+                let takers: Vec<_> = stores.iter().map(|store| scope.spawn(|| take(store))).collect();
+                takers.into_iter().filter_map(|taker| taker.join().unwrap()).collect::<Vec<_>>()
+            });
+            assert_eq!(won.len(), 1);
+        }
+    }
+
+    #[test]
+    fn a_lease_that_is_garbled_or_taken_away_is_no_trap() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (store(folder.path()), store(folder.path()));
+        let held = take(&a).unwrap();
+        fs::remove_dir_all(folder.path().join("leases")).unwrap();
+        assert!(held.lost_to().is_some());
+        drop(held);
+        let held = take(&store(folder.path())).map(|lease| lease.path.clone()).unwrap();
+        fs::write(&held, "").unwrap();
+        assert!(take(&b).is_none());
+        wait(&b, Duration::from_secs(61));
+        assert!(take(&b).is_some());
+    }
+}
