@@ -1,9 +1,13 @@
-//! Milliseconds of the main operators on this machine, median and least; `ops.py` prints PyTorch's for the same shapes.
-//! On a busy machine compare the least of runs that alternate, with one thread each.
+//! The time of the main operators on the shapes of the diffusion networks, in milliseconds: the least of some runs,
+//! since other programs only ever add to it.
+//! With `PYTHON` naming an interpreter that has torch, PyTorch's time on the same shapes stands beside it (`ops.py`),
+//! and the ratio: below 1 we are faster.
 //!
-//! `cargo bench -p compute [-- part of a name]`, with `RAYON_NUM_THREADS` to set the threads.
+//! `cargo bench -p compute [-- first word of a name ..]`. Two threads, unless `RAYON_NUM_THREADS` says otherwise.
 
+use std::collections::BTreeMap;
 use std::hint::black_box;
+use std::process::Command;
 use std::time::Instant;
 
 use compute::attention::{attention, attention_backward};
@@ -22,96 +26,178 @@ fn noise(salt: u64, shape: &[usize]) -> Array {
 struct Bench {
     /// Only names that contain one of these run; all if there are none.
     wanted: Vec<String>,
+    /// Milliseconds by name, in the order of the runs.
+    times: Vec<(String, f64)>,
 }
 
 impl Bench {
-    /// Prints the median and the least time of `work`, over at least half a second and three runs.
-    fn time<T>(&self, name: &str, mut work: impl FnMut() -> T) {
-        if !self.wanted.is_empty() && !self.wanted.iter().any(|part| name.contains(part)) {
-            return;
-        }
+    /// Whether any name that begins with `name` may be wanted.
+    fn wants(&self, name: &str) -> bool {
+        self.wanted.is_empty() || self.wanted.iter().any(|part| name.contains(part))
+    }
+
+    /// Notes the least time of `work`, over at least three runs and a quarter of a second.
+    fn time<T>(&mut self, name: &str, mut work: impl FnMut() -> T) {
         black_box(work());
         let (start, mut times) = (Instant::now(), Vec::new());
-        while times.len() < 3 || (start.elapsed().as_secs_f64() < 0.5 && times.len() < 100) {
+        while times.len() < 3 || (start.elapsed().as_secs_f64() < 0.25 && times.len() < 100) {
             let begin = Instant::now();
             black_box(work());
             times.push(begin.elapsed().as_secs_f64() * 1e3);
         }
-        times.sort_by(f64::total_cmp);
-        println!("{name} {:.3} {:.3}", times[times.len() / 2], times[0]);
+        let least = times.into_iter().fold(f64::INFINITY, f64::min);
+        self.times.push((name.to_owned(), least));
     }
 
-    fn products(&self) {
-        for (m, k, n) in [(1024, 1024, 1024), (4096, 320, 1280), (3072, 96, 768), (3072, 128, 128)] {
-            let (a, b, w) = (noise(1, &[m, k]), noise(2, &[k, n]), noise(3, &[n, k]));
-            self.time(&format!("matmul_{m}x{k}x{n}"), || matmul::matmul(&a, &b));
-            self.time(&format!("linear_{m}x{k}x{n}"), || linear::linear(&a, &w, None));
+    fn matmul(&mut self, [m, k, n]: [usize; 3]) {
+        let (a, b) = (noise(1, &[m, k]), noise(2, &[k, n]));
+        if !self.wants("matmul") {
+            return;
+        }
+        self.time(&format!("matmul {m}x{k}x{n}"), || matmul::matmul(&a, &b));
+    }
+
+    /// A linear layer over `tokens`, forward and backward to its input; to its weight if that is an adapter's.
+    fn linear(&mut self, [tokens, k, m]: [usize; 3]) {
+        let name = format!("linear {tokens}x{k}-{m}");
+        if !self.wants(&name) {
+            return;
+        }
+        let (x, w, dy) = (noise(1, &[tokens, k]), noise(2, &[m, k]), noise(3, &[tokens, m]));
+        self.time(&format!("{name} forward"), || linear::linear(&x, &w, None));
+        self.time(&format!("{name} input"), || linear::linear_backward_input(&dy, &w));
+        if k.min(m) <= 8 {
+            self.time(&format!("{name} weight"), || linear::linear_backward_weight(&x, &dy));
         }
     }
 
-    fn convolution(&self, batch: usize, channels: [usize; 2], size: [usize; 2], kernel: usize, stride: usize) {
-        let ([c, o], [h, w]) = (channels, size);
+    fn conv(&mut self, batch: usize, [c, o]: [usize; 2], size: usize, kernel: usize, stride: usize) {
         let pad = if stride == 1 { [kernel / 2; 4] } else { [0, 1, 0, 1] };
         let conv = Conv { stride, pad };
-        let (x, weight) = (noise(1, &[batch, c, h, w]), noise(2, &[o, c, kernel, kernel]));
+        let name = format!("conv{kernel}s{stride} {batch}x{c}-{o} {size}x{size}");
+        if !self.wants(&name) {
+            return;
+        }
+        let (x, weight) = (noise(1, &[batch, c, size, size]), noise(2, &[o, c, kernel, kernel]));
         let dy = conv2d(&x, &weight, None, conv);
-        let name = format!("conv{kernel}s{stride}_{batch}x{c}-{o}_{w}x{h}");
-        self.time(&format!("{name}_forward"), || conv2d(&x, &weight, None, conv));
-        self.time(&format!("{name}_input"), || conv2d_backward_input(&dy, &weight, conv, size));
-        self.time(&format!("{name}_weight"), || conv2d_backward_weight(&x, &dy, conv, [kernel; 2]));
+        self.time(&format!("{name} forward"), || conv2d(&x, &weight, None, conv));
+        self.time(&format!("{name} input"), || conv2d_backward_input(&dy, &weight, conv, [size; 2]));
+        if c * o <= 1 << 14 {
+            self.time(&format!("{name} weight"), || conv2d_backward_weight(&x, &dy, conv, [kernel; 2]));
+        }
     }
 
-    fn attentions(&self, batch: usize, tokens: usize, keys: usize, heads: usize, depth: usize) {
+    fn attention(&mut self, batch: usize, [tokens, keys]: [usize; 2], [heads, depth]: [usize; 2]) {
+        let name = format!("attention {batch}x{tokens}-{keys} {heads}x{depth}");
+        if !self.wants(&name) {
+            return;
+        }
         let q = noise(1, &[batch, tokens, heads * depth]);
         let [k, v] = [2, 3].map(|salt| noise(salt, &[batch, keys, heads * depth]));
         let attended = attention(&q, &k, &v, heads, false);
-        let name = format!("attention_{batch}x{tokens}-{keys}_{heads}x{depth}");
-        self.time(&format!("{name}_forward"), || attention(&q, &k, &v, heads, false));
-        self.time(&format!("{name}_backward"), || attention_backward(&q, &k, &v, &attended, heads, false, &q));
+        self.time(&format!("{name} forward"), || attention(&q, &k, &v, heads, false));
+        self.time(&format!("{name} backward"), || attention_backward(&q, &k, &v, &attended, heads, false, &q));
     }
 
-    fn norms(&self, shape: [usize; 4]) {
-        let [n, c, h, w] = shape;
-        let (x, dy) = (noise(1, &shape), noise(2, &shape));
+    fn norms(&mut self, batch: usize, c: usize, size: usize, groups: usize) {
+        let extents = [batch, c, size, size];
+        if !self.wants("norm") {
+            return;
+        }
+        let (x, dy) = (noise(1, &extents), noise(2, &extents));
         let (gamma, beta) = (noise(3, &[c]), noise(4, &[c]));
-        let act = Activation::Silu;
-        let name = format!("{n}x{c}_{w}x{h}");
-        self.time(&format!("group_norm_silu_{name}_forward"), || group_norm(&x, &gamma, &beta, 32, 1e-5, act));
-        self.time(&format!("group_norm_silu_{name}_backward"), || {
-            group_norm_backward(&x, &gamma, &beta, 32, 1e-5, act, &dy)
+        let (act, name) = (Activation::Silu, format!("{batch}x{c} {size}x{size}"));
+        self.time(&format!("group_norm_silu {name} forward"), || group_norm(&x, &gamma, &beta, groups, 1e-5, act));
+        self.time(&format!("group_norm_silu {name} backward"), || {
+            group_norm_backward(&x, &gamma, &beta, groups, 1e-5, act, &dy)
         });
-        let (x, dy) = (x.reshape(&[n * h * w, c]), dy.reshape(&[n * h * w, c]));
-        self.time(&format!("layer_norm_{name}_forward"), || layer_norm(&x, &gamma, &beta, 1e-5));
-        self.time(&format!("layer_norm_{name}_backward"), || layer_norm_backward(&x, &gamma, 1e-5, &dy));
+        let (x, dy) = (x.reshape(&[batch * size * size, c]), dy.reshape(&[batch * size * size, c]));
+        self.time(&format!("layer_norm {name} forward"), || layer_norm(&x, &gamma, &beta, 1e-5));
+        self.time(&format!("layer_norm {name} backward"), || layer_norm_backward(&x, &gamma, 1e-5, &dy));
     }
 
-    fn maps(&self) {
-        let (x, y) = (noise(1, &[3072, 1024]), noise(2, &[3072, 1024]));
-        self.time("add", || elementwise::add(&x, &y));
-        self.time("silu", || activation::silu(&x));
-        self.time("gelu", || activation::gelu(&x));
-        self.time("geglu", || activation::geglu(&x));
-        let image = noise(1, &[1, 128, 128, 128]);
-        self.time("nchw_to_tokens", || shape::nchw_to_tokens(&image));
-        self.time("upsample_nearest", || shape::upsample_nearest(&image, 2));
+    fn maps(&mut self) {
+        if !self.wants("map") {
+            return;
+        }
+        let (x, y) = (noise(1, &[1024, 4096]), noise(2, &[1024, 4096]));
+        let half = noise(3, &[1024, 2048]);
+        self.time("map: add 1024x4096", || elementwise::add(&x, &y));
+        self.time("map: silu 1024x4096", || activation::silu(&x));
+        self.time("map: gelu 1024x4096", || activation::gelu(&x));
+        self.time("map: geglu 1024x4096 forward", || activation::geglu(&x));
+        self.time("map: geglu 1024x4096 backward", || activation::geglu_backward(&x, &half));
+        let image = noise(1, &[1, 256, 64, 64]);
+        self.time("map: nchw_to_tokens 1x256 64x64", || shape::nchw_to_tokens(&image));
+        self.time("map: concat 1x256+256 64x64", || shape::concat(&[&image, &image], 1));
+        self.time("map: upsample_nearest 1x256 64x64", || shape::upsample_nearest(&image, 2));
         let photo = noise(1, &[1, 3, 192, 256]);
-        self.time("bicubic_up", || resize(&photo, 768, 1024, Filter::BicubicTorch, false));
-        self.time("bicubic_down", || resize(&photo, 48, 64, Filter::BicubicTorch, true));
+        self.time("map: bicubic 192x256-768x1024", || resize(&photo, 768, 1024, Filter::BicubicTorch, false));
+        self.time("map: bicubic 192x256-48x64", || resize(&photo, 48, 64, Filter::BicubicTorch, true));
+    }
+
+    /// The upscaler at 64x64 latents, then tiny-x4 at 32x32 with a batch of four, then their autoencoders.
+    fn all(&mut self) {
+        self.matmul([1024, 1024, 1024]);
+        for extents in [[1024, 512, 4096], [1024, 2048, 512], [64, 1024, 8192], [1024, 512, 4], [1024, 4, 512]] {
+            self.linear(extents);
+        }
+        for extents in [[1024, 96, 768], [256, 128, 128], [1024, 96, 4]] {
+            self.linear(extents);
+        }
+        for (channels, size) in [([256; 2], 64), ([768, 256], 64), ([512; 2], 32), ([512; 2], 16), ([1024; 2], 8)] {
+            self.conv(1, channels, size, 3, 1);
+        }
+        self.conv(2, [1024; 2], 8, 3, 1);
+        self.conv(1, [256; 2], 64, 3, 2);
+        self.conv(1, [768, 256], 64, 1, 1);
+        for (channels, size) in [([19, 64], 32), ([64; 2], 32), ([96; 2], 16), ([128; 2], 8)] {
+            self.conv(4, channels, size, 3, 1);
+        }
+        self.conv(4, [64; 2], 32, 3, 2);
+        self.conv(1, [512; 2], 64, 3, 1);
+        self.conv(1, [128; 2], 256, 3, 1);
+        self.conv(4, [32; 2], 128, 3, 1);
+        self.conv(1, [128, 3], 256, 3, 1);
+        self.attention(1, [4096, 4096], [1, 512]);
+        self.attention(1, [4096, 4096], [8, 32]);
+        self.attention(1, [1024, 77], [8, 64]);
+        self.attention(4, [256, 256], [4, 24]);
+        self.norms(1, 256, 64, 32);
+        self.norms(1, 128, 256, 32);
+        self.norms(4, 64, 32, 16);
+        self.maps();
     }
 }
 
+/// What `ops.py` prints for the same names: milliseconds by name, and a line on versions and threads.
+fn torch(python: &str, wanted: &[String]) -> (BTreeMap<String, f64>, String) {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/ops.py");
+    let output = Command::new(python).arg(script).args(wanted).output().expect("PYTHON runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    let (versions, rows) = text.split_once('\n').expect("a first line");
+    let row = |line: &str| line.split_once('\t').map(|(name, ms)| (name.to_owned(), ms.parse().expect("a number")));
+    (rows.lines().filter_map(row).collect(), versions.to_owned())
+}
+
 fn main() {
-    let bench = Bench { wanted: std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect() };
-    bench.products();
-    bench.convolution(1, [256, 256], [64, 64], 3, 1);
-    bench.convolution(2, [96, 96], [48, 64], 3, 1);
-    bench.convolution(1, [32, 32], [192, 256], 3, 1);
-    bench.convolution(1, [96, 96], [48, 64], 3, 2);
-    bench.convolution(2, [192, 128], [24, 32], 1, 1);
-    bench.attentions(1, 4096, 4096, 8, 32);
-    bench.attentions(2, 768, 768, 8, 16);
-    bench.attentions(2, 3072, 77, 8, 16);
-    bench.norms([1, 256, 128, 128]);
-    bench.norms([2, 96, 48, 64]);
-    bench.maps();
+    let threads = std::env::var("RAYON_NUM_THREADS").ok().and_then(|n| n.parse().ok()).unwrap_or(2);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().expect("a pool of threads");
+    let wanted = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
+    let mut bench = Bench { wanted, times: Vec::new() };
+    bench.all();
+    let Ok(python) = std::env::var("PYTHON") else {
+        bench.times.iter().for_each(|(name, ms)| println!("{name:44} {ms:9.3} ms"));
+        return;
+    };
+    let (torch, versions) = torch(&python, &bench.wanted);
+    println!("compute {}, {threads} threads; {versions}", env!("CARGO_PKG_VERSION"));
+    println!("| operator and shape | ours, ms | PyTorch, ms | ours / PyTorch |\n|---|---|---|---|");
+    for (name, ms) in &bench.times {
+        match torch.get(name) {
+            Some(theirs) => println!("| {name} | {ms:.3} | {theirs:.3} | {:.2} |", ms / theirs),
+            None => println!("| {name} | {ms:.3} | | |"),
+        }
+    }
 }

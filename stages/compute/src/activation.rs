@@ -1,58 +1,39 @@
 //! Nonlinearities, each with its gradient. All work element by element; only the gated one knows an axis, the last.
 
-use crate::array::{Array, same_shape};
+use crate::array::Array;
 use crate::cpu;
 use crate::device::Backend;
-
-/// The functions of one real variable that kernels exist for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Function {
-    Silu,
-    Gelu,
-    QuickGelu,
-}
-
-fn apply(function: Function, x: &Array) -> Array {
-    match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::activation::apply(function, x.host())),
-    }
-}
-
-fn apply_backward(function: Function, op: &str, x: &Array, dy: &Array) -> Array {
-    same_shape(op, x, dy);
-    match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::activation::backward(function, x.host(), dy.host())),
-    }
-}
+use crate::elementwise::{binary, unary};
+use crate::function::{Binary, Unary};
 
 /// `x sigmoid(x)` (Elfwing et al. 2017).
 pub fn silu(x: &Array) -> Array {
-    apply(Function::Silu, x)
+    unary(Unary::Silu, x)
 }
 
 /// The gradient of [`silu`] at `x`, times `dy`.
 pub fn silu_backward(x: &Array, dy: &Array) -> Array {
-    apply_backward(Function::Silu, "silu_backward", x, dy)
+    binary("silu_backward", Binary::SiluSlope, x, dy)
 }
 
 /// `x Phi(x)` with the exact distribution function `Phi`, not its tanh approximation (Hendrycks and Gimpel 2016).
 pub fn gelu(x: &Array) -> Array {
-    apply(Function::Gelu, x)
+    unary(Unary::Gelu, x)
 }
 
 /// The gradient of [`gelu`] at `x`, times `dy`.
 pub fn gelu_backward(x: &Array, dy: &Array) -> Array {
-    apply_backward(Function::Gelu, "gelu_backward", x, dy)
+    binary("gelu_backward", Binary::GeluSlope, x, dy)
 }
 
 /// `x sigmoid(1.702 x)`, the approximation of [`gelu`] that CLIP was trained with.
 pub fn quick_gelu(x: &Array) -> Array {
-    apply(Function::QuickGelu, x)
+    unary(Unary::QuickGelu, x)
 }
 
 /// The gradient of [`quick_gelu`] at `x`, times `dy`.
 pub fn quick_gelu_backward(x: &Array, dy: &Array) -> Array {
-    apply_backward(Function::QuickGelu, "quick_gelu_backward", x, dy)
+    binary("quick_gelu_backward", Binary::QuickGeluSlope, x, dy)
 }
 
 fn gated_shape(op: &str, x: &Array) -> Vec<usize> {

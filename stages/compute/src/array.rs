@@ -3,6 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
+use crate::cpu::buffer::Buffer;
 use crate::device::Device;
 
 /// An immutable `f32` array on a [`Device`], contiguous and row-major. A clone shares the values.
@@ -15,12 +16,13 @@ pub struct Array {
 
 #[derive(Clone)]
 enum Storage {
-    Cpu(Arc<Vec<f32>>),
+    Cpu(Arc<Buffer>),
 }
 
 impl Array {
     /// An array in host memory.
-    pub(crate) fn on_cpu(shape: &[usize], values: Vec<f32>) -> Array {
+    pub(crate) fn on_cpu(shape: &[usize], values: impl Into<Buffer>) -> Array {
+        let values = values.into();
         let expected: usize = shape.iter().product();
         assert_eq!(values.len(), expected, "array: {} values do not fill the shape {shape:?}", values.len());
         Array { device: Device::cpu(), shape: shape.into(), storage: Storage::Cpu(Arc::new(values)) }
@@ -75,7 +77,10 @@ impl Array {
     /// The values in host memory to change in place; copied first if another array shares them.
     pub(crate) fn host_mut(&mut self) -> &mut [f32] {
         match &mut self.storage {
-            Storage::Cpu(values) => Arc::make_mut(values).as_mut_slice(),
+            Storage::Cpu(values) => {
+                let buffer: &mut Buffer = Arc::make_mut(values);
+                buffer
+            }
         }
     }
 }

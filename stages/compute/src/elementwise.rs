@@ -3,6 +3,22 @@
 use crate::array::{Array, matrix, nchw, same_shape};
 use crate::cpu;
 use crate::device::Backend;
+use crate::function::{Binary, Unary};
+
+/// `function` of every element.
+pub(crate) fn unary(function: Unary, x: &Array) -> Array {
+    match x.device().backend() {
+        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::unary(function, x.host())),
+    }
+}
+
+/// `function` of every pair of elements; `op` names the caller in messages.
+pub(crate) fn binary(op: &str, function: Binary, x: &Array, y: &Array) -> Array {
+    same_shape(op, x, y);
+    match x.device().backend() {
+        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::binary(function, x.host(), y.host())),
+    }
+}
 
 /// `x + y`.
 pub fn add(x: &Array, y: &Array) -> Array {
@@ -16,26 +32,21 @@ pub fn sub(x: &Array, y: &Array) -> Array {
 
 /// The product, element by element.
 pub fn mul(x: &Array, y: &Array) -> Array {
-    same_shape("mul", x, y);
-    match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::zip(x.host(), y.host(), |x, y| x * y)),
-    }
+    binary("mul", Binary::Product, x, y)
 }
 
 /// `factor * x`.
 pub fn scale(x: &Array, factor: f32) -> Array {
-    scaled_sum(&[(factor, x)])
+    unary(Unary::Scale(factor), x)
 }
 
 /// `a x + b y + ..` for terms `(a, x), (b, y), ..`, summed from left to right.
 pub fn scaled_sum(terms: &[(f32, &Array)]) -> Array {
-    let [(_, first), rest @ ..] = terms else { panic!("scaled_sum: no terms") };
-    rest.iter().for_each(|(_, term)| same_shape("scaled_sum", first, term));
-    match first.device().backend() {
-        Backend::Cpu => {
-            let terms: Vec<_> = terms.iter().map(|&(factor, term)| (factor, term.host())).collect();
-            Array::on_cpu(first.shape(), cpu::map::scaled_sum(&terms))
-        }
+    match *terms {
+        [] => panic!("scaled_sum: no terms"),
+        [(a, x)] => scale(x, a),
+        [(a, x), (b, y)] => binary("scaled_sum", Binary::Sum([a, b]), x, y),
+        [ref first @ .., (a, x)] => binary("scaled_sum", Binary::Sum([1.0, a]), &scaled_sum(first), x),
     }
 }
 
@@ -51,16 +62,10 @@ pub fn add_channels(x: &Array, bias: &Array) -> Array {
 /// Every element moved into `low..=high`; NaN stays NaN.
 pub fn clamp(x: &Array, low: f32, high: f32) -> Array {
     assert!(low <= high, "clamp: nothing lies in {low}..={high}");
-    match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::map(x.host(), |x| x.clamp(low, high))),
-    }
+    unary(Unary::Clamp { low, high }, x)
 }
 
 /// -1, 0 or 1 by the sign of every element.
 pub fn sign(x: &Array) -> Array {
-    match x.device().backend() {
-        Backend::Cpu => {
-            Array::on_cpu(x.shape(), cpu::map::map(x.host(), |x| (x > 0.0) as i32 as f32 - (x < 0.0) as i32 as f32))
-        }
-    }
+    unary(Unary::Sign, x)
 }

@@ -19,6 +19,7 @@ pub mod conv;
 mod cpu;
 pub mod device;
 pub mod elementwise;
+mod function;
 pub mod linear;
 pub mod matmul;
 pub mod norm;

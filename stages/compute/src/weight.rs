@@ -107,7 +107,7 @@ impl Weight {
         match &self.storage {
             Storage::Array(array) => array.clone(),
             Storage::Bytes(encoded) => match encoded.device.backend() {
-                Backend::Cpu => Array::on_cpu(&self.shape, encoded.values().to_vec()),
+                Backend::Cpu => Array::on_cpu(&self.shape, encoded.values().to_buffer()),
             },
         }
     }

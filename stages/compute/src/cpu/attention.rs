@@ -3,14 +3,19 @@
 
 use rayon::prelude::*;
 
-use super::gemm::{Matrix, MatrixMut, Threads, multiply};
+use super::buffer::Buffer;
 use super::lanes;
 use super::math::exp;
+use super::matrix::{Cut, Matrix};
+use super::product::Packed;
 use super::simd::vectorize;
+use super::tile::Old;
 use crate::attention::Extents;
 
-/// Queries per block.
-const QUERIES: usize = 64;
+/// Queries per block: its scores are one tile.
+const QUERIES: usize = 48;
+/// Blocks of queries per task, which meet the same packed keys.
+const BLOCKS: usize = 8;
 /// Keys per tile.
 const KEYS: usize = 512;
 /// The backward pass cuts the keys into at most this many ranges, each with its own share of the queries' gradient.
@@ -45,52 +50,72 @@ struct Running {
 }
 
 /// The output and the logarithms of the sums of exponentials.
-pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (Vec<f32>, Vec<f32>) {
-    let mut out = vec![0.0; q.len()];
-    let mut lse = vec![0.0; e.batch * e.queries * e.heads];
-    if out.is_empty() {
-        return (out, lse);
-    }
-    let images = out.par_chunks_mut(e.queries * e.width()).zip(lse.par_chunks_mut(e.queries * e.heads));
-    images.enumerate().for_each(|(image, (out, lse))| {
-        let q = &q[image * e.queries * e.width()..];
+pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (Buffer, Buffer) {
+    let (mut out, mut lse) = (Buffer::stale(q.len()), Buffer::stale(e.batch * e.queries * e.heads));
+    // A panel is one head.
+    let heads = Cut {
+        matrices: e.batch,
+        rows: e.queries,
+        columns: e.width(),
+        panel: e.depth,
+        share_rows: BLOCKS * QUERIES,
+        share_panels: 1,
+    };
+    let sums = heads.map_shares(&mut out, |mut share| {
+        let (image, head, first) = (share.panels.start / e.heads, share.panels.start % e.heads, share.rows.start);
         let [k, v] = [k, v].map(|x| &x[image * e.keys * e.width()..]);
-        let blocks = out.par_chunks_mut(QUERIES * e.width()).zip(lse.par_chunks_mut(QUERIES * e.heads));
-        blocks.enumerate().for_each(|(block, (out, lse))| {
-            let mut scores = vec![0.0; QUERIES * KEYS.min(e.keys)];
-            for head in 0..e.heads {
-                let running = query_block([q, k, v], e, head, block * QUERIES, lse.len() / e.heads, &mut scores);
-                finish(&running, e, head, out, lse);
+        let queries = e.head(&q[image * e.queries * e.width()..], head, first, share.rows.len());
+        let blocks = gather([k, v], queries, e, head, first);
+        let mut lse = Vec::with_capacity(share.rows.len());
+        for (i, block) in blocks.iter().enumerate() {
+            for (row, values) in block.values.chunks(e.depth).enumerate() {
+                let place = i * QUERIES + row;
+                let mut out = share.block(place..place + 1, share.panels.start);
+                out.row(0).iter_mut().zip(values).for_each(|(out, value)| *out = value / block.sum[row]);
+                lse.push(block.max[row] + block.sum[row].ln());
             }
-        });
+        }
+        ((image * e.queries + first) * e.heads + head, lse)
     });
+    for (place, sums) in sums {
+        lse[place..].iter_mut().step_by(e.heads).zip(sums).for_each(|(lse, sum)| *lse = sum);
+    }
     (out, lse)
 }
 
-/// Lets the `rows` queries from `first` on meet all keys.
-fn query_block(qkv: [&[f32]; 3], e: Extents, head: usize, first: usize, rows: usize, scores: &mut [f32]) -> Running {
-    let [q, k, v] = qkv;
-    let queries = e.head(q, head, first, rows);
-    let mut running =
-        Running { max: [f32::NEG_INFINITY; QUERIES], sum: [0.0; QUERIES], values: vec![0.0; rows * e.depth] };
+/// Lets the `queries`, whose first is number `first`, meet all keys.
+fn gather([k, v]: [&[f32]; 2], queries: Matrix, e: Extents, head: usize, first: usize) -> Vec<Running> {
+    let starts = (0..queries.rows).step_by(QUERIES);
+    let blocks = starts.map(|start| start..queries.rows.min(start + QUERIES));
+    let mut running: Vec<Running> = blocks.clone().map(|rows| Running::new(rows.len(), e.depth)).collect();
+    let mut scores = vec![0.0; QUERIES * KEYS.min(e.keys)];
     for key in (0..e.keys).step_by(KEYS) {
         let keys = KEYS.min(e.keys - key);
-        if e.visible(first + rows - 1, key, keys) == 0 {
+        if e.visible(first + queries.rows - 1, key, keys) == 0 {
             break;
         }
-        let scores = &mut scores[..rows * keys];
-        let tile = e.head(k, head, key, keys).transposed();
-        multiply(&mut MatrixMut::new(scores, rows, keys), queries, tile, false, Threads::One);
-        for (row, scores) in scores.chunks_mut(keys).enumerate() {
-            running.take(row, scores, e.visible(first + row, key, keys), e.scale(), e.depth);
+        let tile = Packed::new(&e.head(k, head, key, keys).transposed(), e.depth, keys);
+        let values = Packed::new(&e.head(v, head, key, keys), keys, e.depth);
+        for (rows, running) in blocks.clone().zip(&mut running) {
+            if e.visible(first + rows.end - 1, key, keys) == 0 {
+                continue;
+            }
+            let scores = &mut scores[..rows.len() * keys];
+            tile.multiply(scores, rows.len(), &queries.rows(rows.clone()), Old::Forget);
+            for (i, scores) in scores.chunks_mut(keys).enumerate() {
+                running.take(i, scores, e.visible(first + rows.start + i, key, keys), e.scale(), e.depth);
+            }
+            values.multiply(&mut running.values, rows.len(), &Matrix::new(scores, rows.len(), keys), Old::Keep);
         }
-        let mut values = MatrixMut::new(&mut running.values, rows, e.depth);
-        multiply(&mut values, Matrix::new(scores, rows, keys), e.head(v, head, key, keys), true, Threads::One);
     }
     running
 }
 
 impl Running {
+    fn new(rows: usize, depth: usize) -> Running {
+        Running { max: [f32::NEG_INFINITY; QUERIES], sum: [0.0; QUERIES], values: vec![0.0; rows * depth] }
+    }
+
     /// Turns one row of scores into weights relative to the running maximum, and rescales what came before.
     fn take(&mut self, row: usize, scores: &mut [f32], visible: usize, scale: f32, depth: usize) {
         vectorize(
@@ -111,15 +136,6 @@ impl Running {
     }
 }
 
-/// Divides by the sums and writes one head of the block.
-fn finish(running: &Running, e: Extents, head: usize, out: &mut [f32], lse: &mut [f32]) {
-    for (row, values) in running.values.chunks(e.depth).enumerate() {
-        let target = &mut out[row * e.width() + head * e.depth..][..e.depth];
-        target.iter_mut().zip(values).for_each(|(target, value)| *target = value / running.sum[row]);
-        lse[row * e.heads + head] = running.max[row] + running.sum[row].ln();
-    }
-}
-
 /// One head's gradients from one range of keys, `[tokens, depth]` each.
 struct Share {
     dq: Vec<f32>,
@@ -128,7 +144,7 @@ struct Share {
 }
 
 /// The gradients to queries, keys and values, from `[q, k, v]` and `[out, lse, dout]`.
-pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Vec<f32>; 3] {
+pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffer; 3] {
     let ranges = e.keys.div_ceil(2 * KEYS).min(RANGES);
     let range = e.keys.div_ceil(ranges).next_multiple_of(KEYS);
     let ranges = e.keys.div_ceil(range);
@@ -139,7 +155,7 @@ pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Vec<f
             key_range(inputs, outputs, e, [image, head], first, range.min(e.keys - first))
         })
         .collect();
-    let [mut dq, mut dk, mut dv] = inputs.map(|x| vec![0.0; x.len()]);
+    let [mut dq, mut dk, mut dv] = inputs.map(|x| Buffer::zeros(x.len()));
     for (task, share) in shares.iter().enumerate() {
         let (image, head, first) = (task / ranges / e.heads, task / ranges % e.heads, task % ranges * range);
         add_head(&mut dq[image * e.queries * e.width()..], &share.dq, e, head, 0);
@@ -174,6 +190,8 @@ fn key_range(
     for key in (first..first + count).step_by(KEYS) {
         let keys = KEYS.min(first + count - key);
         let (k, v) = (e.head(k, head, key, keys), e.head(v, head, key, keys));
+        let [turned_k, turned_v] = [k, v].map(|x| Packed::new(&x.transposed(), e.depth, keys));
+        let k = Packed::new(&k, keys, e.depth);
         for query in (0..e.queries).step_by(QUERIES) {
             let rows = QUERIES.min(e.queries - query);
             if e.visible(query + rows - 1, key, keys) == 0 {
@@ -181,8 +199,8 @@ fn key_range(
             }
             let (q, dout) = (e.head(q, head, query, rows), e.head(dout, head, query, rows));
             let (weights, slopes) = (&mut weights[..rows * keys], &mut slopes[..rows * keys]);
-            multiply(&mut MatrixMut::new(weights, rows, keys), q, k.transposed(), false, Threads::One);
-            multiply(&mut MatrixMut::new(slopes, rows, keys), dout, v.transposed(), false, Threads::One);
+            turned_k.multiply(weights, rows, &q, Old::Forget);
+            turned_v.multiply(slopes, rows, &dout, Old::Forget);
             for (row, (weights, slopes)) in weights.chunks_mut(keys).zip(slopes.chunks_mut(keys)).enumerate() {
                 let token = query + row;
                 let visible = e.visible(token, key, keys);
@@ -190,12 +208,10 @@ fn key_range(
             }
             let (weights, slopes) = (Matrix::new(weights, rows, keys), Matrix::new(slopes, rows, keys));
             let at = (key - first) * e.depth;
-            let add = |sum: &mut [f32], rows, a, b| {
-                multiply(&mut MatrixMut::new(sum, rows, e.depth), a, b, true, Threads::One)
-            };
-            add(&mut dq[query * e.depth..], rows, slopes, k);
-            add(&mut dk[at..], keys, slopes.transposed(), q);
-            add(&mut dv[at..], keys, weights.transposed(), dout);
+            k.multiply(&mut dq[query * e.depth..][..rows * e.depth], rows, &slopes, Old::Keep);
+            let [q, dout] = [q, dout].map(|x| Packed::new(&x, rows, e.depth));
+            q.multiply(&mut dk[at..][..keys * e.depth], keys, &slopes.transposed(), Old::Keep);
+            dout.multiply(&mut dv[at..][..keys * e.depth], keys, &weights.transposed(), Old::Keep);
         }
     }
     Share { dq, dk, dv }

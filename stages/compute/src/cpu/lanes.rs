@@ -7,14 +7,18 @@ pub const LANES: usize = 64;
 /// Joins the lanes by halves.
 #[inline(always)]
 pub fn join(mut lanes: [f32; LANES], operation: impl Fn(f32, f32) -> f32) -> f32 {
-    let mut width = LANES / 2;
-    while width > 0 {
-        let (low, high) = lanes.split_at_mut(width);
-        for (low, high) in low.iter_mut().zip(high) {
-            *low = operation(*low, *high);
+    #[inline(always)]
+    fn halve<const WIDTH: usize>(lanes: &mut [f32; LANES], operation: &impl Fn(f32, f32) -> f32) {
+        for i in 0..WIDTH {
+            lanes[i] = operation(lanes[i], lanes[i + WIDTH]);
         }
-        width /= 2;
     }
+    halve::<32>(&mut lanes, &operation);
+    halve::<16>(&mut lanes, &operation);
+    halve::<8>(&mut lanes, &operation);
+    halve::<4>(&mut lanes, &operation);
+    halve::<2>(&mut lanes, &operation);
+    halve::<1>(&mut lanes, &operation);
     lanes[0]
 }
 

@@ -1,13 +1,16 @@
 //! Group and layer normalisation, forward and backward to the input.
 
 use super::activation::{silu, silu_slope};
+use super::buffer::Buffer;
 use super::lanes;
-use super::map::fill;
+use super::map::{CHUNK, fill};
 use super::simd::vectorize;
 use crate::norm::{Activation, Groups};
 
-/// Rows per task of layer normalisation.
-const ROWS: usize = 16;
+/// Rows of `width` elements per task of layer normalisation.
+fn rows_per_task(width: usize) -> usize {
+    (CHUNK / width.max(1)).max(1)
+}
 
 /// The mean of `x` and the reciprocal of its standard deviation.
 #[inline(always)]
@@ -25,8 +28,8 @@ fn group_at(i: usize, g: Groups) -> (usize, usize) {
 }
 
 /// `x` normalised group by group, scaled, shifted and activated.
-pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation) -> Vec<f32> {
-    let mut out = vec![0.0; x.len()];
+pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation) -> Buffer {
+    let mut out = Buffer::stale(x.len());
     fill(&mut out, (g.channels / g.groups * g.plane).max(1), |i, out| {
         let (start, channel) = group_at(i, g);
         let x = &x[start..start + out.len()];
@@ -57,15 +60,8 @@ pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Acti
 }
 
 /// The gradient of [`group`] to `x`.
-pub fn group_backward(
-    x: &[f32],
-    gamma: &[f32],
-    beta: &[f32],
-    g: Groups,
-    activation: Activation,
-    dy: &[f32],
-) -> Vec<f32> {
-    let mut dx = vec![0.0; x.len()];
+pub fn group_backward(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation, dy: &[f32]) -> Buffer {
+    let mut dx = Buffer::stale(x.len());
     fill(&mut dx, (g.channels / g.groups * g.plane).max(1), |i, dx| {
         let (start, channel) = group_at(i, g);
         let (x, dy) = (&x[start..start + dx.len()], &dy[start..start + dx.len()]);
@@ -110,15 +106,15 @@ fn project(x: &[f32], dx: &mut [f32], [mean, rstd]: [f32; 2]) {
 }
 
 /// Each row of `gamma.len()` elements normalised, scaled and shifted.
-pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Vec<f32> {
-    let width = gamma.len();
-    let mut out = vec![0.0; x.len()];
-    fill(&mut out, ROWS * width, |i, out| {
-        let rows = out.chunks_exact_mut(width).zip(x[i * ROWS * width..].chunks_exact(width));
+pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
+    let (width, rows) = (gamma.len(), rows_per_task(gamma.len()));
+    let mut out = Buffer::stale(x.len());
+    fill(&mut out, rows * width, |i, out| {
+        let pairs = out.chunks_exact_mut(width).zip(x[i * rows * width..].chunks_exact(width));
         vectorize(
             #[inline(always)]
             || {
-                for (out, x) in rows {
+                for (out, x) in pairs {
                     let [mean, rstd] = moments(x, eps);
                     for (((out, x), gamma), beta) in out.iter_mut().zip(x).zip(gamma).zip(beta) {
                         *out = (x - mean) * rstd * gamma + beta;
@@ -131,16 +127,16 @@ pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Vec<f32> {
 }
 
 /// The gradient of [`layer`] to `x`.
-pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Vec<f32> {
-    let width = gamma.len();
-    let mut dx = vec![0.0; x.len()];
-    fill(&mut dx, ROWS * width, |i, dx| {
-        let inputs = x[i * ROWS * width..].chunks_exact(width).zip(dy[i * ROWS * width..].chunks_exact(width));
-        let rows = dx.chunks_exact_mut(width).zip(inputs);
+pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Buffer {
+    let (width, rows) = (gamma.len(), rows_per_task(gamma.len()));
+    let mut dx = Buffer::stale(x.len());
+    fill(&mut dx, rows * width, |i, dx| {
+        let inputs = x[i * rows * width..].chunks_exact(width).zip(dy[i * rows * width..].chunks_exact(width));
+        let triples = dx.chunks_exact_mut(width).zip(inputs);
         vectorize(
             #[inline(always)]
             || {
-                for (dx, (x, dy)) in rows {
+                for (dx, (x, dy)) in triples {
                     for ((dx, dy), gamma) in dx.iter_mut().zip(dy).zip(gamma) {
                         *dx = dy * gamma;
                     }

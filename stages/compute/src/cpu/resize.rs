@@ -1,15 +1,16 @@
 //! Separable resampling, one plane per task.
 
+use super::buffer::Buffer;
 use super::map::fill;
 use super::simd::vectorize;
 use crate::resize::Taps;
 
 /// Applies the horizontal taps to every row, then the vertical taps to every column, of planes `[h, w]`.
-pub fn separable(x: &[f32], [h, w]: [usize; 2], vertical: &Taps, horizontal: &Taps) -> Vec<f32> {
+pub fn separable(x: &[f32], [h, w]: [usize; 2], vertical: &Taps, horizontal: &Taps) -> Buffer {
     let (height, width) = (vertical.windows.len(), horizontal.windows.len());
-    let mut out = vec![0.0; x.len() / (h * w) * height * width];
+    let mut out = Buffer::stale(x.len() / (h * w) * height * width);
     fill(&mut out, height * width, |plane, out| {
-        let mut narrow = vec![0.0; h * width];
+        let mut narrow = Buffer::stale(h * width);
         x[plane * h * w..].chunks(w).zip(narrow.chunks_mut(width)).for_each(|(x, out)| along_row(x, horizontal, out));
         along_columns(&narrow, vertical, width, out);
     });

@@ -2,55 +2,60 @@
 
 use std::ops::Range;
 
-use super::map::fill;
+use super::buffer::Buffer;
+use super::map::{CHUNK, fill};
+use super::transpose::transpose_into;
 use super::weight::Values;
 
-/// Side of the square blocks that a transpose works through.
+/// Columns that one task of a transpose turns into rows.
 const BLOCK: usize = 32;
 
 /// Joins `outer` rows of every part; a part is its values with the length of its rows.
-pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> Vec<f32> {
+pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> Buffer {
     let row: usize = parts.iter().map(|(_, len)| len).sum();
-    let mut out = Vec::with_capacity(outer * row);
-    for i in 0..outer {
-        parts.iter().for_each(|(values, len)| out.extend_from_slice(&values[i * len..(i + 1) * len]));
+    let mut out = Buffer::stale(outer * row);
+    for (i, mut out) in out.chunks_mut(row.max(1)).enumerate() {
+        for (values, len) in parts {
+            let (part, rest) = out.split_at_mut(*len);
+            copy(&values[i * len..(i + 1) * len], part);
+            out = rest;
+        }
     }
     out
 }
 
 /// The part `range` of each of `outer` rows of `row` elements.
-pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Vec<f32> {
-    let mut out = Vec::with_capacity(outer * range.len());
-    for i in 0..outer {
-        out.extend_from_slice(&x[i * row..][range.clone()]);
+pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Buffer {
+    let mut out = Buffer::stale(outer * range.len());
+    for (i, out) in out.chunks_mut(range.len().max(1)).enumerate() {
+        copy(&x[i * row..][range.clone()], out);
     }
     out
 }
 
-/// Each of `batch` matrices `[rows, columns]` as `[columns, rows]`, in square blocks that stay in the cache.
-pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Vec<f32> {
-    let mut out = vec![0.0; batch * rows * columns];
+fn copy(from: &[f32], to: &mut [f32]) {
+    fill(to, CHUNK, |i, to| to.copy_from_slice(&from[i * CHUNK..][..to.len()]));
+}
+
+/// Each of `batch` matrices `[rows, columns]` as `[columns, rows]`.
+pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Buffer {
+    let mut out = Buffer::stale(batch * rows * columns);
     if rows == 0 || columns == 0 {
         return out;
     }
     for (x, out) in x.chunks(rows * columns).zip(out.chunks_mut(rows * columns)) {
         fill(out, BLOCK * rows, |block, out| {
-            for row0 in (0..rows).step_by(BLOCK) {
-                for (j, out) in out.chunks_mut(rows).enumerate() {
-                    let column = block * BLOCK + j;
-                    let end = rows.min(row0 + BLOCK);
-                    (row0..end).for_each(|row| out[row] = x[row * columns + column]);
-                }
-            }
+            let first = block * BLOCK;
+            transpose_into(&x[first..], columns, [rows, out.len() / rows], out, rows);
         });
     }
     out
 }
 
 /// Every pixel repeated `factor` times both ways; `[planes, h, w]` is the extent of `x`.
-pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Vec<f32> {
+pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     let wide = w * factor;
-    let mut out = vec![0.0; planes * h * factor * wide];
+    let mut out = Buffer::stale(planes * h * factor * wide);
     fill(&mut out, (h * factor * wide).max(1), |plane, out| {
         let rows = x[plane * h * w..].chunks(w.max(1));
         for (out, x) in out.chunks_mut(factor * wide).zip(rows) {
@@ -73,9 +78,9 @@ fn repeat_each(x: &[f32], factor: usize, out: &mut [f32]) {
 }
 
 /// The sum over every block of `factor` by `factor`; `[planes, h, w]` is the extent of the result.
-pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Vec<f32> {
+pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     let wide = w * factor;
-    let mut out = vec![0.0; planes * h * w];
+    let mut out = Buffer::zeros(planes * h * w);
     fill(&mut out, w.max(1), |i, out| {
         for dy in dy[i * factor * wide..(i + 1) * factor * wide].chunks(wide) {
             out.iter_mut().zip(dy.chunks(factor)).for_each(|(out, dy)| *out += dy.iter().sum::<f32>());
@@ -91,9 +96,9 @@ fn mirrored(index: usize, before: usize, len: usize) -> usize {
 }
 
 /// `[planes, h, w]` continued by mirroring, `[top, bottom, left, right]` pixels wide.
-pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, right]: [usize; 4]) -> Vec<f32> {
+pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, right]: [usize; 4]) -> Buffer {
     let (height, width) = (top + h + bottom, left + w + right);
-    let mut out = vec![0.0; planes * height * width];
+    let mut out = Buffer::stale(planes * height * width);
     fill(&mut out, width.max(1), |i, out| {
         let row = &x[(i / height * h + mirrored(i % height, top, h)) * w..][..w];
         out.iter_mut().enumerate().for_each(|(j, out)| *out = row[mirrored(j, left, w)]);
@@ -102,8 +107,8 @@ pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, ri
 }
 
 /// Row `id` of the table for every id.
-pub fn gather_rows(table: Values, depth: usize, ids: &[u32]) -> Vec<f32> {
-    let mut out = vec![0.0; ids.len() * depth];
+pub fn gather_rows(table: Values, depth: usize, ids: &[u32]) -> Buffer {
+    let mut out = Buffer::stale(ids.len() * depth);
     out.chunks_mut(depth.max(1)).zip(ids).for_each(|(out, &id)| table.widen(id as usize * depth, out));
     out
 }

@@ -1,27 +1,73 @@
-//! Choosing the widest vector instructions at run time. It knows instruction sets, and nothing of what is computed.
+//! Choosing vector instructions at run time. It knows instruction sets, and nothing of what is computed.
 #![allow(unsafe_code)]
 
-/// Runs `kernel` compiled for the widest vectors this processor has. Only what is inlined here is compiled anew, so
+use std::sync::OnceLock;
+
+/// The instruction sets that kernels exist for. On aarch64 the portable kernels are compiled to NEON.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// What every processor of the target has.
+    Portable,
+    /// AVX2 with FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// AVX-512 F, DQ and BW.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+/// Set to `portable` or `avx2`, this environment variable keeps this crate from using wider vectors.
+const LIMIT: &str = "COMPUTE_SIMD";
+
+impl Level {
+    /// The level that all kernels of this process use: the widest that the processor has and `COMPUTE_SIMD` permits.
+    pub fn current() -> Level {
+        static CURRENT: OnceLock<Level> = OnceLock::new();
+        *CURRENT.get_or_init(|| match std::env::var(LIMIT).as_deref() {
+            Ok("portable") => Level::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Ok("avx2") => Level::widest().min(Level::Avx2),
+            _ => Level::widest(),
+        })
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn widest() -> Level {
+        let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+        let has_avx512 = is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512bw");
+        match (has_avx512, has_avx2) {
+            (true, true) => Level::Avx512,
+            (false, true) => Level::Avx2,
+            _ => Level::Portable,
+        }
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn widest() -> Level {
+        Level::Portable
+    }
+}
+
+/// Runs `kernel` compiled for the current level. Only what is inlined here is compiled anew, so
 /// mark the closure (and closures that it calls) `#[inline(always)]`, and loop by `for`, not by `for_each`. Kernels
 /// round every operation by itself (no fused multiply-add), so their bits are the same for every instruction set.
 #[inline(always)]
 pub fn vectorize<R>(kernel: impl FnOnce() -> R) -> R {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-            // SAFETY: the processor has just been asked for the features that the callee is compiled for.
-            return unsafe { avx512(kernel) };
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: as above.
-            return unsafe { avx2(kernel) };
-        }
+    match Level::current() {
+        // SAFETY: a level is current only if the processor has it.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => unsafe { avx512(kernel) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => unsafe { avx2(kernel) },
+        Level::Portable => kernel(),
     }
-    kernel()
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq")]
+#[target_feature(enable = "avx512f,avx512dq,avx512bw")]
 fn avx512<R>(kernel: impl FnOnce() -> R) -> R {
     kernel()
 }

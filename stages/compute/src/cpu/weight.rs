@@ -1,10 +1,10 @@
 //! Weights as kernels read them: a window at a time, widened to `f32` on the way.
 
-use std::borrow::Cow;
 use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::buffer::Buffer;
 use super::map::{CHUNK, fill};
 use super::simd::vectorize;
 use crate::weight::Format;
@@ -59,18 +59,10 @@ impl<'a> Values<'a> {
         }
     }
 
-    pub fn to_vec(self) -> Vec<f32> {
-        let mut out = vec![0.0; self.len()];
+    pub fn to_buffer(self) -> Buffer {
+        let mut out = Buffer::stale(self.len());
         fill(&mut out, CHUNK, |i, out| self.widen(i * CHUNK, out));
         out
-    }
-
-    /// All values; borrowed if they need no widening.
-    pub fn to_slice(self) -> Cow<'a, [f32]> {
-        match self {
-            Values::F32(values) => Cow::Borrowed(values),
-            _ => Cow::Owned(self.to_vec()),
-        }
     }
 
     pub fn first_not_finite(self) -> Option<(usize, f32)> {
@@ -113,7 +105,7 @@ mod tests {
     #[test]
     fn every_half_widens_to_its_value() {
         let all: Vec<u8> = (0..=u16::MAX).flat_map(u16::to_le_bytes).collect();
-        for (bits, got) in Values::new(Format::F16, &all).to_vec().into_iter().enumerate() {
+        for (bits, got) in Values::new(Format::F16, &all).to_buffer().iter().copied().enumerate() {
             let (exponent, fraction) = (bits >> 10 & 31, (bits & 1023) as f64 / 1024.0);
             let magnitude = match exponent {
                 0 => fraction * 2f64.powi(-14),

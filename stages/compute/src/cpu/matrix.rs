@@ -1,0 +1,220 @@
+//! Views of matrices in memory, and the cutting of a result into blocks for several threads.
+#![allow(unsafe_code)]
+
+use std::marker::PhantomData;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+/// A matrix to read: rows of contiguous elements, or columns of them once transposed.
+#[derive(Clone, Copy)]
+pub struct Matrix<'a> {
+    values: &'a [f32],
+    pub rows: usize,
+    pub columns: usize,
+    pub row_stride: usize,
+    pub column_stride: usize,
+}
+
+impl<'a> Matrix<'a> {
+    /// The contiguous row-major matrix that starts at `values`.
+    pub fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
+        Matrix::strided(values, rows, columns, columns)
+    }
+
+    /// The matrix whose rows start `row_stride` elements apart.
+    pub fn strided(values: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
+        let reach = if rows * columns == 0 { 0 } else { (rows - 1) * row_stride + columns };
+        assert!(reach <= values.len(), "matrix: {rows}x{columns} reach beyond the values");
+        Matrix { values, rows, columns, row_stride, column_stride: 1 }
+    }
+
+    /// The rows of `range`.
+    pub fn rows(self, range: Range<usize>) -> Self {
+        assert!(range.start <= range.end && range.end <= self.rows, "matrix: no rows {range:?} in {}", self.rows);
+        let start = (range.start * self.row_stride).min(self.values.len());
+        Matrix { values: &self.values[start..], rows: range.len(), ..self }
+    }
+
+    /// The columns of `range`.
+    pub fn columns(self, range: Range<usize>) -> Self {
+        self.transposed().rows(range).transposed()
+    }
+
+    /// The same values read the other way.
+    pub fn transposed(self) -> Self {
+        let Matrix { values, rows, columns, row_stride, column_stride } = self;
+        Matrix { values, rows: columns, columns: rows, row_stride: column_stride, column_stride: row_stride }
+    }
+
+    /// One row of a matrix whose rows are contiguous.
+    pub fn row(&self, row: usize) -> &'a [f32] {
+        assert!(self.column_stride == 1 && row < self.rows, "matrix: no contiguous row {row} in {}", self.rows);
+        &self.values[row * self.row_stride..][..self.columns]
+    }
+
+    /// The values from the first element on.
+    pub fn values(&self) -> &'a [f32] {
+        self.values
+    }
+}
+
+/// A matrix to write: rows of contiguous elements, `row_stride` apart.
+pub struct MatrixMut<'a> {
+    start: *mut f32,
+    rows: usize,
+    columns: usize,
+    row_stride: usize,
+    borrow: PhantomData<&'a mut [f32]>,
+}
+
+impl<'a> MatrixMut<'a> {
+    /// The contiguous row-major matrix that starts at `values`.
+    pub fn new(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
+        Matrix::new(values, rows, columns);
+        MatrixMut { start: values.as_mut_ptr(), rows, columns, row_stride: columns, borrow: PhantomData }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    pub fn row_stride(&self) -> usize {
+        self.row_stride
+    }
+
+    /// Where the first element lies.
+    pub fn start(&mut self) -> *mut f32 {
+        self.start
+    }
+
+    /// The part of the rows and columns given.
+    pub fn block(&mut self, rows: Range<usize>, columns: Range<usize>) -> MatrixMut<'_> {
+        let inside = rows.start <= rows.end && columns.start <= columns.end;
+        assert!(
+            inside && rows.end <= self.rows && columns.end <= self.columns,
+            "matrix: no rows {rows:?} or no columns {columns:?} in {}x{}",
+            self.rows,
+            self.columns
+        );
+        let offset = if rows.is_empty() { 0 } else { rows.start * self.row_stride + columns.start };
+        // SAFETY: the block lies within the borrowed values, and `&mut self` keeps others from being handed out.
+        let start = unsafe { self.start.add(offset) };
+        MatrixMut { start, rows: rows.len(), columns: columns.len(), row_stride: self.row_stride, borrow: PhantomData }
+    }
+
+    /// One row.
+    pub fn row(&mut self, row: usize) -> &mut [f32] {
+        assert!(row < self.rows, "matrix: no row {row} in {}", self.rows);
+        // SAFETY: the row lies within the borrowed values, and `&mut self` keeps other rows from being handed out.
+        unsafe { std::slice::from_raw_parts_mut(self.start.add(row * self.row_stride), self.columns) }
+    }
+}
+
+/// How a stack of equal matrices is cut into shares.
+#[derive(Clone, Copy, Debug)]
+pub struct Cut {
+    pub matrices: usize,
+    pub rows: usize,
+    pub columns: usize,
+    /// Columns of a panel; the last panel of a matrix may be narrower.
+    pub panel: usize,
+    /// Rows of a share.
+    pub share_rows: usize,
+    /// Panels of a share, counted through all matrices.
+    pub share_panels: usize,
+}
+
+/// Some rows of some panels, which one task alone may write.
+pub struct Share<'a> {
+    start: *mut f32,
+    pub cut: Cut,
+    /// The rows of the share, in each matrix.
+    pub rows: Range<usize>,
+    /// The panels of the share, counted through all matrices.
+    pub panels: Range<usize>,
+    borrow: PhantomData<&'a mut [f32]>,
+}
+
+impl Cut {
+    pub fn panels_per_matrix(&self) -> usize {
+        self.columns.div_ceil(self.panel)
+    }
+
+    /// The matrix that a panel belongs to, and its columns there.
+    pub fn columns_of(&self, panel: usize) -> (usize, Range<usize>) {
+        let (matrix, first) = (panel / self.panels_per_matrix(), panel % self.panels_per_matrix() * self.panel);
+        (matrix, first..self.columns.min(first + self.panel))
+    }
+
+    fn shares_across(&self) -> usize {
+        (self.matrices * self.panels_per_matrix()).div_ceil(self.share_panels.max(1))
+    }
+
+    /// The number of shares of the stack that fills `out`.
+    fn shares(&self, out: &[f32]) -> usize {
+        assert_eq!(out.len(), self.matrices * self.rows * self.columns, "matrix: the stack does not fill its values");
+        if out.is_empty() { 0 } else { self.rows.div_ceil(self.share_rows) * self.shares_across() }
+    }
+
+    /// Share number `index` of the stack that begins at `start`. No two shares have both a row and a panel in common.
+    fn share(self, start: *mut f32, index: usize) -> Share<'static> {
+        let row = index / self.shares_across() * self.share_rows;
+        let panel = index % self.shares_across() * self.share_panels;
+        let rows = row..self.rows.min(row + self.share_rows);
+        let panels = panel..(self.matrices * self.panels_per_matrix()).min(panel + self.share_panels);
+        Share { start, cut: self, rows, panels, borrow: PhantomData }
+    }
+
+    /// Hands every share of the stack that fills `out` to `kernel`, in parallel.
+    pub fn for_each_share(self, out: &mut [f32], kernel: impl Fn(Share) + Sync) {
+        let (shares, start) = (self.shares(out), Start(out.as_mut_ptr()));
+        (0..shares).into_par_iter().for_each(|index| kernel(self.share(start.get(), index)));
+    }
+
+    /// The same, gathering what `kernel` returns in the order of the shares.
+    pub fn map_shares<R: Send>(self, out: &mut [f32], kernel: impl Fn(Share) -> R + Sync) -> Vec<R> {
+        let (shares, start) = (self.shares(out), Start(out.as_mut_ptr()));
+        (0..shares).into_par_iter().map(|index| kernel(self.share(start.get(), index))).collect()
+    }
+
+    /// The same on the calling thread, one after the other.
+    pub fn for_each_share_alone(self, out: &mut [f32], mut kernel: impl FnMut(Share)) {
+        let (shares, start) = (self.shares(out), out.as_mut_ptr());
+        (0..shares).for_each(|index| kernel(self.share(start, index)));
+    }
+}
+
+impl Share<'_> {
+    /// Rows `rows` of the share, counted from its first, in one of its panels.
+    pub fn block(&mut self, rows: Range<usize>, panel: usize) -> MatrixMut<'_> {
+        let inside = rows.start <= rows.end && rows.end <= self.rows.len();
+        assert!(
+            inside && self.panels.contains(&panel),
+            "matrix: rows {rows:?} of panel {panel} are no part of a share"
+        );
+        let (matrix, columns) = self.cut.columns_of(panel);
+        let row = matrix * self.cut.rows + self.rows.start + rows.start;
+        // SAFETY: the block lies within the stack and the share, whose values no other task may touch; `&mut self`
+        // keeps other blocks from being handed out.
+        let start = unsafe { self.start.add(row * self.cut.columns + columns.start) };
+        let row_stride = self.cut.columns;
+        MatrixMut { start, rows: rows.len(), columns: columns.len(), row_stride, borrow: PhantomData }
+    }
+}
+
+/// The start of values that several threads write to, each to its own.
+struct Start(*mut f32);
+
+impl Start {
+    fn get(&self) -> *mut f32 {
+        self.0
+    }
+}
+
+// SAFETY: the pointer is only read here; who writes through it, and where, is settled by `Share`.
+unsafe impl Sync for Start {}

@@ -1,0 +1,104 @@
+//! The vectors that the innermost loops of products are written with, one type per instruction set.
+#![allow(unsafe_code)]
+
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::*;
+
+/// Some `f32` side by side.
+///
+/// SAFETY of every function: the processor has the instruction set, and pointers are good for [`LANES`](Self::LANES)
+/// values. They must be inlined into a function compiled for that instruction set.
+pub trait Vector: Copy {
+    const LANES: usize;
+    /// Rows of a tile two vectors wide that the registers hold.
+    const TALL: usize;
+
+    unsafe fn splat(value: f32) -> Self;
+    unsafe fn load(from: *const f32) -> Self;
+    unsafe fn store(self, to: *mut f32);
+    /// `self * factor + sum`.
+    unsafe fn multiply_add(self, factor: Self, sum: Self) -> Self;
+    unsafe fn add(self, other: Self) -> Self;
+}
+
+macro_rules! x86_vector {
+    ($type:ty, $lanes:expr, $tall:expr, $splat:ident, $load:ident, $store:ident, $fma:ident, $add:ident) => {
+        #[cfg(target_arch = "x86_64")]
+        impl Vector for $type {
+            const LANES: usize = $lanes;
+            const TALL: usize = $tall;
+
+            #[inline(always)]
+            unsafe fn splat(value: f32) -> Self {
+                // SAFETY: by the contract of the trait, here and below.
+                unsafe { $splat(value) }
+            }
+
+            #[inline(always)]
+            unsafe fn load(from: *const f32) -> Self {
+                // SAFETY: see above.
+                unsafe { $load(from) }
+            }
+
+            #[inline(always)]
+            unsafe fn store(self, to: *mut f32) {
+                // SAFETY: see above.
+                unsafe { $store(to, self) }
+            }
+
+            #[inline(always)]
+            unsafe fn multiply_add(self, factor: Self, sum: Self) -> Self {
+                // SAFETY: see above.
+                unsafe { $fma(self, factor, sum) }
+            }
+
+            #[inline(always)]
+            unsafe fn add(self, other: Self) -> Self {
+                // SAFETY: see above.
+                unsafe { $add(self, other) }
+            }
+        }
+    };
+}
+
+x86_vector!(__m512, 16, 12, _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_fmadd_ps, _mm512_add_ps);
+x86_vector!(__m256, 8, 6, _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_fmadd_ps, _mm256_add_ps);
+
+/// Four lanes for the compiler to make vectors of: SSE2 or NEON.
+#[derive(Clone, Copy)]
+pub struct Lanes([f32; 4]);
+
+impl Vector for Lanes {
+    const LANES: usize = 4;
+    const TALL: usize = if cfg!(target_arch = "aarch64") { 12 } else { 4 };
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        Lanes([value; 4])
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: by the contract of the trait; an array of `f32` is aligned as its elements are.
+        Lanes(unsafe { *from.cast() })
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: as above.
+        unsafe { *to.cast() = self.0 }
+    }
+
+    #[inline(always)]
+    unsafe fn multiply_add(self, factor: Self, sum: Self) -> Self {
+        // Where the processor has no fused instruction, `mul_add` would be a call.
+        let fused = |i: usize| self.0[i].mul_add(factor.0[i], sum.0[i]);
+        let rounded = |i: usize| self.0[i] * factor.0[i] + sum.0[i];
+        Lanes(if cfg!(target_arch = "aarch64") { std::array::from_fn(fused) } else { std::array::from_fn(rounded) })
+    }
+
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        Lanes(std::array::from_fn(|i| self.0[i] + other.0[i]))
+    }
+}
