@@ -2,15 +2,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::space::{Said, Space};
+use crate::space::{Said, Space, signal};
 
 /// A training of about a second, then one that goes on from it.
-const TRAINING: &str = r#"(
+pub const TRAINING: &str = r#"(
     name: "training",
     stages: {
         "scene": Scene(source: Procedural(views: 4, size: (48, 36), samples: 1), downscale: 2, holdout: 4),
@@ -36,10 +35,10 @@ fn text(arguments: &[String]) -> Vec<&str> {
 }
 
 /// The checkpoint of the stage that is under way, once there is one.
-fn checkpoint(space: &Space, folder: &str) -> PathBuf {
+pub fn checkpoint(space: &Space, store: &str) -> PathBuf {
     let begun = Instant::now();
     loop {
-        let folders = fs::read_dir(space.path(folder).join("store/work")).into_iter().flatten().flatten();
+        let folders = fs::read_dir(space.path(store).join("work")).into_iter().flatten().flatten();
         let found = folders.map(|entry| entry.path().join("scratch/checkpoint")).find(|path| path.exists());
         if let Some(found) = found {
             return found;
@@ -49,19 +48,15 @@ fn checkpoint(space: &Space, folder: &str) -> PathBuf {
     }
 }
 
-fn signal(child: &Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
-}
-
 /// Begins a run, and ends it by a signal once it has a checkpoint.
 fn cut_off(space: &Space, folder: &str, name: &str) -> Said {
     let child = space.spawn(&text(&run(folder, &["--checkpoint-every=0"])));
-    checkpoint(space, folder);
+    checkpoint(space, &format!("{folder}/store"));
     signal(&child, name);
     Space::wait(child)
 }
 
-fn resumed(said: &Said) -> Vec<(String, u64, String)> {
+pub fn resumed(said: &Said) -> Vec<(String, u64, String)> {
     let events = said.out.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
     let word = |value: &Value| value.as_str().unwrap().to_owned();
     events
@@ -109,7 +104,7 @@ fn a_damaged_checkpoint_is_named_and_the_stage_starts_afresh() {
     for (number, damage) in damage.into_iter().enumerate() {
         let folder = format!("cut{number}");
         cut_off(&space, &folder, "-KILL");
-        damage(&checkpoint(&space, &folder));
+        damage(&checkpoint(&space, &format!("{folder}/store")));
         let said = space.ok(&text(&run(&folder, &[])));
         assert!(
             said.out.contains("checkpoint cannot be used: its content is damaged; starting afresh"),

@@ -2,19 +2,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 
 use serde_json::json;
 
-use crate::space::{Said, Space};
+use crate::space::{Said, Space, signal};
 
 /// As `tiny.ron`, but with enough to draw that there is time to be killed.
 const SLOW: [&str; 4] = ["run", "tiny.ron", "--set", "scene.source=Procedural(views: 6, size: (192, 144), samples: 4)"];
-
-fn signal(child: &std::process::Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
-}
 
 fn slow(space: &Space, folder: &str) -> Said {
     space
@@ -51,15 +46,6 @@ fn a_stopped_run_says_so_and_goes_on_later() {
     assert_eq!(said.code, 75, "{}", said.err);
     assert!(said.err.contains("interrupted; the same command goes on where this one stopped"), "{}", said.err);
     space.ok(&SLOW);
-}
-
-#[test]
-fn two_runs_at_once_compute_each_stage_once() {
-    let space = Space::new();
-    let arguments = [&SLOW[..], &["--json"]].concat();
-    let children = [space.spawn(&arguments), space.spawn(&arguments)];
-    let ran: usize = children.map(|child| Space::wait(child).last()["ran"].as_array().unwrap().len()).iter().sum();
-    assert_eq!(ran, 3);
 }
 
 /// The store's file behind a result that people see.

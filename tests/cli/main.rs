@@ -3,8 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 mod checkpoint;
+mod concurrent;
 mod damage;
 mod mistakes;
 mod runs;
+mod soak;
 mod space;
 mod whole;

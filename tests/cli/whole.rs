@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::space::Space;
 
 /// `smoke.ron` with one round and the fewest of everything.
-const SHORT: &[&str] = &[
+pub const SHORT: &[&str] = &[
     "--set=scene.source=Procedural(views: 4, size: (64, 48))",
     "--set=scene.holdout=4",
     "--set=fit.steps=20",
@@ -15,7 +15,7 @@ const SHORT: &[&str] = &[
     "--set=i3ds.sync.steps=10",
 ];
 
-fn pipeline(name: &str) -> String {
+pub fn pipeline(name: &str) -> String {
     format!("{}/pipelines/{name}.ron", env!("CARGO_MANIFEST_DIR"))
 }
 

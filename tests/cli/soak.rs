@@ -1,0 +1,92 @@
+//! The whole method killed at random moments, and continued each time, ends with the digests of a run that was left alone.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde_json::Value;
+
+use crate::space::{Said, Space, signal};
+use crate::whole::{SHORT, pipeline};
+
+/// A moment that kills come within: much of a run, so that some runs end.
+const LONGEST: u64 = 1200;
+
+/// Numbers that look random (Marsaglia 2003, xorshift).
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, end: u64) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0 % end
+    }
+}
+
+/// What stages gave: their names, outputs and semantic digests. Every blob must be what its name says.
+fn digests(space: &Space, store: &str) -> BTreeSet<String> {
+    let mut digests = BTreeSet::new();
+    for bytes in space.files(&format!("{store}/results")).into_values() {
+        let record: Value = serde_json::from_slice(&bytes).unwrap();
+        for (name, output) in record["outputs"].as_object().unwrap() {
+            digests.insert(format!("{} {name} {}", record["stage"], output["digest"]));
+            for file in output["files"].as_array().unwrap() {
+                let blob = file["blob"].as_str().unwrap();
+                let bytes = fs::read(space.path(store).join("cas").join(&blob[..2]).join(blob)).unwrap();
+                assert_eq!(blake3::hash(&bytes).to_string(), blob, "{} {file}", record["stage"]);
+            }
+        }
+    }
+    digests
+}
+
+/// The command line of a run into `wild`; each life has keys of its own.
+fn life(number: u64) -> Vec<String> {
+    let salt = format!("--salt=life {number}");
+    let own = ["run", &pipeline("smoke"), "--store=wild", "--out=wild-out", "--checkpoint-every=0", &salt];
+    own.iter().chain(SHORT).map(ToString::to_string).collect()
+}
+
+fn run_on(space: &Space, number: u64, pause: u64, name: &str) -> Said {
+    let arguments = life(number);
+    let mut child = space.spawn(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    std::thread::sleep(Duration::from_millis(pause));
+    if child.try_wait().unwrap().is_none() {
+        signal(&child, name);
+    }
+    Space::wait(child)
+}
+
+fn soak(kills: usize) {
+    let given = std::env::var("SRNERF_SOAK_SEED").ok().and_then(|seed| seed.parse().ok());
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64;
+    let seed = given.unwrap_or(now).max(1);
+    // Shown only if the test fails.
+    println!("to try the same again: SRNERF_SOAK_SEED={seed}");
+    let (space, mut dice, mut number, mut killed) = (Space::new(), Dice(seed), 0, 0);
+    let calm: Vec<String> = life(0).iter().map(|argument| argument.replace("wild", "calm")).collect();
+    space.ok(&calm.iter().map(String::as_str).collect::<Vec<_>>());
+    let calm = digests(&space, "calm");
+    while killed < kills {
+        let (pause, name) = (dice.below(LONGEST), ["-KILL", "-TERM"][dice.below(2) as usize]);
+        let said = run_on(&space, number, pause, name);
+        assert!([-1, 75, 143, 0].contains(&said.code), "{} after {pause} ms: {}", said.code, said.err);
+        number += u64::from(said.code == 0);
+        killed += usize::from(said.code != 0);
+        assert!(digests(&space, "wild").is_subset(&calm), "after {pause} ms and {name}");
+    }
+    space.ok(&life(number).iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(digests(&space, "wild"), calm);
+}
+
+#[test]
+fn killed_a_few_times_the_method_ends_as_if_undisturbed() {
+    soak(6);
+}
+
+#[test]
+#[ignore = "make test-full"]
+fn killed_a_hundred_times_the_method_ends_as_if_undisturbed() {
+    soak(100);
+}
