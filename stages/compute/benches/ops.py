@@ -104,8 +104,8 @@ def maps():
     clock("map: nchw_to_tokens 1x256 64x64", lambda: lambda: image.flatten(2).transpose(1, 2).contiguous())
     clock("map: concat 1x256+256 64x64", lambda: lambda: torch.cat([image, image], 1))
     clock("map: upsample_nearest 1x256 64x64", lambda: lambda: F.interpolate(image, scale_factor=2))
-    clock("map: bicubic 192x256-768x1024", lambda: lambda: F.interpolate(photo, size=(768, 1024), mode="map: bicubic"))
-    clock("map: bicubic 192x256-48x64", lambda: lambda: F.interpolate(photo, size=(48, 64), mode="map: bicubic", antialias=True))
+    clock("map: bicubic 192x256-768x1024", lambda: lambda: F.interpolate(photo, size=(768, 1024), mode="bicubic"))
+    clock("map: bicubic 192x256-48x64", lambda: lambda: F.interpolate(photo, size=(48, 64), mode="bicubic", antialias=True))
 
 
 a, b = torch.randn(1024, 1024), torch.randn(1024, 1024)

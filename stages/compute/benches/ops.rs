@@ -192,7 +192,8 @@ fn main() {
         return;
     };
     let (torch, versions) = torch(&python, &bench.wanted);
-    println!("compute {}, {threads} threads; {versions}", env!("CARGO_PKG_VERSION"));
+    let instructions = Device::cpu().instructions();
+    println!("compute {}, {instructions}, {threads} threads; {versions}", env!("CARGO_PKG_VERSION"));
     println!("| operator and shape | ours, ms | PyTorch, ms | ours / PyTorch |\n|---|---|---|---|");
     for (name, ms) in &bench.times {
         match torch.get(name) {

@@ -75,7 +75,8 @@ pub fn conv2d(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>, conv: 
     }
     match x.device().backend() {
         Backend::Cpu => {
-            let values = cpu::conv::forward(x.host(), weight.host(), bias.map(Array::host), &geometry);
+            let values =
+                cpu::conv::forward(x.host(), (weight.host(), weight.precision()), bias.map(Array::host), &geometry);
             Array::on_cpu(&[geometry.batch, o, geometry.out_height, geometry.out_width], values)
         }
     }
@@ -89,7 +90,7 @@ pub fn conv2d_backward_input(dy: &Array, weight: impl Into<Weight>, conv: Conv, 
     geometry.expect_output(op, dy);
     match dy.device().backend() {
         Backend::Cpu => {
-            let values = cpu::conv::backward_input(dy.host(), weight.host(), &geometry);
+            let values = cpu::conv::backward_input(dy.host(), (weight.host(), weight.precision()), &geometry);
             Array::on_cpu(&[n, c, size[0], size[1]], values)
         }
     }

@@ -1,6 +1,7 @@
 //! Where arrays live and operators run. It knows which back ends exist, not what they compute.
 
 use crate::array::Array;
+use crate::cpu;
 
 /// A place for arrays. Cheap to clone.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,6 +26,13 @@ impl Device {
     pub fn kind(&self) -> &'static str {
         match self.backend {
             Backend::Cpu => "cpu",
+        }
+    }
+
+    /// The vector instructions that kernels use: `"portable"`, `"avx2"` or `"avx512"`.
+    pub fn instructions(&self) -> &'static str {
+        match self.backend {
+            Backend::Cpu => cpu::simd::Level::current().name(),
         }
     }
 

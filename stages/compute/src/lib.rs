@@ -9,7 +9,12 @@
 //! A frozen weight may stay in 16 bits, in memory or in a mapped file: [`linear::linear`],
 //! [`linear::linear_backward_input`], [`conv::conv2d`], [`conv::conv2d_backward_input`] and [`shape::gather_rows`] take
 //! `impl Into<Weight>`, that is `&Array`, `&Weight` or either by value. [`Weight::from_bytes`] makes one of bytes that
-//! it shares, and [`Weight::first_not_finite`] finds bad numbers without widening all of them at once.
+//! it shares, [`Weight::first_not_finite`] finds bad numbers without widening all of them at once, and
+//! [`Weight::with_precision`] has it multiplied in bf16.
+//!
+//! Kernels are compiled for several widths of vectors, and the widest that the processor has is taken when the program
+//! runs; the environment variable `COMPUTE_SIMD` (`portable` or `avx2`) limits it. Maps and reductions give the same bits
+//! at every width, matrix products do not.
 
 pub mod activation;
 pub mod adam;
@@ -32,4 +37,4 @@ pub mod weight;
 pub use array::Array;
 pub use device::Device;
 pub use rng::Rng;
-pub use weight::{Format, Weight};
+pub use weight::{Format, Precision, Weight};

@@ -28,7 +28,12 @@ pub fn linear(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>) -> Arr
     }
     match x.device().backend() {
         Backend::Cpu => {
-            let values = cpu::linear::linear(x.host(), weight.host(), bias.map(Array::host), [rows(x), k, m]);
+            let values = cpu::linear::linear(
+                x.host(),
+                (weight.host(), weight.precision()),
+                bias.map(Array::host),
+                [rows(x), k, m],
+            );
             Array::on_cpu(&with_last(x, m), values)
         }
     }
@@ -41,7 +46,7 @@ pub fn linear_backward_input(dy: &Array, weight: impl Into<Weight>) -> Array {
     assert_eq!(dy.last(), m, "linear_backward_input: gradient {:?} and weight {:?}", dy.shape(), weight.shape());
     match dy.device().backend() {
         Backend::Cpu => {
-            let values = cpu::linear::backward_input(dy.host(), weight.host(), [rows(dy), k, m]);
+            let values = cpu::linear::backward_input(dy.host(), (weight.host(), weight.precision()), [rows(dy), k, m]);
             Array::on_cpu(&with_last(dy, k), values)
         }
     }

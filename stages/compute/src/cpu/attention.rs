@@ -11,6 +11,7 @@ use super::product::Packed;
 use super::simd::vectorize;
 use super::tile::Old;
 use crate::attention::Extents;
+use crate::weight::Precision;
 
 /// Queries per block: its scores are one tile.
 const QUERIES: usize = 48;
@@ -94,8 +95,8 @@ fn gather([k, v]: [&[f32]; 2], queries: Matrix, e: Extents, head: usize, first: 
         if e.visible(first + queries.rows - 1, key, keys) == 0 {
             break;
         }
-        let tile = Packed::new(&e.head(k, head, key, keys).transposed(), e.depth, keys);
-        let values = Packed::new(&e.head(v, head, key, keys), keys, e.depth);
+        let tile = Packed::new(&e.head(k, head, key, keys).transposed(), e.depth, keys, Precision::F32);
+        let values = Packed::new(&e.head(v, head, key, keys), keys, e.depth, Precision::F32);
         for (rows, running) in blocks.clone().zip(&mut running) {
             if e.visible(first + rows.end - 1, key, keys) == 0 {
                 continue;
@@ -190,8 +191,8 @@ fn key_range(
     for key in (first..first + count).step_by(KEYS) {
         let keys = KEYS.min(first + count - key);
         let (k, v) = (e.head(k, head, key, keys), e.head(v, head, key, keys));
-        let [turned_k, turned_v] = [k, v].map(|x| Packed::new(&x.transposed(), e.depth, keys));
-        let k = Packed::new(&k, keys, e.depth);
+        let [turned_k, turned_v] = [k, v].map(|x| Packed::new(&x.transposed(), e.depth, keys, Precision::F32));
+        let k = Packed::new(&k, keys, e.depth, Precision::F32);
         for query in (0..e.queries).step_by(QUERIES) {
             let rows = QUERIES.min(e.queries - query);
             if e.visible(query + rows - 1, key, keys) == 0 {
@@ -209,7 +210,7 @@ fn key_range(
             let (weights, slopes) = (Matrix::new(weights, rows, keys), Matrix::new(slopes, rows, keys));
             let at = (key - first) * e.depth;
             k.multiply(&mut dq[query * e.depth..][..rows * e.depth], rows, &slopes, Old::Keep);
-            let [q, dout] = [q, dout].map(|x| Packed::new(&x, rows, e.depth));
+            let [q, dout] = [q, dout].map(|x| Packed::new(&x, rows, e.depth, Precision::F32));
             q.multiply(&mut dk[at..][..keys * e.depth], keys, &slopes.transposed(), Old::Keep);
             dout.multiply(&mut dv[at..][..keys * e.depth], keys, &weights.transposed(), Old::Keep);
         }

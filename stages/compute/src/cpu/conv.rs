@@ -4,13 +4,15 @@
 use std::ops::Range;
 
 use super::buffer::Buffer;
+use super::factor::{DEPTH, Right, Stored, Turned};
 use super::matrix::{Cut, Matrix};
-use super::product::{DEPTH, Packed, Right, Start, Stored, Turned, add_product, cut, product};
+use super::product::{Packed, Start, add_product, cut, product};
 use super::tile::{COLUMNS, Old};
 use super::transpose::transpose_into;
 use super::weight::Values;
 use super::winograd;
 use crate::conv::{Conv, Geometry};
+use crate::weight::Precision;
 
 /// Channels per task of the general gradient to the input.
 const CHANNELS: usize = 8;
@@ -145,31 +147,31 @@ impl Right for TurnedPatches<'_> {
 }
 
 /// `weight [O, C, kh, kw]` over every image of `x`, plus `bias`.
-pub fn forward(x: &[f32], weight: Values, bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+pub fn forward(x: &[f32], (weight, precision): (Values, Precision), bias: Option<&[f32]>, g: &Geometry) -> Buffer {
     if winograd::suits(g) {
         return winograd::convolve(x, weight, winograd::Direction::Forward, bias, g);
     }
     let (g, depth) = (g.flat(), g.channels * g.taps());
     let weight = Stored { values: weight, columns: depth };
     let start = bias.map_or(Start::Zero, Start::Rows);
-    product([g.batch, g.outputs, g.pixels()], depth, &weight, &Patches { images: x, g }, start)
+    product([g.batch, g.outputs, g.pixels()], depth, &weight, &Patches { images: x, g }, start, precision)
 }
 
 /// The gradient to the input.
-pub fn backward_input(dy: &[f32], weight: Values, g: &Geometry) -> Buffer {
+pub fn backward_input(dy: &[f32], (weight, precision): (Values, Precision), g: &Geometry) -> Buffer {
     if let Some(turned) = g.turned().filter(winograd::suits) {
         return winograd::convolve(dy, weight, winograd::Direction::Backward, None, &turned);
     }
     if let Some(turned) = g.turned().filter(Geometry::is_pointwise) {
         let weight = Turned(Stored { values: weight, columns: g.channels });
         let right = Patches { images: dy, g: turned.flat() };
-        return product([g.batch, g.channels, g.plane()], g.outputs, &weight, &right, Start::Zero);
+        return product([g.batch, g.channels, g.plane()], g.outputs, &weight, &right, Start::Zero, precision);
     }
-    backward_input_by_columns(dy, weight, g)
+    backward_input_by_columns(dy, (weight, precision), g)
 }
 
 /// The general gradient to the input: rows of the column matrix's gradient, added back to where they came from.
-fn backward_input_by_columns(dy: &[f32], weight: Values, g: &Geometry) -> Buffer {
+fn backward_input_by_columns(dy: &[f32], (weight, precision): (Values, Precision), g: &Geometry) -> Buffer {
     let (taps, pixels) = (g.taps(), g.pixels());
     let mut dx = Buffer::zeros(g.batch * g.channels * g.plane());
     let planes = Cut {
@@ -186,7 +188,12 @@ fn backward_input_by_columns(dy: &[f32], weight: Values, g: &Geometry) -> Buffer
         let kernels = Turned(Stored { values, columns: g.channels * taps });
         let dy = Matrix::new(&dy[image * g.outputs * pixels..], g.outputs, pixels);
         let mut rows = Buffer::stale(channels.len() * taps * pixels);
-        Packed::new(&dy, g.outputs, pixels).multiply(&mut rows, channels.len() * taps, &kernels, Old::Forget);
+        Packed::new(&dy, g.outputs, pixels, precision).multiply(
+            &mut rows,
+            channels.len() * taps,
+            &kernels,
+            Old::Forget,
+        );
         let mut dx = share.block(0..channels.len(), image);
         for (i, row) in rows.chunks(pixels.max(1)).enumerate() {
             let (channel, tap) = (i / taps, i % taps);
@@ -221,7 +228,7 @@ pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Buffer {
             let dy = Matrix::new(&dy[image * g.outputs * g.pixels()..], g.outputs, g.pixels());
             let patches = TurnedPatches(Patches { images: x, g }, image);
             let old = if image == 0 { Old::Forget } else { Old::Keep };
-            add_product(&mut share, &dy, &patches, g.pixels(), old);
+            add_product(&mut share, &dy, &patches, g.pixels(), (old, Precision::F32));
         }
     });
     dw

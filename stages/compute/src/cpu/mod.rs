@@ -1,20 +1,23 @@
-//! The kernels of the CPU back end: slices in, vectors out. They trust the shapes that the operators have checked.
+//! The kernels of the CPU back end: slices in, buffers out. They trust the shapes that the operators have checked.
 
 pub mod activation;
 pub mod adam;
 pub mod attention;
+mod bf16;
 pub mod buffer;
 pub mod conv;
+mod factor;
 mod lanes;
 pub mod linear;
 pub mod map;
 mod math;
 mod matrix;
+mod minimal_filter;
 pub mod norm;
 mod product;
 pub mod resize;
 pub mod shape;
-mod simd;
+pub mod simd;
 mod tile;
 mod transpose;
 mod vector;

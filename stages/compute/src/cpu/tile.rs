@@ -1,9 +1,15 @@
 //! The innermost loop of every product: one tile of the result, whose sums stay in registers.
 #![allow(unsafe_code)]
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{__m256, __m512};
+
 use super::matrix::{Matrix, MatrixMut};
 use super::simd::Level;
-use super::vector::{Lanes, Vector};
+#[cfg(target_arch = "x86_64")]
+use super::vector::Dots;
+use super::vector::{Lanes, Pairs, Vector};
+use crate::weight::Precision;
 
 /// Rows of the largest tile.
 pub const ROWS: usize = 12;
@@ -20,19 +26,20 @@ pub enum Old {
 }
 
 /// Writes `a` times `panel` to `out`, which has at most [`ROWS`] rows and [`COLUMNS`] columns. A panel is packed: its
-/// rows have [`COLUMNS`] elements, one after the other, whatever `out` has.
+/// rows have [`COLUMNS`] elements, one after the other, whatever `out` has. In bf16, `a` and `panel` hold
+/// [pairs](super::bf16::pair).
 #[inline(always)]
-pub fn multiply_tile(out: &mut MatrixMut, a: Matrix, panel: &[f32], old: Old) {
+pub fn multiply_tile(out: &mut MatrixMut, a: Matrix, panel: &[f32], (old, precision): (Old, Precision)) {
     let (rows, columns, depth) = (out.rows(), out.columns(), a.columns);
     assert!(rows <= ROWS && columns <= COLUMNS && a.rows == rows, "tile: the extents disagree");
     assert!(panel.len() >= depth * COLUMNS, "tile: the panel is too short");
     if rows > 0 && columns == COLUMNS {
         // SAFETY: the extents of all three have just been checked.
-        return unsafe { dispatch(depth, a, panel.as_ptr(), out.start(), out.row_stride(), old) };
+        return unsafe { dispatch(depth, a, panel.as_ptr(), out.start(), out.row_stride(), (old, precision)) };
     }
     let mut whole = [0.0; ROWS * COLUMNS];
     // SAFETY: as above; `whole` has room for the largest tile.
-    unsafe { dispatch(depth, a, panel.as_ptr(), whole.as_mut_ptr(), COLUMNS, Old::Forget) };
+    unsafe { dispatch(depth, a, panel.as_ptr(), whole.as_mut_ptr(), COLUMNS, (Old::Forget, precision)) };
     for (row, sums) in whole.chunks(COLUMNS).enumerate().take(rows) {
         for (out, sum) in out.row(row).iter_mut().zip(sums) {
             *out = if old == Old::Keep { *out + sum } else { *sum };
@@ -42,15 +49,29 @@ pub fn multiply_tile(out: &mut MatrixMut, a: Matrix, panel: &[f32], old: Old) {
 
 /// SAFETY: `panel` holds `depth` rows, and `out` has as many rows as `a`, of [`COLUMNS`] elements each.
 #[inline(always)]
-unsafe fn dispatch(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+unsafe fn dispatch(
+    depth: usize,
+    a: Matrix,
+    panel: *const f32,
+    out: *mut f32,
+    stride: usize,
+    (old, precision): (Old, Precision),
+) {
     // SAFETY: by the contract of this function; a level is current only if the processor has it.
     unsafe {
-        match Level::current() {
+        match precision {
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => avx512(depth, a, panel, out, stride, old),
+            Precision::Bf16 if Level::current().has_bf16_dot() => avx512_bf16(depth, a, panel, out, stride, old),
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => avx2(depth, a, panel, out, stride, old),
-            Level::Portable => split::<Lanes>(depth, a, panel, out, stride, old),
+            Precision::F32 if Level::current() == Level::Avx512 => avx512(depth, a, panel, out, stride, old),
+            #[cfg(target_arch = "x86_64")]
+            Precision::Bf16 if Level::current() >= Level::Avx2 => {
+                avx2::<Pairs<__m256>>(depth, a, panel, out, stride, old)
+            }
+            #[cfg(target_arch = "x86_64")]
+            Precision::F32 if Level::current() == Level::Avx2 => avx2::<__m256>(depth, a, panel, out, stride, old),
+            Precision::Bf16 => split::<Pairs<Lanes>>(depth, a, panel, out, stride, old),
+            Precision::F32 => split::<Lanes>(depth, a, panel, out, stride, old),
         }
     }
 }
@@ -60,15 +81,23 @@ unsafe fn dispatch(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, st
 #[target_feature(enable = "avx512f,avx512dq,avx512bw")]
 unsafe fn avx512(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
     // SAFETY: by the contract of this function.
-    unsafe { split::<std::arch::x86_64::__m512>(depth, a, panel, out, stride, old) }
+    unsafe { split::<__m512>(depth, a, panel, out, stride, old) }
 }
 
 /// SAFETY: that of [`dispatch`].
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-unsafe fn avx2(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+#[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512bf16")]
+unsafe fn avx512_bf16(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
     // SAFETY: by the contract of this function.
-    unsafe { split::<std::arch::x86_64::__m256>(depth, a, panel, out, stride, old) }
+    unsafe { split::<Dots>(depth, a, panel, out, stride, old) }
+}
+
+/// SAFETY: that of [`dispatch`]; `V` is a vector of AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn avx2<V: Vector>(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+    // SAFETY: by the contract of this function.
+    unsafe { split::<V>(depth, a, panel, out, stride, old) }
 }
 
 /// Cuts the tile into parts that fit the registers.

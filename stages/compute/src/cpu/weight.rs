@@ -51,7 +51,7 @@ impl<'a> Values<'a> {
     pub fn widen(self, first: usize, out: &mut [f32]) {
         match self.slice(first..first + out.len()) {
             Values::F32(values) => out.copy_from_slice(values),
-            Values::Bytes(bytes) => convert(bytes, out, |bytes| f32::from_le_bytes(bytes)),
+            Values::Bytes(bytes) => convert(bytes, out, f32::from_le_bytes),
             Values::F16(bytes) => convert(bytes, out, |bytes| from_f16(u16::from_le_bytes(bytes))),
             Values::Bf16(bytes) => {
                 convert(bytes, out, |bytes| f32::from_bits(u32::from(u16::from_le_bytes(bytes)) << 16))

@@ -1,8 +1,6 @@
 //! The operators that move or reduce values, on examples small enough to read.
 
-mod common;
-
-use common::pattern;
+use crate::common::pattern;
 use compute::{Array, Device, elementwise, reduce, shape};
 
 fn array(shape: &[usize], values: &[f32]) -> Array {
@@ -77,5 +75,5 @@ fn a_reshape_shares_and_a_change_does_not() {
 #[test]
 #[should_panic(expected = "linear: input [2, 3] and weight [5, 4]")]
 fn a_wrong_shape_names_the_operator_and_the_shapes() {
-    compute::linear::linear(&pattern(1, &[2, 3]), &pattern(2, &[5, 4]), None);
+    compute::linear::linear(&pattern(1, &[2, 3]), pattern(2, &[5, 4]), None);
 }

@@ -1,10 +1,8 @@
 //! Weights kept in 16 bits or in foreign bytes act as the arrays they widen to, to the bit.
 
-mod common;
-
 use std::sync::Arc;
 
-use common::pattern;
+use crate::common::pattern;
 use compute::conv::{Conv, conv2d, conv2d_backward_input};
 use compute::linear::{linear, linear_backward_input};
 use compute::shape::gather_rows;

@@ -1,9 +1,7 @@
 //! Every gradient against the map it belongs to: `<A x, y> = <x, A^T y>` where the map is linear, central differences
 //! where it is not.
 
-mod common;
-
-use common::{assert_adjoint, assert_gradient, dot, pattern};
+use crate::common::{assert_adjoint, assert_gradient, dot, pattern};
 use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
 use compute::linear::{linear, linear_backward_input, linear_backward_weight};
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
@@ -46,7 +44,7 @@ proptest! {
         let conv = Conv { stride, pad };
         let (x, weight, bias) = (pattern(1, &[1, c, h, w]), pattern(2, &[o, c, kh, kw]), pattern(3, &[o]));
         let expected = definition(&x, &weight, &bias, conv);
-        common::assert_close("conv2d", &conv2d(&x, &weight, Some(&bias), conv), &expected, 1e-5);
+        crate::common::assert_close("conv2d", &conv2d(&x, &weight, Some(&bias), conv), &expected, 1e-5);
     }
 
     #[test]
@@ -68,7 +66,7 @@ proptest! {
     ) {
         let ones = compute::Device::cpu().full(&[1, 1, h, w], 1.0);
         let expected = compute::Device::cpu().full(&[1, 1, height, width], 1.0);
-        common::assert_close("resize", &resize(&ones, height, width, filter, antialias), &expected, 1e-6);
+        crate::common::assert_close("resize", &resize(&ones, height, width, filter, antialias), &expected, 1e-6);
     }
 }
 
@@ -175,5 +173,5 @@ fn upsampling_has_an_adjoint() {
 fn matmul_is_linear_with_the_weight_turned() {
     let (a, b) = (pattern(1, &[9, 31]), pattern(2, &[31, 17]));
     let turned = shape::nchw_to_tokens(&b.reshape(&[1, 31, 17, 1])).reshape(&[17, 31]);
-    common::assert_close("matmul", &matmul::matmul(&a, &b), &linear(&a, &turned, None), 1e-6);
+    crate::common::assert_close("matmul", &matmul::matmul(&a, &b), &linear(&a, &turned, None), 1e-6);
 }

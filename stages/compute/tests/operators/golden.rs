@@ -1,10 +1,8 @@
 //! The operators against PyTorch and Pillow: the numbers in `golden/golden.json`, written by `golden/generate.py`.
 
-mod common;
-
 use std::collections::BTreeMap;
 
-use common::{assert_close, pattern};
+use crate::common::{assert_close, pattern};
 use compute::adam::{Adam, AdamState, update};
 use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};

@@ -1,8 +1,6 @@
 //! The same bits for any number of threads.
 
-mod common;
-
-use common::pattern;
+use crate::common::pattern;
 use compute::adam::{Adam, AdamState, update};
 use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};

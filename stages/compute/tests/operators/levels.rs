@@ -1,0 +1,31 @@
+//! All tests again with narrower vectors than the processor's widest.
+
+use std::process::Command;
+
+use compute::Device;
+
+/// Runs this program's other tests in a process limited to `level`.
+fn passes_at(level: &str) {
+    let program = std::env::current_exe().expect("the path of this program");
+    let skipped = ["--skip", "every_test_passes", "--skip", "memory::"];
+    let output = Command::new(program).env("COMPUTE_SIMD", level).args(skipped).output().expect("it runs");
+    assert!(output.status.success(), "{level}: {}", String::from_utf8_lossy(&output.stdout));
+}
+
+#[test]
+fn every_test_passes_with_portable_vectors() {
+    passes_at("portable");
+}
+
+#[test]
+fn every_test_passes_with_avx2() {
+    passes_at("avx2");
+}
+
+#[test]
+fn a_limit_is_obeyed() {
+    if let Ok(limit) = std::env::var("COMPUTE_SIMD") {
+        let used = Device::cpu().instructions();
+        assert!(used == limit || used == "portable", "limited to {limit}, but using {used}");
+    }
+}

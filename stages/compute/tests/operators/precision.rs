@@ -1,0 +1,53 @@
+//! What bf16 products cost.
+
+use compute::conv::{Conv, conv2d, conv2d_backward_input};
+use compute::linear::{linear, linear_backward_input};
+use compute::{Array, Device, Precision, Rng, Weight, elementwise};
+
+use crate::common::{dot, pattern};
+
+/// Independent normal numbers: patterns would add up, and hide the error of rounding.
+fn normals(salt: u64, shape: &[usize]) -> Array {
+    Rng::new(salt, "precision").normals(0, shape, &Device::cpu())
+}
+
+/// The norm of the difference over the norm.
+fn error(got: &Array, exact: &Array) -> f64 {
+    let difference = elementwise::sub(got, exact);
+    (dot(&difference, &difference) / dot(exact, exact)).sqrt()
+}
+
+/// Rounding both factors to 8 bits costs each product 2^-9 times sqrt(2/3) of its size, root mean square; sums of many
+/// keep that ratio. The bounds leave a factor of two, and demand that something was rounded.
+#[track_caller]
+fn assert_rounded(what: &str, got: &Array, exact: &Array) {
+    let error = error(got, exact);
+    assert!(1e-4 < error && error < 4e-3, "{what}: an error of {error}");
+}
+
+#[test]
+fn bf16_costs_two_or_three_digits() {
+    for (rows, m, k) in [(5, 40, 33), (70, 130, 300), (3, 64, 1024)] {
+        let (weight, x, dy) = (normals(1, &[m, k]), normals(2, &[rows, k]), normals(3, &[rows, m]));
+        let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
+        assert_rounded("linear", &linear(&x, &narrow, None), &linear(&x, &weight, None));
+        assert_rounded("input", &linear_backward_input(&dy, &narrow), &linear_backward_input(&dy, &weight));
+    }
+    for (c, o, kernel, stride) in [(12, 20, 3, 1), (12, 20, 3, 2), (70, 33, 1, 1)] {
+        let (weight, x) = (normals(1, &[o, c, kernel, kernel]), normals(2, &[2, c, 13, 13]));
+        let conv = Conv { stride, pad: [kernel / 2; 4] };
+        let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
+        let y = conv2d(&x, &weight, None, conv);
+        assert_rounded("conv2d", &conv2d(&x, &narrow, None, conv), &y);
+        let [got, exact] = [narrow, weight.into()].map(|w| conv2d_backward_input(&y, w, conv, [13, 13]));
+        assert_rounded("input of conv2d", &got, &exact);
+    }
+}
+
+#[test]
+fn bf16_is_exact_where_the_factors_are() {
+    let integers = |salt, shape: &[usize]| elementwise::sign(&pattern(salt, shape));
+    let (x, weight) = (integers(1, &[17, 301]), integers(2, &[45, 301]));
+    let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
+    assert_eq!(linear(&x, narrow, None).to_vec(), linear(&x, weight, None).to_vec());
+}
