@@ -7,7 +7,7 @@ use crate::composite;
 use crate::config::FEATURES;
 use crate::exponential::sigmoid;
 use crate::field::{Field, sigma, sigma_backward};
-use crate::kernels::hash::{LANES, Positions};
+use crate::kernels::hash::Positions;
 use crate::march::{Segment, march};
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY, Transposed};
 use crate::spherical::harmonics;
@@ -44,12 +44,22 @@ pub struct Regularizer {
     pub fog_range: f32,
 }
 
-/// What the backward pass of a block leaves for the hash table: positions, and per level one gradient pair each.
+/// What backward passes leave for the hash table: positions, and per level one gradient pair each.
+#[derive(Default)]
 pub struct EncodingGradient {
     /// Sample positions, padded.
     pub positions: Positions,
     /// `[level][position]`; zero for padding.
     pub levels: Vec<Vec<[f32; FEATURES]>>,
+}
+
+impl EncodingGradient {
+    /// Forgets everything, and makes room for so many levels.
+    pub fn clear(&mut self, levels: usize) {
+        self.positions.clear();
+        self.levels.resize(levels, vec![]);
+        self.levels.iter_mut().for_each(Vec::clear);
+    }
 }
 
 /// Scratch space for a block of rays, to be used again and again.
@@ -161,8 +171,8 @@ impl Block {
         }
     }
 
-    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks' weights, and returns the one
-    /// to the hash features with the distortion loss (unweighted, summed over rays).
+    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks' weights, appends the one to the
+    /// hash features, and returns the distortion loss (unweighted, summed over rays).
     pub fn backward(
         &mut self,
         field: &Field,
@@ -171,7 +181,8 @@ impl Block {
         d_seen: &[SeenGradient],
         regularizer: Regularizer,
         d_weights: &mut [f32],
-    ) -> (EncodingGradient, f32) {
+        d_encoding: &mut EncodingGradient,
+    ) -> f32 {
         let mut d_raw = vec![0.0; self.t.len()];
         let mut distortion = 0.0;
         for (r, (segment, d)) in segments.iter().zip(d_seen).enumerate() {
@@ -187,7 +198,8 @@ impl Block {
             row[0] += d_raw;
         }
         field.network.density_backward(transposed, &mut self.activations, d_weights);
-        (self.encoding_gradient(field), distortion)
+        self.append(field.encoding_width(), d_encoding);
+        distortion
     }
 
     /// Gradients of one ray: raw colours in place, raw densities in `d_raw`. Returns the ray's distortion loss.
@@ -229,15 +241,12 @@ impl Block {
         distortion
     }
 
-    fn encoding_gradient(&mut self, field: &Field) -> EncodingGradient {
-        let width = field.encoding_width();
-        let level = |l: usize| {
+    fn append(&self, width: usize, to: &mut EncodingGradient) {
+        to.positions.extend(&self.positions);
+        for (l, level) in to.levels.iter_mut().enumerate() {
             let rows = self.activations.encoding.chunks_exact(width);
-            rows.map(|row| [row[FEATURES * l], row[FEATURES * l + 1]]).collect::<Vec<_>>()
-        };
-        let levels = (0..field.levels.len()).map(level).collect();
-        debug_assert!(self.positions.len().is_multiple_of(LANES));
-        EncodingGradient { positions: std::mem::take(&mut self.positions), levels }
+            level.extend(rows.map(|row| [row[FEATURES * l], row[FEATURES * l + 1]]));
+        }
     }
 }
 

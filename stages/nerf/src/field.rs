@@ -2,13 +2,14 @@
 //! nothing of cameras or training.
 
 use crate::config::{FEATURES, FieldConfig, Level};
-use crate::kernels::hash::{Positions, encode};
+use crate::kernels::hash::{Entry, Positions, encode};
 use crate::kernels::matrix::COLUMNS;
 use crate::march::Stride;
 use crate::network::{Activations, GEOMETRY, Layer, Network};
 use crate::occupancy::OccupancyGrid;
 use crate::space::Space;
 use compute::rng::Rng;
+use half::f16;
 use std::collections::BTreeMap;
 
 /// Tensors by name: shape and row-major values.
@@ -47,7 +48,7 @@ pub struct Field {
     pub(crate) config: FieldConfig,
     pub(crate) space: Space,
     pub(crate) levels: Vec<Level>,
-    pub(crate) table: Vec<[f32; FEATURES]>,
+    pub(crate) table: Vec<Entry>,
     pub(crate) network: Network,
     pub(crate) occupancy: OccupancyGrid,
 }
@@ -63,7 +64,7 @@ impl Field {
         let entries: usize = levels.iter().map(|level| level.entries).sum();
         let rng = Rng::new(seed, "hash table");
         let small = |i: usize, f: u64| 1e-4 * (2.0 * rng.uniform(0, (FEATURES * i) as u64 + f) - 1.0);
-        let table = (0..entries).map(|i| [small(i, 0), small(i, 1)]).collect();
+        let table = (0..entries).map(|i| [small(i, 0), small(i, 1)].map(f16::from_f32)).collect();
         let network = Network::new(encoding_width(config), FEATURES * levels.len(), seed);
         let occupancy = OccupancyGrid::new(config.occupancy_resolution, &space);
         Self { config: config.clone(), space, levels, table, network, occupancy }
@@ -105,10 +106,11 @@ impl Field {
         rows.map(|row| sigma(row[0]) * self.space.scale).collect()
     }
 
-    /// Everything the field holds, by name. Matrices are [outputs, inputs].
+    /// Everything the field holds, by name. Matrices are [outputs, inputs]; hash entries are halves, exact as f32.
     pub fn tensors(&self) -> Tensors {
         let mut tensors = Tensors::new();
-        tensors.insert("hash_table".into(), (vec![self.table.len(), FEATURES], self.table.as_flattened().to_vec()));
+        let table = self.table.as_flattened().iter().map(|half| half.to_f32()).collect();
+        tensors.insert("hash_table".into(), (vec![self.table.len(), FEATURES], table));
         tensors.extend(network_tensors(&self.network, ""));
         let [nx, ny, nz] = self.occupancy.size;
         tensors.insert("occupancy".into(), (vec![nz, ny, nx], self.occupancy.values.clone()));
@@ -116,7 +118,7 @@ impl Field {
         tensors
     }
 
-    /// The field that [`Field::tensors`] was called on.
+    /// The field that [`Field::tensors`] was called on. Hash entries that are no halves are rounded to the nearest.
     pub fn from_tensors(config: &FieldConfig, bounds: [[f32; 3]; 2], tensors: &Tensors) -> Result<Self, FieldError> {
         config.check().map_err(FieldError::Config)?;
         let finite = bounds.as_flattened().iter().all(|x| x.is_finite());
@@ -126,7 +128,7 @@ impl Field {
         let space = Space::new(bounds);
         let levels = config.levels(space.extent);
         let entries = levels.iter().map(|level| level.entries).sum();
-        let table = take(tensors, "hash_table", &[entries, FEATURES])?.as_chunks::<FEATURES>().0.to_vec();
+        let table = halves(take(tensors, "hash_table", &[entries, FEATURES])?);
         let mut network = Network::zeros(encoding_width(config), FEATURES * levels.len());
         read_network(&mut network, "", tensors)?;
         let mut occupancy = OccupancyGrid::new(config.occupancy_resolution, &space);
@@ -152,6 +154,12 @@ pub(crate) fn sigma_backward(raw: f32) -> f32 {
 
 fn encoding_width(config: &FieldConfig) -> usize {
     (FEATURES * config.levels as usize).next_multiple_of(COLUMNS)
+}
+
+/// Hash entries rounded to halves; what is too large becomes the largest half.
+fn halves(values: &[f32]) -> Vec<Entry> {
+    let half = |x: f32| f16::from_f32(x.clamp(-f16::MAX.to_f32(), f16::MAX.to_f32()));
+    values.as_chunks::<FEATURES>().0.iter().map(|entry| entry.map(half)).collect()
 }
 
 /// A tensor's values, after checking its name, shape and finiteness.

@@ -39,25 +39,28 @@ pub struct Rendered {
     pub depth: Vec<f32>,
     /// 1 - T_end, averaged over the pixel.
     pub opacity: Vec<f32>,
+    /// Samples that passed through both networks.
+    pub samples: usize,
 }
 
 /// Renders what a camera sees. Another size of the same view is [`Camera::scaled`].
 pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Rendered {
     let pixels = camera.width as usize * camera.height as usize;
-    let chunks: Vec<Vec<Pixel>> = (0..pixels.div_ceil(PIXELS))
+    let chunks: Vec<(Vec<Pixel>, usize)> = (0..pixels.div_ceil(PIXELS))
         .into_par_iter()
         .map_init(Block::default, |block, chunk| {
             let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
-            render_pixels(field, camera, options, block, range)
+            (render_pixels(field, camera, options, block, range), block.samples())
         })
         .collect();
-    let all = || chunks.iter().flatten();
+    let all = || chunks.iter().flat_map(|(pixels, _)| pixels);
     Rendered {
         width: camera.width,
         height: camera.height,
         rgb: all().flat_map(|pixel| pixel.rgb).collect(),
         depth: all().map(|pixel| pixel.depth).collect(),
         opacity: all().map(|pixel| pixel.opacity).collect(),
+        samples: chunks.iter().map(|(_, samples)| samples).sum(),
     }
 }
 

@@ -9,16 +9,18 @@ use crate::train::{TrainOptions, Trainer};
 
 impl Trainer {
     /// Everything that the coming steps depend on besides the views, the options and the seed: the field, Adam's moments
-    /// and counters, the step and the batch size. Whole numbers stand as f32, exact below 2^24.
+    /// and counters, the step and the batch size. Whole numbers stand as f32, exact below 2^24; hash entries have the full
+    /// precision that steps are taken in.
     pub fn state(&self) -> Tensors {
         let mut tensors = self.field.tensors();
         let entries = self.field.table.len();
         let moments = &self.table_moments;
         let mut put =
             |name: &str, shape: &[usize], values: Vec<f32>| tensors.insert(name.into(), (shape.to_vec(), values));
+        put("hash_table", &[entries, FEATURES], moments.values.as_flattened().to_vec());
         put("adam.first.hash_table", &[entries, FEATURES], moments.first.as_flattened().to_vec());
         put("adam.second.hash_table", &[entries, FEATURES], moments.second.as_flattened().to_vec());
-        put("adam.steps.hash_table", &[entries], moments.steps.iter().map(|&n| n as f32).collect());
+        put("adam.steps.hash_table", &[entries], moments.steps.iter().map(|&n| f32::from(n)).collect());
         put("trainer.step", &[1], vec![self.step as f32]);
         put("trainer.pixels", &[1], vec![self.pixels as f32]);
         tensors.extend(network_tensors(&self.like_network(&self.network_moments.first), "adam.first."));
@@ -39,10 +41,11 @@ impl Trainer {
         let mut trainer = Trainer::new(Field::from_tensors(config, bounds, state)?, views, options, seed);
         let entries = trainer.field.table.len();
         let pairs = |name| Ok(take(state, name, &[entries, FEATURES])?.as_chunks::<FEATURES>().0.to_vec());
+        trainer.table_moments.values = pairs("hash_table")?;
         trainer.table_moments.first = pairs("adam.first.hash_table")?;
         trainer.table_moments.second = pairs("adam.second.hash_table")?;
         trainer.table_moments.steps =
-            take(state, "adam.steps.hash_table", &[entries])?.iter().map(|&n| n as u32).collect();
+            take(state, "adam.steps.hash_table", &[entries])?.iter().map(|&n| n as u16).collect();
         trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;
         trainer.network_moments.second = trainer.read_moment("adam.second.", state)?;
         trainer.step = take(state, "trainer.step", &[1])?[0] as u32;

@@ -15,8 +15,10 @@ use compute::rng::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Rays one task takes from the march to the gradients; fixed, so that sums do not depend on the number of threads.
-const RAYS_PER_TASK: u32 = 64;
+/// Parts of a batch whose gradients are summed in order; fixed, so that sums do not depend on the number of threads.
+const PARTS: u32 = 32;
+/// Rays that go from the march to the gradients together: their activations stay in the second-level cache.
+const RAYS_PER_BLOCK: u32 = 32;
 /// Pixels of the first batch, and the fewest of any.
 const PIXELS: [u32; 2] = [64, 16];
 /// Rays of the largest batch.
@@ -96,9 +98,11 @@ pub struct Trainer {
     sampler: Sampler,
     survey_rng: Rng,
     d_table: Vec<[f32; FEATURES]>,
+    parts: Vec<Contribution>,
 }
 
-/// What one task adds to a step.
+/// What one part of a batch adds to a step.
+#[derive(Default)]
 struct Contribution {
     d_weights: Vec<f32>,
     encoding: EncodingGradient,
@@ -117,15 +121,15 @@ impl Trainer {
         assert!(!views.is_empty(), "training needs at least one view");
         views.iter().for_each(TrainView::check);
         survey::see(&mut field, &views.iter().map(|view| &view.camera).collect::<Vec<_>>());
-        let entries = field.table.len();
         Self {
             step: 0,
             pixels: PIXELS[0],
-            table_moments: SparseMoments::new(entries),
+            table_moments: SparseMoments::new(&field.table),
             network_moments: Moments::new(field.network.weights.len()),
             sampler: Sampler::new(&views, seed),
             survey_rng: Rng::new(seed, "occupancy update"),
-            d_table: vec![[0.0; FEATURES]; entries],
+            d_table: vec![[0.0; FEATURES]; field.table.len()],
+            parts: (0..PARTS).map(|_| Contribution::default()).collect(),
             options: options.clone(),
             field,
             views,
@@ -149,7 +153,8 @@ impl Trainer {
 
     /// One training step.
     pub fn step(&mut self) -> StepStats {
-        let parts = self.contributions();
+        let mut parts = std::mem::take(&mut self.parts);
+        self.contribute(&mut parts);
         self.descend(&parts);
         self.step += 1;
         if self.step.is_multiple_of(OCCUPANCY_EVERY) {
@@ -164,6 +169,7 @@ impl Trainer {
             samples: sum(|part| part.samples),
         };
         self.pixels = self.next_pixels(stats.samples, sum(|part| part.marched));
+        self.parts = parts;
         stats
     }
 
@@ -186,18 +192,20 @@ impl Trainer {
         pixels.clamp(PIXELS[1], MOST_RAYS / self.rays_per_pixel())
     }
 
-    /// Gradients of the batch, one contribution per task, in order.
-    fn contributions(&self) -> Vec<Contribution> {
+    /// Gradients of the batch, part by part.
+    fn contribute(&self, parts: &mut [Contribution]) {
         let transposed = self.field.network.transposed();
-        let per_task = (RAYS_PER_TASK / self.rays_per_pixel()).max(1);
-        (0..self.pixels.div_ceil(per_task))
-            .into_par_iter()
-            .map_init(Block::default, |block, task| {
-                let elements = task * per_task..self.pixels.min((task + 1) * per_task);
+        let per_block = (RAYS_PER_BLOCK / self.rays_per_pixel()).max(1);
+        parts.par_iter_mut().enumerate().for_each_init(Block::default, |block, (part, contribution)| {
+            contribution.clear(&self.field);
+            let start = |part: u32| (u64::from(part) * u64::from(self.pixels) / u64::from(PARTS)) as u32;
+            let (first, end) = (start(part as u32), start(part as u32 + 1));
+            for first in (first..end).step_by(per_block as usize) {
+                let elements = first..end.min(first + per_block);
                 let pixels: Vec<Pixel> = elements.map(|element| self.pixel(element)).collect();
-                self.contribution(block, &pixels, &transposed)
-            })
-            .collect()
+                self.trace(block, &pixels, &transposed, contribution);
+            }
+        });
     }
 
     fn pixel(&self, element: u32) -> Pixel {
@@ -210,7 +218,7 @@ impl Trainer {
     }
 
     /// Traces the sub-rays of some pixels, compares, and goes all the way back.
-    fn contribution(&self, block: &mut Block, pixels: &[Pixel], transposed: &Transposed) -> Contribution {
+    fn trace(&self, block: &mut Block, pixels: &[Pixel], transposed: &Transposed, part: &mut Contribution) {
         let (mut segments, mut jitter) = (vec![], vec![]);
         for &pixel in pixels {
             let view = &self.views[pixel.view];
@@ -222,10 +230,13 @@ impl Trainer {
         let seen = block.forward(&self.field, &segments, &jitter);
         let (d_seen, loss, squared_error) = self.compare(pixels, seen);
         let regularizer = self.regularizer(segments.len() as f32 / pixels.len() as f32);
-        let mut d_weights = vec![0.0; self.field.network.weights.len()];
-        let (marched, samples) = (block.marched(), block.samples());
-        let (encoding, _) = block.backward(&self.field, transposed, &segments, &d_seen, regularizer, &mut d_weights);
-        Contribution { d_weights, encoding, loss, squared_error, rays: segments.len(), samples, marched }
+        let Contribution { d_weights, encoding, .. } = part;
+        block.backward(&self.field, transposed, &segments, &d_seen, regularizer, d_weights, encoding);
+        part.loss += loss;
+        part.squared_error += squared_error;
+        part.rays += segments.len();
+        part.samples += block.samples();
+        part.marched += block.marched();
     }
 
     /// The strengths per ray, so that their sum over a batch does not depend on its size.
@@ -263,14 +274,26 @@ impl Trainer {
         (d_seen, loss, squared_error)
     }
 
-    /// Sums the gradients in the order of the tasks and takes a step down.
+    /// Sums the gradients in the order of the parts and takes a step down.
     fn descend(&mut self, parts: &[Contribution]) {
-        let d_weights = sum_weights(parts);
-        scatter(&self.field, parts, &mut self.d_table);
         let rates = Rates::new(self.rate() as f32);
-        let weights = &mut self.field.network.weights;
+        let (d_weights, weights) = (sum_weights(parts), &mut self.field.network.weights);
         update_dense(weights, &d_weights, &mut self.network_moments, &rates, self.step + 1, self.options.l2 as f32);
-        update_sparse(&mut self.field.table, &mut self.d_table, &mut self.table_moments, &rates);
+        let levels = &self.field.levels;
+        let moments = self.table_moments.split(levels.iter().map(|level| level.entries));
+        let (mut table, mut d_table) = (&mut self.field.table[..], &mut self.d_table[..]);
+        let tables = levels.iter().map(|level| {
+            let table = table.split_off_mut(..level.entries).unwrap_or_default();
+            (table, d_table.split_off_mut(..level.entries).unwrap_or_default())
+        });
+        // Levels are disjoint, so each is one task and no two write to the same entry.
+        let tasks: Vec<_> = tables.zip(moments).enumerate().collect();
+        tasks.into_par_iter().with_max_len(1).for_each(|(l, ((table, d_table), moments))| {
+            for part in parts {
+                encode_backward(&levels[l], &part.encoding.positions, &part.encoding.levels[l], d_table);
+            }
+            update_sparse(table, d_table, moments, &rates);
+        });
     }
 
     /// The learning rate of the coming step.
@@ -282,26 +305,21 @@ impl Trainer {
     }
 }
 
-/// The gradient to the networks' weights: a sum over tasks in their order.
+impl Contribution {
+    fn clear(&mut self, field: &Field) {
+        let Self { mut d_weights, mut encoding, .. } = std::mem::take(self);
+        d_weights.clear();
+        d_weights.resize(field.network.weights.len(), 0.0);
+        encoding.clear(field.levels.len());
+        *self = Self { d_weights, encoding, ..Self::default() };
+    }
+}
+
+/// The gradient to the networks' weights: a sum over parts in their order.
 fn sum_weights(parts: &[Contribution]) -> Vec<f32> {
     let mut sum = vec![0.0; parts.first().map_or(0, |part| part.d_weights.len())];
     for part in parts {
         sum.iter_mut().zip(&part.d_weights).for_each(|(sum, d)| *sum += d);
     }
     sum
-}
-
-/// The gradient to the hash table. Levels are disjoint, so each is one task and no two write to the same entry.
-fn scatter(field: &Field, parts: &[Contribution], mut d_table: &mut [[f32; FEATURES]]) {
-    let mut tables = vec![];
-    for level in &field.levels {
-        let (own, rest) = d_table.split_at_mut(level.entries);
-        tables.push(own);
-        d_table = rest;
-    }
-    tables.into_par_iter().enumerate().for_each(|(l, d_table)| {
-        for part in parts {
-            encode_backward(&field.levels[l], &part.encoding.positions, &part.encoding.levels[l], d_table);
-        }
-    });
 }

@@ -2,6 +2,7 @@ use super::*;
 use crate::config::FieldConfig;
 use crate::kernels::hash::encode_backward;
 use compute::rng::Rng;
+use half::f16;
 
 /// Gradients of a loss to everything a field learns.
 struct Gradient {
@@ -22,7 +23,11 @@ fn field() -> Field {
     };
     let mut field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.5]], 11);
     let rng = Rng::new(11, "block test");
-    field.table.iter_mut().enumerate().for_each(|(i, entry)| *entry = [0, 1].map(|f| rng.normal(f, i as u64)));
+    field
+        .table
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, entry)| *entry = [0, 1].map(|f| f16::from_f32(rng.normal(f, i as u64))));
     field.network.weights.iter_mut().for_each(|w| *w *= 2.5);
     field
 }
@@ -53,8 +58,10 @@ fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient)
     let mut gradient =
         Gradient { table: vec![[0.0; 2]; field.table.len()], weights: vec![0.0; field.network.weights.len()] };
     let transposed = field.network.transposed();
-    let (encoding, distortion) =
-        block.backward(field, &transposed, &segments, &d_seen, regularizer, &mut gradient.weights);
+    let mut encoding = EncodingGradient::default();
+    encoding.clear(field.levels.len());
+    let distortion =
+        block.backward(field, &transposed, &segments, &d_seen, regularizer, &mut gradient.weights, &mut encoding);
     for (level, d) in field.levels.iter().zip(&encoding.levels) {
         let table = &mut gradient.table[level.offset..level.offset + level.entries];
         encode_backward(level, &encoding.positions, d, table);
@@ -90,7 +97,9 @@ fn gradients_of_the_whole_renderer_match_finite_differences() {
     };
     let touched: Vec<usize> = (0..field.table.len()).filter(|&i| gradient.table[i] != [0.0; 2]).collect();
     assert!(touched.len() > 200, "{} entries are touched", touched.len());
-    compare(touched.iter().step_by(7).map(|&i| (gradient.table[i][1], difference(&|f, h| f.table[i][1] += h))));
+    compare(touched.iter().step_by(7).map(|&i| {
+        (gradient.table[i][1], difference(&|f, h| f.table[i][1] = f16::from_f32(f.table[i][1].to_f32() + h)))
+    }));
     for (l, layer) in field.network.layers.iter().enumerate() {
         let used =
             (0..layer.used[0]).flat_map(|row| (0..layer.used[1]).map(move |column| row * layer.outputs + column));
