@@ -3,6 +3,7 @@ PIPELINE ?= pipelines/i3ds.ron
 CARGO ?= cargo
 # An argument list for the program: make run ARGS='--set scene.downscale=2'
 ARGS ?=
+PYTHON ?=
 
 .PHONY: run test test-full lint doc bench setup clean
 
@@ -25,8 +26,9 @@ doc: setup
 	$(CARGO) doc --release --workspace --no-deps
 	@echo "open $${CARGO_TARGET_DIR:-target}/doc/srnerf_dag/index.html"
 
+# With PYTHON=python3 (one that has torch and numpy) the PyTorch references run beside ours, and the curve is drawn anew.
 bench: setup
-	$(CARGO) bench --workspace
+	PYTHON='$(PYTHON)' CURVE='$(CURDIR)/docs/nerf_psnr.svg' $(CARGO) bench --workspace
 
 clean:
 	$(CARGO) clean

@@ -47,7 +47,7 @@ impl Stage for Fit {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

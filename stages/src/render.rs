@@ -33,7 +33,7 @@ impl Stage for Render {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -53,7 +53,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -151,26 +151,31 @@ impl Trainer {
         self.step
     }
 
-    /// One training step.
+    /// One training step. If the loss is not a finite number, nothing is learnt from it: the field stays as it was.
     pub fn step(&mut self) -> StepStats {
         let mut parts = std::mem::take(&mut self.parts);
         self.contribute(&mut parts);
-        self.descend(&parts);
+        let stats = self.stats(&parts);
+        if stats.loss.is_finite() {
+            self.descend(&parts);
+        }
         self.step += 1;
         if self.step.is_multiple_of(OCCUPANCY_EVERY) {
             survey::update(&mut self.field, &self.survey_rng);
         }
-        let count = f64::from(self.pixels) * 3.0;
-        let sum = |value: fn(&Contribution) -> usize| parts.iter().map(value).sum::<usize>();
-        let stats = StepStats {
-            loss: parts.iter().map(|part| part.loss).sum::<f64>() / count,
-            psnr: psnr(parts.iter().map(|part| part.squared_error).sum::<f64>() / count),
-            rays: sum(|part| part.rays),
-            samples: sum(|part| part.samples),
-        };
-        self.pixels = self.next_pixels(stats.samples, sum(|part| part.marched));
+        self.pixels = self.next_pixels(stats.samples, parts.iter().map(|part| part.marched).sum());
         self.parts = parts;
         stats
+    }
+
+    fn stats(&self, parts: &[Contribution]) -> StepStats {
+        let count = f64::from(self.pixels) * 3.0;
+        StepStats {
+            loss: parts.iter().map(|part| part.loss).sum::<f64>() / count,
+            psnr: psnr(parts.iter().map(|part| part.squared_error).sum::<f64>() / count),
+            rays: parts.iter().map(|part| part.rays).sum(),
+            samples: parts.iter().map(|part| part.samples).sum(),
+        }
     }
 
     /// Rays of a pixel of the view that has the most.

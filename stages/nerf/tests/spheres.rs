@@ -124,6 +124,46 @@ fn going_on_from_a_saved_state_equals_a_straight_run() {
 }
 
 #[test]
+fn a_loss_that_is_not_a_number_leaves_the_field_as_it_was() {
+    let mut trainer = Trainer::new(Field::new(&config(), BOUNDS, 3), views(), &options(40), 3);
+    (0..5).for_each(|_| _ = trainer.step());
+    let before = trainer.field().tensors();
+    let mut views = views();
+    views.iter_mut().for_each(|view| view.rgb.fill(f32::NAN));
+    let mut blind = Trainer::from_state(&config(), BOUNDS, views, &options(40), 3, &trainer.state()).unwrap();
+    assert!(blind.step().loss.is_nan());
+    assert!(blind.field().tensors() == before);
+}
+
+/// Whatever the scene is like, training and rendering end with numbers.
+#[test]
+fn odd_scenes_give_finite_fields() {
+    let inside = |angle: f64| Camera {
+        camera_to_world: Camera::look_at(DVec3::new(0.1, 0.0, 0.2), DVec3::new(angle.sin(), 0.1, angle.cos())),
+        near: 0.05,
+        ..camera(angle, 12)
+    };
+    let on_a_line =
+        |x: f64| Camera { camera_to_world: glam::DMat4::from_translation(DVec3::new(x, 0.0, 3.0)), ..camera(0.0, 12) };
+    let scenes = [
+        ("inside the box", (0..6).map(|i| inside(f64::from(i))).collect::<Vec<_>>()),
+        ("on a line", (0..4).map(|i| on_a_line(0.3 * f64::from(i))).collect()),
+        ("one view", vec![camera(0.3, 12)]),
+        ("single pixels", (0..5).map(|i| camera(f64::from(i), 1)).collect()),
+        ("nothing but empty rays", vec![Camera { near: 50.0, far: 60.0, ..camera(0.3, 12) }]),
+    ];
+    for (name, cameras) in scenes {
+        let views: Vec<_> = cameras.into_iter().map(photo).collect();
+        let eye = views[0].camera.clone();
+        let mut trainer = Trainer::new(Field::new(&config(), BOUNDS, 6), views, &options(40), 6);
+        assert!((0..40).all(|_| trainer.step().loss.is_finite()), "{name}");
+        let image = render(trainer.field(), &eye, &RenderOptions::default());
+        assert!(image.rgb.iter().chain(&image.depth).chain(&image.opacity).all(|x| x.is_finite()), "{name}");
+        assert!(trainer.state().values().all(|(_, values)| values.iter().all(|x| x.is_finite())), "{name}");
+    }
+}
+
+#[test]
 fn a_state_without_its_moments_is_refused() {
     let trainer = Trainer::new(Field::new(&config(), BOUNDS, 3), views(), &options(40), 3);
     let mut state = trainer.state();
