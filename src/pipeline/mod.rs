@@ -7,6 +7,7 @@ pub mod problem;
 mod reader;
 mod reference;
 pub mod set;
+mod shard;
 pub mod text;
 pub mod unroll;
 

@@ -191,3 +191,33 @@ fn mistakes_in_set_are_pointed_at() {
     assert_eq!(set("scene.downscale=[1").1, "the value is not RON: expected `,` or `]`");
     assert_eq!(set("last.images=\"fit\"").0, "--set:1:13");
 }
+
+#[test]
+fn a_stage_with_shards_becomes_its_parts_and_a_merge_of_its_name() {
+    let graph = load(TWO_ROUNDS, &["loop.optimize.shards=2", "loop.count=1"]).unwrap();
+    let names: Vec<&str> = graph.nodes.iter().map(|node| node.name.as_str()).collect();
+    assert_eq!(names[5..8], ["loop.1.optimize.1", "loop.1.optimize.2", "loop.1.optimize"]);
+    assert_eq!(wires(&graph, "loop.1.optimize.2"), ["latents=loop.1.encode.latents", "low=scene.train"]);
+    assert_eq!(
+        wires(&graph, "loop.1.optimize"),
+        [
+            "latents.1=loop.1.optimize.1.latents",
+            "latents.2=loop.1.optimize.2.latents",
+            "residuals.1=loop.1.optimize.1.residuals",
+            "residuals.2=loop.1.optimize.2.residuals",
+            "log.1=loop.1.optimize.1.log",
+            "log.2=loop.1.optimize.2.log",
+        ]
+    );
+    assert_eq!(wires(&graph, "loop.1.decode"), ["latents=loop.1.optimize.latents"]);
+    assert_eq!(graph.find("loop.optimize").unwrap().len(), 3);
+    let seed = |at: usize| graph.nodes[at].seed;
+    assert!(seed(5) != seed(6) && seed(5) != seed(4), "parts draw numbers of their own");
+}
+
+#[test]
+fn there_is_no_lora_of_all_shards_together() {
+    let text = TWO_ROUNDS.replace("latents: \"optimize\"", "latents: \"optimize.lora\"");
+    let (_, message, _) = problem(&text, &["loop.optimize.shards=2"]);
+    assert!(message.contains("has no output `lora`"), "{message}");
+}

@@ -12,6 +12,7 @@ use super::fault::{Fault, Place};
 use super::grammar::{Node, Pipeline, Rounds};
 use super::graph::{self, Graph, Wire};
 use super::reference::{Frame, Target, resolve};
+use super::shard;
 
 /// More rounds than this are taken for a mistake.
 const MOST_ROUNDS: u32 = 10_000;
@@ -43,13 +44,20 @@ pub fn unroll(pipeline: &Pipeline) -> Result<Graph, Fault> {
     let wires = all.iter().map(|stage| wires(stage, &all, &index)).collect::<Result<Vec<_>, _>>()?;
     let places: Vec<Place> = all.iter().map(|stage| stage.place.clone()).collect();
     let nodes = all.into_iter().zip(wires).map(|(stage, wires)| node(stage, wires)).collect::<Result<Vec<_>, _>>()?;
-    Graph::new(pipeline.name.clone(), nodes).map_err(|at| places[at].fault("this stage depends on itself in a circle"))
+    let graph = Graph::new(pipeline.name.clone(), nodes);
+    let graph = graph.map_err(|at| places[at].fault("this stage depends on itself in a circle"))?;
+    shard::shard(graph)
 }
 
 /// The seed of a loop's round: independent of other rounds', and of the seed outside.
 pub fn round_seed(seed: u64, round: u32) -> u64 {
-    let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag round seed v1");
-    hasher.update(&seed.to_le_bytes()).update(&round.to_le_bytes());
+    seed_within("srnerf-dag round seed v1", seed, round)
+}
+
+/// A seed of its own for each number, in a domain of its own.
+pub fn seed_within(domain: &str, seed: u64, number: u32) -> u64 {
+    let mut hasher = blake3::Hasher::new_derive_key(domain);
+    hasher.update(&seed.to_le_bytes()).update(&number.to_le_bytes());
     let mut bytes = [0; 8];
     hasher.finalize_xof().fill(&mut bytes);
     u64::from_le_bytes(bytes)

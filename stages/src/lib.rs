@@ -4,8 +4,10 @@ pub mod checkpoint;
 pub mod convert;
 pub mod error;
 pub mod keeper;
+pub mod merge;
 pub mod model;
 pub mod registry;
+pub mod shard;
 pub mod stage;
 pub mod training;
 
@@ -20,5 +22,6 @@ pub mod scene;
 pub mod sync;
 
 pub use error::StageError;
+pub use merge::Merge;
 pub use registry::{AnyStage, KINDS};
 pub use stage::{Determinism, Estimate, Extension, Input, InputPort, Io, Message, OutputPort, Sizes, Source, Stage};

@@ -11,6 +11,8 @@ use crate::convert;
 use crate::error::StageError;
 use crate::keeper::Keeper;
 use crate::model::Model;
+use crate::registry::AnyStage;
+use crate::shard::{self, Shard};
 use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
 
 /// Refines latents: one residual latent per view, guided by the prior.
@@ -43,6 +45,11 @@ pub struct Optimize {
     pub prompt: String,
     /// What they should not be.
     pub negative_prompt: String,
+    /// In how many parts the views are refined, each a stage of its own with a LoRA of its own and its share of the steps. One
+    /// part, in which all views share a LoRA, is the paper's method.
+    pub shards: u32,
+    /// Which of the parts this is, from 1; 0 for all views.
+    pub shard: u32,
 }
 
 impl Default for Optimize {
@@ -62,6 +69,8 @@ impl Default for Optimize {
             noise_level: options.noise_level,
             prompt: options.prompt,
             negative_prompt: options.negative_prompt,
+            shards: 1,
+            shard: 0,
         }
     }
 }
@@ -114,7 +123,8 @@ impl Stage for Optimize {
 
     fn check(&self) -> Result<(), StageError> {
         let wrong = self.options().check();
-        wrong.map_err(|option| StageError::parameter(option.field, option.problem))
+        wrong.map_err(|option| StageError::parameter(option.field, option.problem))?;
+        shard::check(self.shards, self.shard)
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -130,7 +140,8 @@ impl Stage for Optimize {
             OutputPort { name: "residuals", kind: ArtifactKind::Residuals },
             OutputPort { name: "log", kind: ArtifactKind::Log },
         ];
-        if matches!(self.guidance, Guidance::Vsd(_)) {
+        // There is one LoRA for each part, and none that would stand for all of them.
+        if matches!(self.guidance, Guidance::Vsd(_)) && (self.shards == 1 || self.shard > 0) {
             ports.push(OutputPort { name: "lora", kind: ArtifactKind::Lora });
         }
         ports
@@ -144,9 +155,16 @@ impl Stage for Optimize {
         &["model"]
     }
 
+    fn shards(&self) -> Vec<AnyStage> {
+        shard::parts(self.shards, self.shard, |shard| AnyStage::Optimize(Self { shard, ..self.clone() }))
+    }
+
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let (latents, low): (Latents, ImageSet) = (io.read("latents")?, io.read("low")?);
-        let options = self.options();
+        let (mut latents, low): (Latents, ImageSet) = (io.read("latents")?, io.read("low")?);
+        let mut options = self.options();
+        let all = latents.views.len();
+        latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
+        options.steps = share(&options, all, latents.views.len());
         let prior = self.model.load(io)?;
         let views: Vec<_> = latents.views.iter().map(|v| view(v, &low, io.device)).collect::<Result<_, _>>()?;
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
@@ -171,6 +189,13 @@ impl Stage for Optimize {
         }
         write(&latents, &views, optimization.finish(log), io)
     }
+}
+
+/// The steps that move each of `part` views as often as those of the options move each of `all` views.
+fn share(options: &Options, all: usize, part: usize) -> u32 {
+    let batch = |views: usize| u64::from(options.batch).min(views as u64).max(1);
+    let moves = u64::from(options.steps) * batch(all) * part as u64;
+    moves.div_ceil(all.max(1) as u64 * batch(part)) as u32
 }
 
 /// A LoRA whose loss is not a number any more ends the stage, before its state is kept.
@@ -208,4 +233,19 @@ fn write(latents: &Latents, views: &[ViewLatents], optimized: Optimized, io: &Io
     }
     let lines = optimized.log.iter().map(serde_json::to_value).collect::<Result<_, _>>();
     io.write("log", &Log { lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_moves_its_views_as_often_as_the_whole_would() {
+        let options = |steps, batch| Options { steps, batch, ..Options::default() };
+        assert_eq!(share(&options(60, 4), 21, 21), 60);
+        assert_eq!(share(&options(60, 4), 21, 7), 20);
+        assert_eq!(share(&options(60, 16), 21, 7), 46, "60 * 16/21 moves of each view, all 7 at once");
+        assert_eq!(share(&options(60, 99), 21, 7), 60);
+        assert_eq!(share(&options(1, 1), 21, 7), 1);
+    }
 }

@@ -11,6 +11,7 @@ use compute::Device;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
+use crate::registry::AnyStage;
 
 /// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for what a loop carries.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -126,6 +127,11 @@ pub trait Stage: Send + Sync {
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let bytes: u64 = inputs.values().sum();
         Estimate { memory: (64 << 20) + 6 * bytes, seconds: 1.0 + bytes as f64 / 1e7 }
+    }
+    /// The stages that compute it part by part, each some of the views; none where it is computed as a whole.
+    /// [`crate::Merge`] joins what they leave.
+    fn shards(&self) -> Vec<AnyStage> {
+        Vec::new()
     }
     /// Reads the inputs, computes, writes every output.
     fn run(&self, io: &Io) -> Result<(), StageError>;

@@ -58,6 +58,19 @@ fn the_method_runs_from_photos_to_metrics() {
 }
 
 #[test]
+fn views_refined_in_shards_have_a_lora_for_each_shard() {
+    let space = Space::new();
+    let smoke = pipeline("smoke");
+    let shards = ["--set=i3ds.render.shards=2", "--set=i3ds.optimize.shards=2"];
+    space.ok(&short(&["run", smoke.as_str()], &shards));
+    let files = |stage: &str| space.files(&format!("out/smoke/i3ds.1.{stage}")).into_keys().collect::<Vec<_>>();
+    assert!(files("optimize.2/lora").iter().any(|file| file.ends_with("pytorch_lora_weights.safetensors")));
+    assert!(files("optimize/lora").is_empty() && !files("optimize/residuals").is_empty());
+    let decoded = files("decode/images");
+    assert_eq!(decoded.iter().filter(|file| file.extension().is_some_and(|end| end == "exr")).count(), 3);
+}
+
+#[test]
 fn the_method_gives_the_same_bytes_for_any_number_of_threads() {
     let space = Space::new();
     let smoke = pipeline("smoke");
