@@ -5,7 +5,7 @@ CARGO ?= cargo
 ARGS ?=
 PYTHON ?=
 
-.PHONY: run test test-full lint doc bench setup clean
+.PHONY: run test test-full test-slurm lint doc bench setup clean
 
 run: setup
 	$(CARGO) run --release --quiet -- run $(PIPELINE) $(ARGS)
@@ -16,6 +16,24 @@ test: setup
 # The same with sixteen times as many random cases per property, and with what takes minutes: a hundred kills, and so on.
 test-full: setup
 	PROPTEST_CASES=4096 $(CARGO) test --release --workspace --quiet -- --include-ignored
+	$(MAKE) --no-print-directory test-tools
+
+# The program among others: under Snakemake, and on moto's S3 server, both from PyPI in an environment of their own.
+TARGET = $${CARGO_TARGET_DIR:-target}
+TOOLS ?= $(TARGET)/tools
+.PHONY: test-tools
+test-tools: setup
+	@command -v python3 >/dev/null && python3 -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory install PACKAGE=python3-venv FOR="Python's venv"
+	@command -v curl >/dev/null || $(MAKE) --no-print-directory install PACKAGE=curl FOR='curl'
+	$(CARGO) build --release --quiet
+	[ -x $(TOOLS)/bin/moto_server ] || { python3 -m venv $(TOOLS) && $(TOOLS)/bin/pip install --quiet snakemake 'moto[server]'; }
+	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
+	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
+
+# The exported scripts on a Slurm of one node, from Debian's packages, on loopback. Needs root, and leaves nothing running.
+test-slurm: setup
+	$(CARGO) build --release --quiet
+	tests/slurm/one_node.sh tests/slurm/export.sh $(TARGET)/release/srnerf-dag
 
 lint: setup
 	$(CARGO) fmt --all --check

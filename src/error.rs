@@ -7,6 +7,7 @@ use miette::Diagnostic;
 use crate::pipeline::graph::UnknownStage;
 use crate::pipeline::problem::Problem;
 use crate::plan::SourceError;
+use crate::remote::{AddressError, Fault};
 use crate::store::error::StoreError;
 
 /// All went well.
@@ -57,10 +58,31 @@ pub enum Error {
     /// A stage that there is not.
     #[error(transparent)]
     UnknownStage(#[from] UnknownStage),
+    /// A stage that cannot run alone.
+    #[error("`{stage}` cannot run alone yet: what it reads, `{missing}`, has no result in the store")]
+    #[diagnostic(help("run that first, with the same --set, --salt and --store, or leave --only out"))]
+    NoInput {
+        /// The stage.
+        stage: String,
+        /// The first stage before it that has no result.
+        missing: String,
+    },
     /// The store.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Store(#[from] StoreError),
+    /// The address of a remote.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Address(#[from] AddressError),
+    /// A remote that a command is about.
+    #[error("{address}: {fault}")]
+    Remote {
+        /// Where it is.
+        address: String,
+        /// What is wrong.
+        fault: Fault,
+    },
     /// The command line, in a way that its parser does not see.
     #[error("{message}")]
     Usage {
@@ -99,10 +121,10 @@ impl Error {
     pub fn code(&self) -> u8 {
         match self {
             Self::Failed(_) => FAILED,
-            Self::Usage { .. } | Self::UnknownStage(_) => USAGE,
+            Self::Usage { .. } | Self::UnknownStage(_) | Self::Address(_) => USAGE,
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
-            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) => PIPELINE,
-            Self::Store(_) | Self::FailedStore(_) => STORE,
+            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::NoInput { .. } => PIPELINE,
+            Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } => STORE,
             Self::Interrupted => INTERRUPTED,
             Self::Bug(_) => BUG,
         }

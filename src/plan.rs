@@ -8,6 +8,7 @@ use stages::{Source, StageError};
 use crate::explain::{Change, History, Reason, diff};
 use crate::key::{Manifest, Recipe};
 use crate::pipeline::graph::{Graph, Node};
+use crate::remote::Remote;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::result::{Lookup, Record};
@@ -18,6 +19,8 @@ pub struct Context<'a> {
     pub graph: &'a Graph,
     /// The store.
     pub store: &'a Store,
+    /// A store that others share, if there is one.
+    pub remote: Option<&'a Remote>,
     /// The kind of device to compute on.
     pub device: &'a str,
     /// The user's word in all keys.
@@ -26,6 +29,8 @@ pub struct Context<'a> {
     pub forced: BTreeSet<usize>,
     /// The stages that are wanted, and all that they need.
     pub needed: BTreeSet<usize>,
+    /// Results of stages outside `needed` that these read.
+    pub given: BTreeMap<usize, Record>,
     /// Earlier runs.
     pub history: History<'a>,
     /// What each stage reads beside its inputs: [`sources`].
@@ -40,6 +45,8 @@ pub struct Assessment {
     pub manifest: Manifest,
     /// Its result, or why it must be computed.
     pub verdict: Result<Record, Reason>,
+    /// Whether its result has yet to be fetched from the remote.
+    pub is_remote: bool,
 }
 
 /// What will become of a stage.
@@ -59,6 +66,11 @@ impl Forecast {
             Self::Cached(assessment) | Self::Run(_, Some(assessment)) => Some(assessment),
             _ => None,
         }
+    }
+
+    /// Whether the result is there.
+    pub fn is_cached(&self) -> bool {
+        matches!(self, Self::Cached(_))
     }
 
     /// The result, if it is there.
@@ -99,7 +111,18 @@ impl Context<'_> {
             Lookup::Broken(breakage) => Err(Reason::Broken(breakage)),
             Lookup::Absent => Err(self.reason(at, &manifest, &BTreeSet::new())?.unwrap_or(Reason::Lost)),
         };
-        Ok(Assessment { key, manifest, verdict })
+        Ok(Assessment { key, manifest, verdict, is_remote: false })
+    }
+
+    /// The same, with a result that can be fetched counted as there.
+    fn with_remote(&self, assessment: Assessment) -> Assessment {
+        match (&assessment.verdict, self.remote) {
+            (Err(reason), Some(remote)) if *reason != Reason::Forced => match remote.peek(&assessment.key) {
+                Some(record) => Assessment { verdict: Ok(record), is_remote: true, ..assessment },
+                None => assessment,
+            },
+            _ => assessment,
+        }
     }
 
     /// What tells a stage from its nearest past; `None` if nothing does.
@@ -133,7 +156,7 @@ impl Context<'_> {
         let node = &self.graph.nodes[at];
         let (inputs, unknown) = known_inputs(node, upstream);
         if unknown.is_empty() {
-            let assessment = self.assess(at, &inputs)?;
+            let assessment = self.with_remote(self.assess(at, &inputs)?);
             return Ok(match &assessment.verdict {
                 Ok(_) => Forecast::Cached(Box::new(assessment)),
                 Err(reason) => Forecast::Run(reason.clone(), Some(Box::new(assessment))),

@@ -108,10 +108,13 @@ impl Scheduler<'_> {
             let Some(at) = board.next(self.pool.current_num_threads()) else { return Ok(()) };
             let inputs = self.inputs(at, &board.outcome.records);
             let assessment = self.pool.install(|| self.context.assess(at, &inputs))?;
-            let Assessment { key, manifest, verdict } = assessment;
+            let Assessment { key, manifest, verdict, .. } = assessment;
             match verdict {
                 Ok(record) => self.reuse(board, at, key, record)?,
                 Err(reason) => {
+                    if self.fetch(board, at, key, &reason)? {
+                        continue;
+                    }
                     let Some(work) = self.claim(board, at, key, &reason)? else { continue };
                     self.context.store.put_manifest(&key, &manifest)?;
                     let task = self.task(at, key, work, &board.outcome.records, reason == Reason::Forced)?;
@@ -127,9 +130,14 @@ impl Scheduler<'_> {
     fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {
         let wires = &self.context.graph.nodes[at].wires;
         let digest = |wire: &crate::pipeline::graph::Wire| {
-            Some((wire.input, records.get(&wire.from)?.outputs.get(wire.output)?.digest))
+            Some((wire.input, self.result(wire.from, records)?.outputs.get(wire.output)?.digest))
         };
         wires.iter().filter_map(digest).collect()
+    }
+
+    /// The result of a stage that others read: of this run, or given to it.
+    fn result<'r>(&'r self, at: usize, records: &'r BTreeMap<usize, Record>) -> Option<&'r Record> {
+        records.get(&at).or_else(|| self.context.given.get(&at))
     }
 
     fn reuse(&self, board: &mut Board, at: usize, key: Digest, record: Record) -> Result<(), StoreError> {
@@ -137,6 +145,24 @@ impl Scheduler<'_> {
         board.progress.event(&Event::Cached { stage: self.name(at), key });
         board.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
         Ok(())
+    }
+
+    /// Whether the remote had a stage's result. Everything else waits meanwhile, which spares it from running into what is on its way.
+    fn fetch(&self, board: &mut Board, at: usize, key: Digest, reason: &Reason) -> Result<bool, StoreError> {
+        let Some(remote) = self.context.remote.filter(|_| *reason != Reason::Forced) else { return Ok(false) };
+        let fetched = remote.fetch(self.context.store, &key)?;
+        self.tell(board);
+        let Some((record, bytes)) = fetched else { return Ok(false) };
+        board.progress.event(&Event::Fetched { stage: self.name(at), key, bytes });
+        self.view.show(self.context.store, self.name(at), &record)?;
+        board.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
+        Ok(true)
+    }
+
+    /// Passes on what the remote has to say.
+    fn tell(&self, board: &mut Board) {
+        let notices = self.context.remote.iter().flat_map(|remote| remote.notices());
+        notices.for_each(|text| board.progress.event(&Event::Notice { text: &text }));
     }
 
     /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has the folder,
@@ -182,7 +208,7 @@ impl Scheduler<'_> {
         let node = &self.context.graph.nodes[at];
         let mut inputs = BTreeMap::new();
         for wire in &node.wires {
-            if let Some(output) = records.get(&wire.from).and_then(|record| record.outputs.get(wire.output)) {
+            if let Some(output) = self.result(wire.from, records).and_then(|record| record.outputs.get(wire.output)) {
                 inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
             }
         }
@@ -198,13 +224,19 @@ impl Scheduler<'_> {
             move |message| drop(sender.send(News::Said(at, message)))
         };
         let result = task.run(self.pool, &say);
+        if let (Ok(record), Some(remote)) = (&result, self.context.remote) {
+            remote.publish(self.context.store, record);
+        }
         let _ = sender.send(News::Ended(at, Box::new(result), begun.elapsed().as_secs_f64()));
     }
 
     fn take(&self, board: &mut Board, news: News) -> Result<(), StoreError> {
         match news {
             News::Said(at, message) => board.progress.event(&Event::Said { stage: self.name(at), message: &message }),
-            News::Ended(at, result, seconds) => self.end(board, at, *result, seconds)?,
+            News::Ended(at, result, seconds) => {
+                self.end(board, at, *result, seconds)?;
+                self.tell(board);
+            }
         }
         Ok(())
     }

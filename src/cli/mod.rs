@@ -1,13 +1,16 @@
 //! The command line: one file per subcommand. Knows how to print, and leaves deciding to others.
 
 mod explain;
+mod export;
 mod inspect;
 mod metrics;
+mod only;
 mod options;
 pub mod output;
 mod plan;
 mod run;
 mod session;
+mod store;
 
 use clap::{Parser, Subcommand};
 
@@ -37,6 +40,12 @@ enum Command {
     Inspect(inspect::Inspect),
     /// Print the metrics of the last run
     Metrics(metrics::Metrics),
+    /// Write a pipeline down as jobs for Snakemake or Slurm
+    #[command(subcommand)]
+    Export(export::Export),
+    /// Look after the store
+    #[command(subcommand)]
+    Store(store::Store),
 }
 
 impl Cli {
@@ -48,6 +57,8 @@ impl Cli {
             Command::Explain(explain) => explain.run(self.json),
             Command::Inspect(inspect) => inspect.run(self.json),
             Command::Metrics(metrics) => metrics.run(self.json),
+            Command::Export(export) => export.run(),
+            Command::Store(store) => store.run(self.json),
         };
         match done {
             Ok(()) => OK,

@@ -27,6 +27,9 @@ pub struct Changes {
     /// Where to compute: auto, cpu, gpu or gpu:N
     #[arg(long, default_value = "auto")]
     pub device: String,
+    /// A store that others share: s3://, gs://, az:// or file://; results are read from it, and new ones written to it
+    #[arg(long, value_name = "URL")]
+    pub remote: Option<String>,
     #[command(flatten)]
     pub folders: Folders,
 }

@@ -44,6 +44,7 @@ impl Plan {
 
 fn row(name: &str, forecast: &Forecast) -> Vec<String> {
     let (state, why) = match forecast {
+        Forecast::Cached(assessment) if assessment.is_remote => ("cached", "in the remote".to_owned()),
         Forecast::Cached(_) => ("cached", String::new()),
         Forecast::Run(reason, _) => ("will run", reason.to_string()),
         Forecast::Unless(upstream) => {

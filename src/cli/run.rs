@@ -9,6 +9,7 @@ use clap::Args;
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
+use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
 use super::output::print;
 use super::session::Session;
@@ -33,6 +34,8 @@ pub struct Run {
     pipeline: PipelineOptions,
     #[command(flatten)]
     choice: Choice,
+    #[command(flatten)]
+    only: Only,
     /// How many threads compute; by default one per core
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -58,10 +61,19 @@ impl Run {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
         let session = Session::new(pipeline, changes, &self.choice)?;
         let store = Store::create(&changes.folders.store)?;
-        let context = session.context(&store);
+        let mut context = session.context(&store);
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
-        view.retain(&store, session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?;
+        let only = self.only.stage(&session)?;
+        match only {
+            Some(stage) => self.only.narrow(&mut context, stage)?,
+            None => {
+                view.retain(&store, session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?
+            }
+        }
         let outcome = self.compute(&context, &session, &view, json)?;
+        if let Some(stage) = only {
+            self.only.stamp(&session.graph.nodes[stage].name, outcome.records.get(&stage))?;
+        }
         let seconds = begun.elapsed().as_secs_f64();
         let record = record(&context, &outcome, started, seconds);
         store.put_run(&record)?;

@@ -1,6 +1,6 @@
 //! From options to a checked pipeline, its store and its context. Writes nothing.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use compute::Device;
@@ -13,6 +13,7 @@ use crate::pipeline::graph::Graph;
 use crate::pipeline::problem;
 use crate::pipeline::set::Override;
 use crate::plan::{self, Context};
+use crate::remote::Remote;
 use crate::store::Store;
 
 /// A pipeline about to be planned or run.
@@ -25,6 +26,7 @@ pub struct Session {
     forced: BTreeSet<usize>,
     needed: BTreeSet<usize>,
     sources: Vec<Vec<Source>>,
+    remote: Option<Remote>,
 }
 
 impl Session {
@@ -39,7 +41,8 @@ impl Session {
         let all = || (0..graph.nodes.len()).collect();
         let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
         let sources = plan::sources(&graph, &needed)?;
-        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources })
+        let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
+        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources, remote })
     }
 
     /// The context for planning and running.
@@ -47,10 +50,12 @@ impl Session {
         Context {
             graph: &self.graph,
             store,
+            remote: self.remote.as_ref(),
             device: self.device.kind(),
             salt: self.salt.as_deref(),
             forced: self.forced.clone(),
             needed: self.needed.clone(),
+            given: BTreeMap::new(),
             history: History::new(store, &self.graph.pipeline),
             sources: &self.sources,
         }

@@ -22,6 +22,10 @@ impl Json {
     fn value(&mut self, event: &Event) -> Option<Value> {
         Some(match event {
             Event::Cached { stage, key } => json!({"event": "cached", "stage": stage, "key": key}),
+            Event::Fetched { stage, key, bytes } => {
+                json!({"event": "fetched", "stage": stage, "key": key, "bytes": bytes})
+            }
+            Event::Notice { text } => json!({"event": "notice", "text": text}),
             Event::Started { stage, key, reason } => {
                 json!({"event": "started", "stage": stage, "key": key, "reason": reason})
             }

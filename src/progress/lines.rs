@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use stages::Message;
 
 use super::{Event, Progress, Verbosity, duration, figure, figures};
+use crate::cli::output::size;
 
 /// How long a running stage may say nothing but that it goes on.
 const PAUSE: Duration = Duration::from_secs(10);
@@ -47,6 +48,11 @@ impl Lines {
             Event::Cached { stage, key } => {
                 (Verbosity::Normal, format!("{stage}: cached{}", detail(format!(" {key}"))))
             }
+            Event::Fetched { stage, key, bytes } => {
+                let line = format!("{stage}: fetched from the remote, {}{}", size(*bytes), detail(format!(" {key}")));
+                (Verbosity::Normal, line)
+            }
+            Event::Notice { text } => (Verbosity::Quiet, format!("warning: {text}")),
             Event::Started { stage, key, reason } => {
                 self.running.insert((*stage).to_owned(), Running::new(0));
                 (Verbosity::Normal, format!("{stage}: running ({reason}){}", detail(format!(" {key}"))))

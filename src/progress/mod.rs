@@ -21,6 +21,15 @@ pub enum Event<'a> {
         /// Its key.
         key: Digest,
     },
+    /// A stage's result came from the remote.
+    Fetched {
+        /// The stage.
+        stage: &'a str,
+        /// Its key.
+        key: Digest,
+        /// How many bytes came.
+        bytes: u64,
+    },
     /// A stage began.
     Started {
         /// The stage.
@@ -76,6 +85,11 @@ pub enum Event<'a> {
     Warning {
         /// The stage.
         stage: &'a str,
+        /// What.
+        text: &'a str,
+    },
+    /// Something about the whole run is not as the user might expect.
+    Notice {
         /// What.
         text: &'a str,
     },

@@ -55,7 +55,7 @@ impl<'p> Board<'p> {
         let (mut waiting, mut ready, mut readers) = (BTreeMap::new(), BTreeSet::new(), vec![Vec::new(); nodes.len()]);
         for &at in &context.needed {
             nodes[at].wires.iter().for_each(|wire| readers[wire.from].push(at));
-            match nodes[at].wires.len() {
+            match nodes[at].wires.iter().filter(|wire| !context.given.contains_key(&wire.from)).count() {
                 0 => drop(ready.insert(at)),
                 missing => drop(waiting.insert(at, missing)),
             }

@@ -1,6 +1,6 @@
 //! Runs of small graphs: what runs, what is spared, and what happens when a stage does not end well.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -72,10 +72,12 @@ fn context<'a>(store: &'a Store, graph: &'a Graph, forced: &[usize]) -> Context<
     Context {
         graph,
         store,
+        remote: None,
         device: "cpu",
         salt: None,
         forced: forced.iter().copied().collect(),
         needed: (0..graph.nodes.len()).collect(),
+        given: BTreeMap::new(),
         history: History::new(store, "test"),
         sources: &NO_SOURCES,
     }

@@ -39,8 +39,20 @@ impl Store {
         Ok((digest, bytes))
     }
 
+    /// An empty file in `tmp/` for a blob that comes from elsewhere. It is removed if it is not kept.
+    pub fn receiving(&self) -> Result<tempfile::TempPath, StoreError> {
+        let folder = self.root.join("tmp");
+        self.disk.stage(&folder, &[]).and_then(tempfile::TempPath::try_from_path).at("write", &folder)
+    }
+
+    /// Moves a received file into the store.
+    pub fn keep_received(&self, file: &Path) -> Result<(), StoreError> {
+        let (digest, _) = self.take_blob(file)?;
+        self.flush_folder(super::parent(&self.blob_path(&digest)))
+    }
+
     /// Reads a blob through, once in this process, and compares it with its name.
-    pub(super) fn check_blob(&self, digest: &Digest) -> Result<Option<Damage>, StoreError> {
+    pub fn check_blob(&self, digest: &Digest) -> Result<Option<Damage>, StoreError> {
         if self.sound.lock().is_ok_and(|sound| sound.contains(digest)) {
             return Ok(None);
         }

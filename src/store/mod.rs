@@ -160,9 +160,14 @@ impl Store {
     }
 
     fn fanned(&self, folder: &str, digest: &Digest, extension: &str) -> PathBuf {
-        let name = digest.to_string();
-        self.root.join(folder).join(&name[..2]).join(name + extension)
+        self.root.join(place(folder, digest, extension))
     }
+}
+
+/// Where a thing of this name lies in a store, here or elsewhere: `cas/3f/3f9a..`.
+pub fn place(folder: &str, digest: &Digest, extension: &str) -> String {
+    let name = digest.to_string();
+    format!("{folder}/{}/{name}{extension}", &name[..2])
 }
 
 fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, StoreError> {

@@ -93,7 +93,7 @@ impl Store {
         let Some(record) = read_json::<Record>(&path)? else {
             return Ok(if path.exists() { Lookup::Broken(Breakage::Record) } else { Lookup::Absent });
         };
-        if record.key != *key || !record.files().all(|(_, file)| is_inside(&file.path)) {
+        if !record.is_of(key) {
             return Ok(Lookup::Broken(Breakage::Record));
         }
         let files: Vec<_> = record.files().collect();
@@ -103,6 +103,20 @@ impl Store {
         });
         let first = broken.collect::<Result<Vec<_>, StoreError>>()?.into_iter().flatten().next();
         Ok(first.map_or(Lookup::Sound(record), Lookup::Broken))
+    }
+
+    /// The keys of all results, in order.
+    pub fn keys(&self) -> Result<Vec<Digest>, StoreError> {
+        let folder = self.root.join("results");
+        let mut keys = Vec::new();
+        if !folder.exists() {
+            return Ok(keys);
+        }
+        for entry in walkdir::WalkDir::new(&folder).min_depth(2).sort_by_file_name() {
+            let entry = entry.map_err(std::io::Error::from).at("read", &folder)?;
+            keys.extend(entry.path().file_stem().and_then(|stem| stem.to_str()?.parse::<Digest>().ok()));
+        }
+        Ok(keys)
     }
 
     /// Takes a result that cannot be used any more out of the store, its record first.
@@ -116,7 +130,7 @@ impl Store {
     }
 
     /// Makes a result known. If another process was first its result stays, and is the answer; `replace` overrules that.
-    pub(super) fn put_result(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
+    pub fn put_result(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
         let path = self.result_path(&record.key);
         let bytes = json(&path, &record)?;
         if replace {
@@ -130,7 +144,22 @@ impl Store {
     }
 }
 
+impl Lookup {
+    /// The result, if it is whole.
+    pub fn sound(self) -> Option<Record> {
+        match self {
+            Self::Sound(record) => Some(record),
+            Self::Absent | Self::Broken(_) => None,
+        }
+    }
+}
+
 impl Record {
+    /// Whether this can be the record of a key: it says so, and all its files stay inside their folders.
+    pub fn is_of(&self, key: &Digest) -> bool {
+        self.key == *key && self.files().all(|(_, file)| is_inside(&file.path))
+    }
+
     /// All files, with the output that each belongs to.
     pub fn files(&self) -> impl Iterator<Item = (&str, &StoredFile)> {
         self.outputs.iter().flat_map(|(name, output)| output.files.iter().map(move |file| (name.as_str(), file)))

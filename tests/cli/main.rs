@@ -5,8 +5,12 @@
 mod checkpoint;
 mod concurrent;
 mod damage;
+mod export;
 mod mistakes;
+mod remote;
 mod runs;
+mod s3;
+mod shards;
 mod soak;
 mod space;
 mod whole;

@@ -1,0 +1,97 @@
+//! `export`: writes a pipeline down as jobs for Snakemake or Slurm. Computes nothing.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use super::options::{Changes, Choice, PipelineOptions};
+use super::output::print;
+use super::session::Session;
+use crate::error::Error;
+use crate::export::{Workflow, slurm, snakemake};
+use crate::store::Store;
+
+/// What to write.
+#[derive(Subcommand)]
+pub enum Export {
+    /// A Snakefile with a rule for each stage
+    Snakemake(Target<false>),
+    /// Scripts for sbatch, one for each stage, and one that submits them
+    Slurm(Target<true>),
+}
+
+/// From where to where.
+#[derive(Args)]
+pub struct Target<const FOLDER: bool> {
+    #[command(flatten)]
+    pipeline: PipelineOptions,
+    /// What to write: a file for Snakemake, a folder for Slurm
+    #[arg(long, value_name = "PATH", default_value = if FOLDER { "slurm" } else { "Snakefile" })]
+    to: PathBuf,
+}
+
+impl Export {
+    /// Writes it.
+    pub fn run(self) -> Result<(), Error> {
+        match self {
+            Self::Snakemake(target) => {
+                write(&target.to, &target.workflow()?.snakefile(), snakemake::MARK)?;
+                print(&format_args!("wrote {}; it says at its top how to use it", target.to.display()));
+            }
+            Self::Slurm(target) => {
+                let files = target.workflow()?.slurm(&target.to.to_string_lossy());
+                for (name, text) in &files {
+                    write(&target.to.join(name), text, slurm::MARK)?;
+                }
+                print(&format_args!(
+                    "wrote {} scripts; {} submits them",
+                    files.len(),
+                    target.to.join("submit.sh").display()
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<const FOLDER: bool> Target<FOLDER> {
+    fn workflow(&self) -> Result<Workflow, Error> {
+        let PipelineOptions { pipeline, changes } = &self.pipeline;
+        let session = Session::new(pipeline, changes, &Choice::default())?;
+        let store = Store::open(&changes.folders.store)?;
+        Ok(Workflow::new(&session.context(&store), command(pipeline, changes)))
+    }
+}
+
+/// The command line that every job begins with: this program, and the options that decide keys and places.
+fn command(pipeline: &Path, changes: &Changes) -> Vec<String> {
+    let program = std::env::current_exe().map_or("srnerf-dag".into(), |path| path.display().to_string());
+    let mut words = vec![program, "run".into(), pipeline.display().to_string(), "--no-progress".into()];
+    let mut option = |name: &str, value: &str| words.extend([format!("--{name}"), value.to_owned()]);
+    changes.set.iter().for_each(|set| option("set", set));
+    changes.salt.iter().for_each(|salt| option("salt", salt));
+    changes.remote.iter().for_each(|remote| option("remote", remote));
+    option("device", &changes.device);
+    option("store", &changes.folders.store.display().to_string());
+    option("out", &changes.folders.out.display().to_string());
+    words
+}
+
+/// Writes a file, unless somebody else wrote what is there.
+fn write(path: &Path, text: &str, mark: &str) -> Result<(), Error> {
+    let failed = |error: std::io::Error| {
+        Error::usage(format!("cannot write {}: {error}", path.display()), "choose another place: --to PATH")
+    };
+    match fs::read_to_string(path) {
+        Ok(there) if !there.contains(mark) => {
+            let message = format!("{} is there already, and was not exported", path.display());
+            return Err(Error::usage(message, "choose another place: --to PATH"));
+        }
+        _ => {}
+    }
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).map_err(failed)?;
+    }
+    fs::write(path, text).map_err(failed)
+}

@@ -1,0 +1,70 @@
+//! From an address to a client: which service, which bucket, which folder of it. Credentials come from the environment alone.
+
+use object_store::aws::AmazonS3Builder;
+use object_store::azure::MicrosoftAzureBuilder;
+use object_store::gcp::GoogleCloudStorageBuilder;
+use object_store::local::LocalFileSystem;
+use object_store::path::Path;
+use object_store::{ObjectStore, RetryConfig};
+use url::Url;
+
+/// An address that leads nowhere.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[error("the remote {address} cannot be used: {problem}")]
+#[diagnostic(help(
+    "addresses are s3://BUCKET/FOLDER, gs://BUCKET/FOLDER, az://CONTAINER/FOLDER, file:///FOLDER, or a folder"
+))]
+pub struct AddressError {
+    address: String,
+    problem: String,
+}
+
+impl AddressError {
+    pub(super) fn new(address: &str, problem: impl Into<String>) -> Self {
+        Self { address: address.to_owned(), problem: problem.into() }
+    }
+}
+
+/// What every service's client has in common: [`super::retry`] asks again, the client itself does not.
+fn once() -> RetryConfig {
+    RetryConfig { max_retries: 0, ..RetryConfig::default() }
+}
+
+/// The client for an address, and the folder in it. Nothing is asked of the service.
+pub fn open(address: &str) -> Result<(Box<dyn ObjectStore>, Path), AddressError> {
+    if !address.contains("://") {
+        return folder(address, std::path::Path::new(address));
+    }
+    let url = Url::parse(address).map_err(|error| AddressError::new(address, error.to_string()))?;
+    if url.password().is_some() || (!url.username().is_empty() && url.scheme() != "abfss") {
+        let hidden = format!("{}://..", url.scheme());
+        return Err(AddressError::new(&hidden, "it holds credentials; put them into the environment"));
+    }
+    let root = Path::from_url_path(url.path()).map_err(|error| AddressError::new(address, error.to_string()))?;
+    // Only one provider of TLS is built in; a second call, which finds it chosen, changes nothing.
+    let _ = rustls::crypto::ring::default_provider().install_default();
+    let client: Result<Box<dyn ObjectStore>, object_store::Error> = match url.scheme() {
+        "file" => {
+            return folder(address, &url.to_file_path().map_err(|()| AddressError::new(address, "it is no path"))?);
+        }
+        "s3" => AmazonS3Builder::from_env().with_url(address).with_retry(once()).build().map(boxed),
+        "gs" => GoogleCloudStorageBuilder::from_env().with_url(address).with_retry(once()).build().map(boxed),
+        "az" | "abfss" => MicrosoftAzureBuilder::from_env().with_url(address).with_retry(once()).build().map(boxed),
+        other => return Err(AddressError::new(address, format!("there is no `{other}` here"))),
+    };
+    let client = client.map_err(|error| AddressError::new(address, error.to_string()))?;
+    Ok((client, root))
+}
+
+fn boxed<S: ObjectStore>(store: S) -> Box<dyn ObjectStore> {
+    Box::new(store)
+}
+
+/// A folder, made where it is missing.
+fn folder(address: &str, path: &std::path::Path) -> Result<(Box<dyn ObjectStore>, Path), AddressError> {
+    let made = std::fs::create_dir_all(path).map_err(|error| AddressError::new(address, error.to_string()));
+    let opened = made.and_then(|()| {
+        LocalFileSystem::new_with_prefix(path).map_err(|error| AddressError::new(address, error.to_string()))
+    })?;
+    Ok((boxed(opened.with_fsync(true)), Path::default()))
+}

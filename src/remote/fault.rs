@@ -1,0 +1,64 @@
+//! What can go wrong with a remote, in words that hold no credentials.
+
+use std::error::Error;
+
+use crate::store::error::StoreError;
+
+/// What went wrong with a remote.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// It does not answer, or not with what was asked for.
+    #[error("{}", cause(.0))]
+    Remote(#[from] object_store::Error),
+    /// What it has is not what it should be.
+    #[error("{0}")]
+    Damaged(String),
+    /// The local store cannot be used.
+    #[error(transparent)]
+    Local(#[from] StoreError),
+}
+
+impl Fault {
+    /// Whether the same question may be answered when it is asked again.
+    pub fn may_pass(&self) -> bool {
+        use object_store::Error::{Generic, JoinError};
+        matches!(self, Self::Remote(Generic { .. } | JoinError { .. }))
+    }
+}
+
+/// The cause in a few words. Answers of servers may quote request headers, so nothing of their text is repeated.
+fn cause(error: &object_store::Error) -> String {
+    use object_store::Error::{NotFound, PermissionDenied, Unauthenticated};
+    match error {
+        PermissionDenied { .. } => "permission denied".to_owned(),
+        Unauthenticated { .. } => "the credentials in the environment are not taken".to_owned(),
+        NotFound { .. } => "there is no such bucket or folder".to_owned(),
+        error => first_words(&root(error).to_string()),
+    }
+}
+
+fn root<'e>(error: &'e (dyn Error + 'static)) -> &'e (dyn Error + 'static) {
+    let mut deepest = error;
+    while let Some(source) = deepest.source() {
+        deepest = source;
+    }
+    deepest
+}
+
+/// Up to where a quotation, a page or a second line begins.
+fn first_words(text: &str) -> String {
+    let end = text.find(['\n', '<', '{', '"']).unwrap_or(text.len());
+    text[..end].trim_end_matches([' ', ':', ',']).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_that_a_server_says_is_repeated() {
+        let text = "Server returned non-2xx status code: 403 Forbidden: <Error><StringToSign>AKIA";
+        assert_eq!(first_words(text), "Server returned non-2xx status code: 403 Forbidden");
+        assert_eq!(first_words("connection refused (os error 111)"), "connection refused (os error 111)");
+    }
+}

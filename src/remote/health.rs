@@ -1,0 +1,85 @@
+//! What has become of a remote during a run: whether it still answers and takes results, and what the user should hear of it.
+
+use std::collections::BTreeSet;
+use std::sync::{Mutex, MutexGuard};
+
+use artifacts_schema::Digest;
+
+use super::fault::Fault;
+
+/// What has become of a remote.
+#[derive(Default)]
+pub struct Health(Mutex<State>);
+
+#[derive(Default)]
+struct State {
+    /// It does not answer: nothing more is read or written.
+    lost: bool,
+    /// It does not take results: nothing more is written.
+    closed: bool,
+    /// Keys that were asked for: who waits for another process to compute one does not ask again and again.
+    asked: BTreeSet<Digest>,
+    /// Keys whose results there are damaged, and will be replaced.
+    damaged: BTreeSet<Digest>,
+    /// What the user has not heard yet.
+    notices: Vec<String>,
+}
+
+impl Health {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    /// Whether it has stopped answering.
+    pub fn is_lost(&self) -> bool {
+        self.state().lost
+    }
+
+    /// Whether a key is asked for the first time.
+    pub fn is_new(&self, key: &Digest) -> bool {
+        self.state().asked.insert(*key)
+    }
+
+    /// Whether writing to it makes sense.
+    pub fn takes_results(&self) -> bool {
+        let state = self.state();
+        !state.lost && !state.closed
+    }
+
+    /// Whether its result for a key was found damaged.
+    pub fn is_damaged(&self, key: &Digest) -> bool {
+        self.state().damaged.contains(key)
+    }
+
+    /// What the user has not heard yet.
+    pub fn notices(&self) -> Vec<String> {
+        std::mem::take(&mut self.state().notices)
+    }
+
+    /// Reading a result failed.
+    pub fn read_failed(&self, name: &str, key: &Digest, fault: &Fault) {
+        let mut state = self.state();
+        if let Fault::Damaged(what) = fault {
+            if state.damaged.insert(*key) {
+                state.notices.push(format!("{name} has a damaged result, which does not count: {what}"));
+            }
+        } else if !std::mem::replace(&mut state.lost, true) {
+            state.notices.push(format!("{name}: {fault}; going on without it"));
+        }
+    }
+
+    /// Writing a result failed: since nothing answers, or since results are not taken.
+    pub fn write_failed(&self, name: &str, fault: &Fault) {
+        let mut state = self.state();
+        if state.lost || state.closed {
+            return;
+        }
+        if fault.may_pass() {
+            state.lost = true;
+            state.notices.push(format!("{name}: {fault}; going on without it"));
+        } else {
+            state.closed = true;
+            state.notices.push(format!("{name} takes no results: {fault}; they stay here, for `store push`"));
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! A store that several machines share: S3, Google Cloud Storage, Azure or a folder. It has the layout of a local store.
+//!
+//! Results that the local store lacks are read from it, and those computed here are written to it. When it does not answer, after
+//! a few attempts, it is left alone for the rest of the run, and that is said once: it spares time, and nothing depends on it.
+//! Knows nothing of pipelines and stages.
+
+mod address;
+mod fault;
+mod health;
+mod retry;
+mod transfer;
+
+use artifacts_schema::Digest;
+use object_store::ObjectStore;
+use object_store::path::Path;
+use tokio::runtime::Runtime;
+
+use crate::store::Store;
+use crate::store::error::StoreError;
+use crate::store::result::Record;
+pub use address::AddressError;
+pub use fault::Fault;
+use health::Health;
+use retry::Patience;
+
+/// A shared store.
+pub struct Remote {
+    name: String,
+    objects: Box<dyn ObjectStore>,
+    root: Path,
+    patience: Patience,
+    runtime: Runtime,
+    health: Health,
+}
+
+/// What was sent or received.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Results.
+    pub results: usize,
+    /// The bytes of their blobs, as far as those were not there already.
+    pub bytes: u64,
+}
+
+impl Remote {
+    /// The remote at an address such as `s3://bucket/folder`. Credentials come from the environment; nothing is asked of it yet.
+    pub fn open(address: &str) -> Result<Self, AddressError> {
+        let (objects, root) = address::open(address)?;
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+        let runtime = runtime.map_err(|error| AddressError::new(address, error.to_string()))?;
+        let name = address.trim_end_matches('/').to_owned();
+        Ok(Self { name, objects, root, patience: Patience::default(), runtime, health: Health::default() })
+    }
+
+    /// A result that is there with all its blobs; fetches none of them.
+    pub fn peek(&self, key: &Digest) -> Option<Record> {
+        self.unless_lost(key, || self.runtime.block_on(self.find(key)))
+    }
+
+    /// Fetches a result into the local store: its record, and how many bytes came. None of it is visible there before all of it
+    /// is known to be sound. A key is asked for once.
+    pub fn fetch(&self, store: &Store, key: &Digest) -> Result<Option<(Record, u64)>, StoreError> {
+        if !self.health.is_new(key) {
+            return Ok(None);
+        }
+        let mut local = None;
+        let fetched = self.unless_lost(key, || match self.runtime.block_on(self.bring(store, key)) {
+            Err(Fault::Local(error)) => {
+                local = Some(error);
+                Ok(None)
+            }
+            other => other,
+        });
+        local.map_or(Ok(fetched), Err)
+    }
+
+    fn unless_lost<T>(&self, key: &Digest, ask: impl FnOnce() -> Result<Option<T>, Fault>) -> Option<T> {
+        if self.health.is_lost() {
+            return None;
+        }
+        ask().unwrap_or_else(|fault| {
+            self.health.read_failed(&self.name, key, &fault);
+            None
+        })
+    }
+
+    /// Puts a result of the local store there, unless it is there already.
+    pub fn publish(&self, store: &Store, record: &Record) {
+        if self.health.takes_results() {
+            let sent = self.runtime.block_on(self.send(store, record, self.health.is_damaged(&record.key)));
+            sent.map_or_else(|fault| self.health.write_failed(&self.name, &fault), drop);
+        }
+    }
+
+    /// What the user should hear, each thing once.
+    pub fn notices(&self) -> Vec<String> {
+        self.health.notices()
+    }
+
+    /// Puts all sound results of the local store there; the first fault ends it.
+    pub fn push(&self, store: &Store) -> Result<Traffic, Fault> {
+        let mut traffic = Traffic::default();
+        for key in store.keys()? {
+            if let Some(record) = store.lookup(&key)?.sound() {
+                let (new, bytes) = self.runtime.block_on(self.send(store, &record, false))?;
+                traffic.add(new, bytes);
+            }
+        }
+        Ok(traffic)
+    }
+
+    /// Fetches all results that the local store lacks. The first fault ends it; a damaged result is told of and left out.
+    pub fn pull(&self, store: &Store, damaged: &mut dyn FnMut(&Digest, &str)) -> Result<Traffic, Fault> {
+        let mut traffic = Traffic::default();
+        for key in self.runtime.block_on(self.keys())? {
+            if store.lookup(&key)?.sound().is_some() {
+                continue;
+            }
+            match self.runtime.block_on(self.bring(store, &key)) {
+                Ok(fetched) => fetched.iter().for_each(|(_, bytes)| traffic.add(true, *bytes)),
+                Err(Fault::Damaged(what)) => damaged(&key, &what),
+                Err(fault) => return Err(fault),
+            }
+        }
+        Ok(traffic)
+    }
+}
+
+impl Traffic {
+    fn add(&mut self, new: bool, bytes: u64) {
+        self.results += usize::from(new);
+        self.bytes += bytes;
+    }
+}
