@@ -11,6 +11,7 @@ mod mistakes;
 mod model;
 mod remote;
 mod runs;
+mod scenes;
 mod s3;
 mod shards;
 mod soak;

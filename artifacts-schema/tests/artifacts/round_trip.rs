@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use artifacts_schema::{Artifact, ImageSet, SchemaError, View};
+use artifacts_schema::{Artifact, Distortion, ImageSet, SchemaError, View};
 use proptest::prelude::*;
 use tempfile::tempdir;
 
@@ -27,6 +27,7 @@ fn every_kind_comes_back() {
     comes_back(samples::metrics());
     comes_back(samples::log());
     comes_back(samples::figures());
+    comes_back(samples::film());
 }
 
 #[test]
@@ -52,6 +53,25 @@ fn views_come_back_sorted_by_name() {
     let mut images = samples::images();
     images.views.reverse();
     assert_eq!(round_trip(&images), samples::images());
+}
+
+#[test]
+fn a_legend_comes_back_and_counts() {
+    let mut figures = samples::figures();
+    let legend = &mut figures.images.get_mut("compare").unwrap().legend;
+    legend.extend([("Range".to_owned(), "0.5 to 3".to_owned()), ("Unit".to_owned(), "m²".to_owned())]);
+    assert_ne!(figures.semantic_digest(), samples::figures().semantic_digest());
+    comes_back(figures);
+}
+
+#[test]
+fn a_bent_lens_comes_back_shared_by_all_views_or_of_one_alone() {
+    let bent = Distortion { k1: 0.1, k2: -1.0 / 3.0, p2: 1e-9, ..Distortion::default() };
+    let mut images = samples::images();
+    images.views[1].camera.distortion = bent;
+    assert_eq!(round_trip(&images), images);
+    images.views[0].camera.distortion = bent;
+    assert_eq!(round_trip(&images), images);
 }
 
 #[test]

@@ -20,10 +20,14 @@ pub struct Photo {
 pub struct SceneData {
     /// The photos at full resolution, sorted by name. They are the truth that metrics compare with.
     pub photos: Vec<Photo>,
+    /// Photos that the source itself sets aside for testing, sorted by name; empty where it leaves that to others.
+    pub test: Vec<Photo>,
     /// Lowest and highest corner, in world units, of an axis-aligned box around all that the cameras see.
     pub bounds: [[f64; 3]; 2],
     /// One line for people: what it is and how it was brought into its coordinates.
     pub description: String,
+    /// What was left out or had to be guessed: a sentence each.
+    pub notes: Vec<String>,
 }
 
 /// Lowest and highest corner of the points. The box of nothing is empty: its low corner lies above its high one.
@@ -46,6 +50,7 @@ pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Distortion;
     use glam::DMat4;
 
     fn photos(count: usize) -> Vec<Photo> {
@@ -56,6 +61,7 @@ mod tests {
             fl_y: 1.0,
             cx: 0.5,
             cy: 0.5,
+            distortion: Distortion::default(),
             camera_to_world: DMat4::IDENTITY,
             near: 1.0,
             far: 2.0,
