@@ -6,6 +6,8 @@
 mod board;
 pub mod budget;
 #[cfg(test)]
+mod laws;
+#[cfg(test)]
 mod tests;
 
 use std::collections::BTreeMap;
@@ -16,6 +18,7 @@ use std::time::{Duration, Instant};
 
 use artifacts_schema::Digest;
 use compute::Device;
+use rayon::prelude::*;
 use stages::{Estimate, Message};
 
 use crate::explain::Reason;
@@ -78,6 +81,7 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
         news: &Receiver<News>,
     ) -> Result<(), StoreError> {
+        self.adopt(board)?;
         let mut ticked = Instant::now();
         loop {
             self.begin_all(board, scope, sender)?;
@@ -92,6 +96,22 @@ impl Scheduler<'_> {
                 ticked = Instant::now();
             }
         }
+    }
+
+    /// Takes over, all at once, the results that are there already: with thousands of them, one by one would take long.
+    fn adopt(&self, board: &mut Board) -> Result<(), StoreError> {
+        let cached = self.pool.install(|| self.context.cached())?;
+        let show = |(at, found): &(usize, Assessment)| {
+            self.context.store.mend_manifest(&found.key, || self.context.manifest(*at, &found.inputs));
+            found.verdict.iter().try_for_each(|record| self.view.show(self.context.store, self.name(*at), record))
+        };
+        self.pool.install(|| cached.par_iter().try_for_each(show))?;
+        for (at, Assessment { key, verdict, .. }) in cached {
+            if let Ok(record) = verdict {
+                board.adopt(at, key, record);
+            }
+        }
+        Ok(())
     }
 
     fn stopped(&self) -> bool {
@@ -114,12 +134,12 @@ impl Scheduler<'_> {
                 self.begin(board, at, queued, scope, sender)?;
             } else if let Some(at) = board.next() {
                 let inputs = self.inputs(at, &board.outcome.records);
-                let Assessment { key, manifest, verdict, .. } =
-                    self.pool.install(|| self.context.assess(at, &inputs))?;
+                let Assessment { key, inputs, verdict, .. } = self.pool.install(|| self.context.assess(at, inputs))?;
                 match verdict {
                     Ok(record) => self.reuse(board, at, key, record)?,
                     Err(reason) if self.fetch(board, at, key, &reason)? => {}
                     Err(reason) => {
+                        let manifest = self.context.manifest(at, &inputs);
                         let estimate = self.estimate(at, &board.outcome.records);
                         board.queue(at, Queued { key, manifest, reason, estimate });
                     }
@@ -178,8 +198,7 @@ impl Scheduler<'_> {
 
     fn reuse(&self, board: &mut Board, at: usize, key: Digest, record: Record) -> Result<(), StoreError> {
         self.view.show(self.context.store, self.name(at), &record)?;
-        board.progress.event(&Event::Cached { stage: self.name(at), key });
-        board.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
+        board.adopt(at, key, record);
         Ok(())
     }
 

@@ -5,6 +5,7 @@ pub mod colormap;
 pub mod convert;
 pub mod dataset;
 pub mod error;
+pub mod files;
 pub mod keeper;
 pub mod merge;
 pub mod model;

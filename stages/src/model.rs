@@ -7,6 +7,7 @@ use diffusion::{ModelSource, Prior};
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
+use crate::files;
 use crate::stage::{Io, Source};
 
 /// Which diffusion prior a stage uses.
@@ -37,6 +38,14 @@ impl Model {
         let files = parts.iter().flat_map(std::fs::read_dir).flatten().flatten();
         let weights = files.filter(|file| file.path().extension().is_some_and(|end| end == "safetensors"));
         (4 << 30) + 2 * weights.filter_map(|file| Some(file.metadata().ok()?.len())).sum::<u64>()
+    }
+
+    /// The files that it consists of.
+    pub fn files(&self) -> Option<Vec<PathBuf>> {
+        match self {
+            Self::Embedded => None,
+            Self::Folder(folder) => files::tree(folder),
+        }
     }
 
     fn source(&self) -> ModelSource {

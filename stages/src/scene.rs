@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
+use crate::files;
 use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
@@ -207,6 +208,17 @@ impl Stage for Scene {
             Origin::Transforms { path, .. } => scene::transforms_digest(path, &self.source.transforms())?,
         };
         Ok(vec![Source { name: "photos and poses".into(), digest: Digest::new(digest) }])
+    }
+
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        match &self.source {
+            Origin::Procedural { .. } => None,
+            // Another folder of photos may lie beside that of the poses.
+            Origin::Llff { path, images, .. } => {
+                let photos = images.as_ref().map_or(Some(Vec::new()), |images| files::tree(&path.join(images)))?;
+                Some([files::tree(path)?, photos].concat())
+            }
+        }
     }
 
     fn locations(&self) -> &'static [&'static str] {

@@ -5,7 +5,10 @@
 mod checkpoint;
 mod concurrent;
 mod damage;
+mod damage_store;
+mod explain;
 mod export;
+mod golden;
 mod hub;
 mod mistakes;
 mod model;
@@ -16,4 +19,6 @@ mod s3;
 mod shards;
 mod soak;
 mod space;
+mod space_kept;
+mod trust;
 mod whole;
