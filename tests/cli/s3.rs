@@ -107,7 +107,7 @@ impl S3 {
         let mut now = *mood;
         if mood.errors > 0 {
             mood.errors -= 1;
-            now.always = (mood.errors % 2 == 0).then_some(500);
+            now.always = mood.errors.is_multiple_of(2).then_some(500);
         }
         let download = request.method == "GET" && request.path.contains("/cas/");
         if download && mood.cuts > 0 {

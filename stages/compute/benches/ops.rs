@@ -187,7 +187,7 @@ fn main() {
     let wanted = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     let mut bench = Bench { wanted, times: Vec::new() };
     bench.all();
-    let Ok(python) = std::env::var("PYTHON") else {
+    let Some(python) = std::env::var("PYTHON").ok().filter(|python| !python.is_empty()) else {
         bench.times.iter().for_each(|(name, ms)| println!("{name:44} {ms:9.3} ms"));
         return;
     };

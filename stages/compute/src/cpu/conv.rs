@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::buffer::Buffer;
-use super::factor::{DEPTH, Right, Stored, Turned};
+use super::factor::{DEPTH, GRAIN, Right, Stored, Turned};
 use super::matrix::{Cut, Matrix};
 use super::product::{Packed, Start, add_product, cut, product};
 use super::tile::{COLUMNS, Old};
@@ -14,8 +14,12 @@ use super::winograd;
 use crate::conv::{Conv, Geometry};
 use crate::weight::Precision;
 
-/// Channels per task of the general gradient to the input.
+/// The fewest channels per task of the general gradient to the input.
 const CHANNELS: usize = 8;
+/// Tasks of it per image, about.
+const TASKS: usize = 16;
+/// Elements of the column matrix's gradient that a task holds, if it has more than the fewest channels.
+const HELD: usize = 1 << 16;
 
 impl Geometry {
     pub fn taps(&self) -> usize {
@@ -97,6 +101,12 @@ fn copy_run(run: &Run, plane: &[f32], stride: usize, out: &mut [f32]) {
     match stride {
         1 if run.len == COLUMNS => target.copy_from_slice(&source[..COLUMNS]),
         1 => target.iter_mut().zip(source).for_each(|(target, source)| *target = *source),
+        2 => {
+            // Pairs become vectors; the last value may have no second one.
+            let (last, before) = (run.len - 1, &mut target[..run.len - 1]);
+            before.iter_mut().zip(source.as_chunks::<2>().0).for_each(|(target, pair)| *target = pair[0]);
+            target[last] = source[2 * last];
+        }
         _ => target.iter_mut().zip(source.iter().step_by(stride)).for_each(|(target, source)| *target = *source),
     }
 }
@@ -129,6 +139,10 @@ impl Patches<'_> {
 }
 
 impl Right for Patches<'_> {
+    fn grain(&self) -> usize {
+        if self.g.taps() == 1 { GRAIN } else { DEPTH }
+    }
+
     fn pack(&self, image: usize, pixels: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
         self.rows(image, depth, pixels, COLUMNS, panel);
     }
@@ -173,15 +187,10 @@ pub fn backward_input(dy: &[f32], (weight, precision): (Values, Precision), g: &
 /// The general gradient to the input: rows of the column matrix's gradient, added back to where they came from.
 fn backward_input_by_columns(dy: &[f32], (weight, precision): (Values, Precision), g: &Geometry) -> Buffer {
     let (taps, pixels) = (g.taps(), g.pixels());
+    let share_rows = (HELD / (taps * pixels).max(1)).min(g.channels / TASKS).max(CHANNELS);
     let mut dx = Buffer::zeros(g.batch * g.channels * g.plane());
-    let planes = Cut {
-        matrices: g.batch,
-        rows: g.channels,
-        columns: g.plane(),
-        panel: g.plane(),
-        share_rows: CHANNELS,
-        share_panels: 1,
-    };
+    let planes =
+        Cut { matrices: g.batch, rows: g.channels, columns: g.plane(), panel: g.plane(), share_rows, share_panels: 1 };
     planes.for_each_share(&mut dx, |mut share| {
         let (channels, image) = (share.rows.clone(), share.panels.start);
         let values = weight.slice(channels.start * taps..weight.len());

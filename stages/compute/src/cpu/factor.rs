@@ -15,6 +15,9 @@ pub const TILE_STRIDE: usize = DEPTH + 16;
 /// Elements of a packed tile.
 pub const TILE: usize = ROWS * TILE_STRIDE;
 
+/// Rows that are packed for all panels together, if nothing speaks against it.
+pub const GRAIN: usize = 32;
+
 /// The left factor.
 pub trait Left: Sync {
     /// The part `rows`, `depth`, copied to `space` or borrowed.
@@ -23,6 +26,12 @@ pub trait Left: Sync {
 
 /// The right factor: one matrix, or one for each matrix of the result.
 pub trait Right: Sync {
+    /// Rows to pack for all panels of a task before the next rows: few where neighbouring panels read neighbouring
+    /// memory of far-apart rows. A multiple of 16.
+    fn grain(&self) -> usize {
+        GRAIN
+    }
+
     /// Writes rows `depth` of at most [`COLUMNS`] columns to `panel`, whose rows have [`COLUMNS`] elements. What lies
     /// beyond the columns may stay as it is: it meets no column of the result.
     fn pack(&self, matrix: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]);
@@ -96,6 +105,10 @@ impl Left for Turned<'_> {
 }
 
 impl Right for Turned<'_> {
+    fn grain(&self) -> usize {
+        DEPTH
+    }
+
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
         if let Values::F32(values) = self.0.values {
             let rows = &values[columns.start * self.0.columns + depth.start..];

@@ -53,14 +53,13 @@ pub fn product(
     out
 }
 
-/// Shares of 256 columns and of as many rows as leave enough tasks; of fewer columns where there are few rows.
+/// Shares of at most 256 columns and of as many rows as leave enough tasks: fewer columns first, since a share packs
+/// its columns for all of its rows.
 pub fn cut([matrices, rows, columns]: [usize; 3]) -> Cut {
     let panels = (matrices * columns.div_ceil(COLUMNS)).max(1);
-    let share_panels = PANELS.min(panels);
+    let share_panels = (panels / TASKS).clamp(2, PANELS);
     let down = TASKS.div_ceil(panels.div_ceil(share_panels));
     let share_rows = rows.div_ceil(down).next_multiple_of(ROWS).clamp(FEWEST_ROWS, MOST_ROWS);
-    let tasks = panels.div_ceil(share_panels) * rows.div_ceil(share_rows);
-    let share_panels = (share_panels * tasks.min(TASKS) / TASKS).max(1);
     Cut { matrices, rows, columns, panel: COLUMNS, share_rows, share_panels }
 }
 
@@ -96,11 +95,15 @@ pub fn add_product(
         let steps = first..depth.min(first + DEPTH);
         let old = if first == 0 { old } else { Old::Keep };
         let panels = &mut panels[..share.panels.len() * steps.len() * COLUMNS];
-        for (panel, packed) in share.panels.clone().zip(panels.chunks_mut(steps.len() * COLUMNS)) {
-            let (matrix, columns) = cut.columns_of(panel);
-            right.pack(matrix, columns, steps.clone(), packed);
-            narrow_panel(packed, precision);
+        for start in steps.clone().step_by(right.grain()) {
+            let grain = start..steps.end.min(start + right.grain());
+            for (panel, packed) in share.panels.clone().zip(panels.chunks_mut(steps.len() * COLUMNS)) {
+                let (matrix, columns) = cut.columns_of(panel);
+                let packed = &mut packed[(start - first) * COLUMNS..][..grain.len() * COLUMNS];
+                right.pack(matrix, columns, grain.clone(), packed);
+            }
         }
+        panels.chunks_mut(steps.len() * COLUMNS).for_each(|packed| narrow_panel(packed, precision));
         for row in (0..rows.len()).step_by(ROWS) {
             let tile = row..rows.len().min(row + ROWS);
             let [space, narrow] = &mut spaces;

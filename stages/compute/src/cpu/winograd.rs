@@ -19,8 +19,10 @@ use crate::weight::Precision;
 
 /// Tiles that are transformed before they are multiplied.
 const TILES: usize = 128;
-/// Outputs per task; with [`DEPTH`], what it holds of sums and weights fits the second cache.
-const OUTPUTS: usize = 2 * ROWS;
+/// The most outputs per task: every transformed input is read once per task.
+const OUTPUTS: usize = 4 * ROWS;
+/// Tasks for the outputs of few channels.
+const TASKS: usize = 6;
 /// Inputs per product.
 const DEPTH: usize = 128;
 /// Channels per task of the inputs' transform.
@@ -54,7 +56,7 @@ pub fn convolve(x: &[f32], weight: Values, direction: Direction, bias: Option<&[
             rows: g.outputs,
             columns: g.pixels(),
             panel: g.out_width,
-            share_rows: OUTPUTS,
+            share_rows: g.outputs.div_ceil(TASKS).next_multiple_of(ROWS).min(OUTPUTS),
             share_panels: g.batch * g.out_height,
         };
         rows.for_each_share(&mut out, |mut share| {
