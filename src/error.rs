@@ -55,6 +55,9 @@ pub enum Error {
     /// Something that the pipeline names.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// A diffusion model, or a file of tensors for it.
+    #[error(transparent)]
+    Model(#[from] diffusion::ModelError),
     /// A stage that there is not.
     #[error(transparent)]
     UnknownStage(#[from] UnknownStage),
@@ -123,7 +126,7 @@ impl Error {
             Self::Failed(_) => FAILED,
             Self::Usage { .. } | Self::UnknownStage(_) | Self::Address(_) => USAGE,
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
-            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::NoInput { .. } => PIPELINE,
+            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::NoInput { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } => STORE,
             Self::Interrupted => INTERRUPTED,
             Self::Bug(_) => BUG,

@@ -4,6 +4,10 @@ mod explain;
 mod export;
 mod inspect;
 mod metrics;
+mod model;
+mod model_check;
+mod model_pull;
+mod model_run;
 mod only;
 mod options;
 pub mod output;
@@ -46,6 +50,8 @@ enum Command {
     /// Look after the store
     #[command(subcommand)]
     Store(store::Store),
+    /// Get or check a diffusion model, or ask one of its networks
+    Model(model::Model),
 }
 
 impl Cli {
@@ -59,6 +65,7 @@ impl Cli {
             Command::Metrics(metrics) => metrics.run(self.json),
             Command::Export(export) => export.run(),
             Command::Store(store) => store.run(self.json),
+            Command::Model(model) => model.run(self.json),
         };
         match done {
             Ok(()) => OK,

@@ -69,6 +69,11 @@ impl Space {
         Said::new(self.command(arguments).output().unwrap())
     }
 
+    /// Runs a command with these variables in its environment.
+    pub fn say_with(&self, variables: &[(&str, String)], arguments: &[&str]) -> Said {
+        Said::new(self.command(arguments).envs(variables.iter().cloned()).output().unwrap())
+    }
+
     /// Runs a command that must end well.
     pub fn ok(&self, arguments: &[&str]) -> Said {
         let said = self.say(arguments);

@@ -1,14 +1,18 @@
 //! The latent upscaler: UNet, VAE, text encoder, noise schedule, LoRA and guidance.
 
+pub mod call;
 pub mod config;
 pub mod error;
 pub mod guidance;
+pub mod inventory;
 mod layers;
 pub mod lora;
+mod lora_file;
 pub mod optimize;
 pub mod prior;
 pub mod schedule;
 mod source;
+mod tensor_file;
 pub mod text_encoder;
 pub mod tokenizer;
 pub mod unet;
@@ -18,8 +22,10 @@ mod weights;
 
 pub use error::ModelError;
 pub use lora::{LoraGradients, LoraNetwork};
+pub use lora_file::LoraFile;
 pub use prior::Prior;
-pub use source::ModelSource;
+pub use source::{ModelFile, ModelSource};
+pub use tensor_file::TensorFile;
 pub use unet::Unet;
 pub use upscaler::Upscaler;
 pub use vae::{Posterior, Vae};

@@ -11,13 +11,13 @@ use crate::error::ModelError;
 /// Numbers that describe a camera: a 4x4 matrix, row by row.
 pub const CAMERA_NUMBERS: usize = 16;
 
-/// The trainable part of a network: what a frozen UNet becomes another one with.
+/// The trainable part of a network: what a frozen UNet becomes another one with. A layer without an adapter stays as it is.
 #[derive(Clone, Debug)]
 pub struct LoraNetwork {
-    /// The rank r of every adapter.
-    pub rank: usize,
-    /// The adapters' product is scaled by alpha / r.
-    pub alpha: f64,
+    /// What an adapter's product is multiplied by: alpha / r.
+    pub scale: f32,
+    /// The same for layers where it is another number, by the name of their matrix A.
+    pub scales: BTreeMap<String, f32>,
     /// `unet.<layer>.lora_A.weight` `[r, inputs]` and `unet.<layer>.lora_B.weight` `[outputs, r]`, named as PEFT names them.
     pub adapters: BTreeMap<String, Array>,
     /// The camera embedding, 16 numbers -> D -> SiLU -> D, D the width of the time embedding to which it is added:
@@ -75,12 +75,13 @@ impl LoraNetwork {
             adapters.insert(site.down.clone(), compute::elementwise::scale(&normals, 1.0 / rank as f32));
             adapters.insert(site.up.clone(), device.zeros(&[site.outputs, rank]));
         }
-        Self { rank, alpha, adapters, camera: camera_embedding(width, seed, device) }
+        let camera = camera_embedding(width, seed, device);
+        Self { scale: (alpha / rank as f64) as f32, scales: BTreeMap::new(), adapters, camera }
     }
 
-    /// alpha / r.
-    pub(crate) fn scale(&self) -> f32 {
-        (self.alpha / self.rank as f64) as f32
+    /// What the product of a layer's adapter is multiplied by.
+    pub(crate) fn scale(&self, site: &AdapterSite) -> f32 {
+        self.scales.get(&site.down).copied().unwrap_or(self.scale)
     }
 
     /// The matrices A and B of one layer, if it is adapted.
@@ -88,31 +89,49 @@ impl LoraNetwork {
         Some((self.adapters.get(&site.down)?, self.adapters.get(&site.up)?))
     }
 
-    /// Fails if a tensor belongs to no layer or has another shape than its layer needs; `file` is where they came from.
+    /// Fails if a tensor belongs to no layer, has another shape than its layer needs or lacks its partner; `file` is where they
+    /// came from. There may be no camera embedding; if there is one, it is whole.
     pub(crate) fn check(&self, sites: &[AdapterSite], width: usize, file: &str) -> Result<(), ModelError> {
-        let mut shapes = BTreeMap::new();
-        for site in sites {
-            shapes.insert(site.down.as_str(), vec![self.rank, site.inputs]);
-            shapes.insert(site.up.as_str(), vec![site.outputs, self.rank]);
-        }
-        let camera = camera_shapes(width);
-        shapes.extend(camera.iter().map(|(name, shape)| (name.as_str(), shape.clone())));
-        for (name, tensor) in self.adapters.iter().chain(&self.camera) {
-            let wrong = |problem| Err(ModelError::tensor(file, name, problem));
-            match shapes.get(name.as_str()) {
-                None => return wrong("belongs to no layer of this model".into()),
-                Some(shape) if shape != tensor.shape() => {
-                    return wrong(format!("has the shape {:?}; this model needs {shape:?}", tensor.shape()));
-                }
-                Some(_) => {}
+        let by_name: BTreeMap<&str, &AdapterSite> =
+            sites.iter().flat_map(|site| [(site.down.as_str(), site), (site.up.as_str(), site)]).collect();
+        for (name, tensor) in &self.adapters {
+            match by_name.get(name.as_str()) {
+                Some(site) => self.check_adapter(site, name, tensor, file)?,
+                None => return Err(ModelError::tensor(file, name, "belongs to no attention of this model")),
             }
         }
-        let names = sites.iter().flat_map(|site| [&site.down, &site.up]).chain(camera.keys());
-        match { names }.find(|name| !self.adapters.contains_key(*name) && !self.camera.contains_key(*name)) {
-            Some(name) => Err(ModelError::tensor(file, name, "is missing")),
-            None => Ok(()),
+        let camera = if self.camera.is_empty() { BTreeMap::new() } else { camera_shapes(width) };
+        if let Some(name) = self.camera.keys().find(|name| !camera.contains_key(*name)) {
+            return Err(ModelError::tensor(file, name, "belongs to no camera embedding"));
         }
+        camera.iter().try_for_each(|(name, shape)| match self.camera.get(name) {
+            Some(tensor) => check_shape(tensor, shape, name, file),
+            None => Err(ModelError::tensor(file, name, "is missing")),
+        })
     }
+
+    fn check_adapter(&self, site: &AdapterSite, name: &str, tensor: &Array, file: &str) -> Result<(), ModelError> {
+        let partner = if name == site.down { &site.up } else { &site.down };
+        if !self.adapters.contains_key(partner) {
+            return Err(ModelError::tensor(file, partner, "is missing"));
+        }
+        let rank = match (name == site.down, tensor.shape()) {
+            (true, [rank, _]) | (false, [_, rank]) => *rank,
+            (_, shape) => {
+                return Err(ModelError::tensor(file, name, format!("has the shape {shape:?}; an adapter is a matrix")));
+            }
+        };
+        let down = self.adapters.get(&site.down).map_or(rank, |down| down.shape()[0]);
+        let shape = if name == site.down { [rank, site.inputs] } else { [site.outputs, down] };
+        check_shape(tensor, &shape, name, file)
+    }
+}
+
+fn check_shape(tensor: &Array, shape: &[usize], name: &str, file: &str) -> Result<(), ModelError> {
+    if tensor.shape() == shape {
+        return Ok(());
+    }
+    Err(ModelError::tensor(file, name, format!("has the shape {:?}; this model needs {shape:?}", tensor.shape())))
 }
 
 fn camera_shapes(width: usize) -> BTreeMap<String, Vec<usize>> {

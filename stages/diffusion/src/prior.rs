@@ -12,7 +12,6 @@ use crate::text_encoder::TextEncoder;
 use crate::tokenizer::Tokenizer;
 use crate::unet::Unet;
 use crate::vae::Vae;
-use crate::weights::Weights;
 
 /// A latent upscaler in the parts of diffusers' `StableDiffusionUpscalePipeline`.
 pub struct Prior {
@@ -47,24 +46,20 @@ impl Default for ModelIndex {
 impl Prior {
     /// Reads a model onto `device`. The error names the file, and the field or tensor in it, that cannot be used.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
-        let weights = |stem| Weights::open(source.weights(stem)?, device);
         let unet_file = source.file("unet/config.json")?;
-        let unet_config = UnetConfig::read(&unet_file)?;
         let vae_config = VaeConfig::read(&source.file("vae/config.json")?)?;
         let text_config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
-        check_widths(&unet_file, &unet_config, &vae_config, &text_config)?;
+        check_widths(&unet_file, &UnetConfig::read(&unet_file)?, &vae_config, &text_config)?;
         let schedule_file = source.file("scheduler/scheduler_config.json")?;
         let low_file = source.find("low_res_scheduler/scheduler_config.json")?;
-        let tokenizer = Tokenizer::read(source, text_config.max_position_embeddings)?;
-        check_vocabulary(source, &tokenizer, &text_config)?;
         Ok(Self {
-            unet: Unet::read(unet_config, weights("unet/diffusion_pytorch_model")?, device)?,
-            vae: Vae::read(vae_config, weights("vae/diffusion_pytorch_model")?)?,
             schedule: schedule(&schedule_file)?,
             low_schedule: schedule(low_file.as_ref().unwrap_or(&schedule_file))?,
-            tokenizer,
-            text_encoder: TextEncoder::read(text_config, weights("text_encoder/model")?)?,
+            tokenizer: Tokenizer::load(source, &text_config)?,
             max_noise_level: max_noise_level(source)?,
+            unet: Unet::load(source, device)?,
+            vae: Vae::load(source, device)?,
+            text_encoder: TextEncoder::load(source, device)?,
         })
     }
 
@@ -110,13 +105,4 @@ fn check_widths(file: &ModelFile, unet: &UnetConfig, vae: &VaeConfig, text: &Tex
         }
         None => Ok(()),
     }
-}
-
-fn check_vocabulary(source: &ModelSource, tokenizer: &Tokenizer, text: &TextConfig) -> Result<(), ModelError> {
-    if (tokenizer.largest_id() as usize) < text.vocab_size {
-        return Ok(());
-    }
-    let file = source.file("tokenizer/vocab.json")?;
-    let problem = format!("has the id {}; the text encoder knows {} ids", tokenizer.largest_id(), text.vocab_size);
-    Err(ModelError::file(file.name, problem))
 }

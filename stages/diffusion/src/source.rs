@@ -2,13 +2,17 @@
 //!
 //! Hands out named bytes. Knows which files a model is made of, not what stands in them.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use memmap2::Mmap;
+use serde::Deserialize;
+use serde_json::json;
 
+use crate::config;
 use crate::error::ModelError;
 
 /// Files that describe a model. Those that are absent are left out of the digest.
@@ -28,8 +32,11 @@ const DESCRIPTIONS: [&str; 10] = [
 /// Weight files without their endings.
 const WEIGHTS: [&str; 3] = ["text_encoder/model", "unet/diffusion_pytorch_model", "vae/diffusion_pytorch_model"];
 
-/// The endings under which diffusers saves weights, in the order of preference.
-const WEIGHT_ENDINGS: [&str; 2] = [".safetensors", ".fp16.safetensors"];
+/// The endings under which diffusers saves weights whole, in the order of preference.
+const WHOLE: [&str; 3] = [".safetensors", ".fp16.safetensors", ".bf16.safetensors"];
+
+/// The endings under which diffusers saves the list of a sharded network's files.
+const INDICES: [&str; 3] = [".safetensors.index.json", ".safetensors.index.fp16.json", ".safetensors.index.bf16.json"];
 
 macro_rules! embedded {
     ($($name:literal),* $(,)?) => {
@@ -63,14 +70,15 @@ pub enum ModelSource {
 }
 
 /// One file of a model.
-pub(crate) struct ModelFile {
+pub struct ModelFile {
     /// How messages name it.
-    pub name: String,
+    pub(crate) name: String,
     bytes: Bytes,
 }
 
 enum Bytes {
     Static(&'static [u8]),
+    Owned(Vec<u8>),
     Mapped(Mmap),
 }
 
@@ -80,12 +88,66 @@ impl Deref for ModelFile {
     fn deref(&self) -> &[u8] {
         match &self.bytes {
             Bytes::Static(bytes) => bytes,
+            Bytes::Owned(bytes) => bytes,
             Bytes::Mapped(map) => map,
         }
     }
 }
 
+impl ModelFile {
+    /// A file in memory, which messages call `name`.
+    pub fn in_memory(name: &str, bytes: Vec<u8>) -> Self {
+        Self { name: name.to_owned(), bytes: Bytes::Owned(bytes) }
+    }
+
+    /// The file's path, as messages give it.
+    pub fn path(&self) -> &str {
+        &self.name
+    }
+
+    /// The file at `path`.
+    pub fn open(path: &Path) -> Result<Self, ModelError> {
+        map(path)?.ok_or_else(|| ModelError::file(path.display().to_string(), "is missing"))
+    }
+}
+
+impl AsRef<[u8]> for ModelFile {
+    fn as_ref(&self) -> &[u8] {
+        self
+    }
+}
+
+/// The list of a sharded network's files.
+#[derive(Deserialize)]
+struct Index {
+    /// For each tensor, the name of its file.
+    weight_map: std::collections::BTreeMap<String, String>,
+}
+
 impl ModelSource {
+    /// Which of the files `there` of the model `name` make it up, weights in `variant` where there are such. Fails where a
+    /// network's weights are missing or pickled.
+    pub fn choose(name: &str, there: &BTreeSet<String>, variant: Option<&str>) -> Result<Vec<String>, ModelError> {
+        let has = |file: &String| there.contains(file);
+        let mut chosen: Vec<String> = DESCRIPTIONS.map(str::to_owned).into_iter().filter(has).collect();
+        for stem in WEIGHTS {
+            let endings = WHOLE.map(str::to_owned);
+            let wished = variant.map(|variant| format!(".{variant}.safetensors"));
+            let mut whole = wished.into_iter().chain(endings).map(|ending| format!("{stem}{ending}"));
+            let mut indices = INDICES.iter().map(|ending| format!("{stem}{ending}"));
+            if let Some(file) = whole.find(has) {
+                chosen.push(file);
+            } else if let Some(index) = indices.find(has) {
+                let shard = |file: &&String| file.starts_with(stem) && file.ends_with(".safetensors");
+                chosen.extend(there.iter().filter(shard).cloned().chain([index]));
+            } else {
+                let problem = format!("has no {stem}.safetensors; pickled weights (.bin) are not read");
+                return Err(ModelError::file(name, problem));
+            }
+        }
+        Ok(chosen)
+    }
+
     /// A digest of all files that decide what the model computes: the same for a folder and its embedded copy.
     ///
     /// Fails where a weight file is missing or a file cannot be read.
@@ -97,9 +159,21 @@ impl ModelSource {
             }
         }
         for stem in WEIGHTS {
-            absorb(&mut hasher, stem, &self.weights(stem)?);
+            self.weights(stem)?.iter().for_each(|file| absorb(&mut hasher, stem, file));
         }
         Ok(*hasher.finalize().as_bytes())
+    }
+
+    /// All files that decide what the model computes.
+    pub fn files(&self) -> Result<Vec<ModelFile>, ModelError> {
+        let mut files = Vec::new();
+        for name in DESCRIPTIONS {
+            files.extend(self.find(name)?);
+        }
+        for stem in WEIGHTS {
+            files.extend(self.weights(stem)?);
+        }
+        Ok(files)
     }
 
     /// The file of this name; `None` where there is none.
@@ -119,11 +193,16 @@ impl ModelSource {
         self.find(name)?.ok_or_else(|| ModelError::file(self.display(name), hint))
     }
 
-    /// The weight file whose name is `stem` and one of the endings that we read.
-    pub(crate) fn weights(&self, stem: &str) -> Result<ModelFile, ModelError> {
-        for ending in WEIGHT_ENDINGS {
+    /// The weight file whose name is `stem` and one of the endings that we read, or the shards of it.
+    pub(crate) fn weights(&self, stem: &str) -> Result<Vec<ModelFile>, ModelError> {
+        for ending in WHOLE {
             if let Some(file) = self.find(&format!("{stem}{ending}"))? {
-                return Ok(file);
+                return Ok(vec![file]);
+            }
+        }
+        for ending in INDICES {
+            if let Some(index) = self.find(&format!("{stem}{ending}"))? {
+                return self.shards(stem, &index);
             }
         }
         let pickled = format!("{}.bin", stem.replace("/model", "/pytorch_model"));
@@ -132,8 +211,21 @@ impl ModelSource {
                         `save_pretrained(folder, safe_serialization=True)`, or download its .safetensors files";
             return Err(ModelError::file(self.display(&pickled), hint));
         }
-        let wanted = format!("{stem}.safetensors");
-        Err(ModelError::file(self.display(&wanted), "is missing (nor is there a .fp16.safetensors beside it)"))
+        let hint = "is missing (nor is there a .fp16.safetensors or a .safetensors.index.json beside it)";
+        Err(ModelError::file(self.display(&format!("{stem}.safetensors")), hint))
+    }
+
+    /// The files that `index` lists, sorted; they lie beside it.
+    fn shards(&self, stem: &str, index: &ModelFile) -> Result<Vec<ModelFile>, ModelError> {
+        let Index { weight_map } = config::parse(index, &json!({}), &[])?;
+        let names: BTreeSet<&String> = weight_map.values().collect();
+        let folder = stem.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let plain = |name: &str| name.ends_with(".safetensors") && !name.contains(['/', '\\']);
+        if let Some(name) = names.iter().find(|name| !plain(name)) {
+            let problem = format!("names {name:?}; a shard is a .safetensors file beside its index");
+            return Err(ModelError::field(&index.name, "weight_map", problem));
+        }
+        names.iter().map(|name| self.file(&format!("{folder}/{name}"))).collect()
     }
 
     fn display(&self, name: &str) -> String {

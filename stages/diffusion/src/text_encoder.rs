@@ -1,20 +1,21 @@
 //! `CLIPTextModel` of transformers: token ids to the states that the UNet attends to. Inference only.
 
-use compute::Array;
 use compute::activation::{gelu, quick_gelu};
 use compute::attention::attention;
 use compute::elementwise::add;
 use compute::shape::gather_rows;
+use compute::{Array, Device, Weight};
 
 use crate::config::{TextActivation, TextConfig};
 use crate::error::ModelError;
 use crate::layers::{LayerNorm, Linear};
+use crate::source::ModelSource;
 use crate::weights::{Scope, Weights};
 
 /// The text encoder.
 pub struct TextEncoder {
     config: TextConfig,
-    tokens: Array,
+    tokens: Weight,
     positions: Array,
     layers: Vec<Layer>,
     norm: LayerNorm,
@@ -35,15 +36,21 @@ struct Layer {
 }
 
 impl TextEncoder {
+    /// Reads the text encoder of `source` onto `device`. The error names the file, and the field or tensor in it.
+    pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
+        let config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
+        Self::read(config, Weights::open(source.weights("text_encoder/model")?, device)?)
+    }
+
     /// Reads the encoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
-    pub(crate) fn read(config: TextConfig, weights: Weights) -> Result<Self, ModelError> {
+    fn read(config: TextConfig, weights: Weights) -> Result<Self, ModelError> {
         let root = weights.root();
         let nested = root.at("text_model");
         let root = if nested.has("final_layer_norm.weight") { nested } else { root };
         let (width, eps) = (config.hidden_size, config.layer_norm_eps);
         let layer = |i| Layer::read(&root.at(format!("encoder.layers.{i}")), &config);
         let encoder = Self {
-            tokens: root.tensor("embeddings.token_embedding.weight", &[config.vocab_size, width])?,
+            tokens: root.weight("embeddings.token_embedding.weight", &[config.vocab_size, width])?,
             positions: root.tensor("embeddings.position_embedding.weight", &[config.max_position_embeddings, width])?,
             layers: (0..config.num_hidden_layers).map(layer).collect::<Result<_, _>>()?,
             norm: LayerNorm::read(&root.at("final_layer_norm"), width, eps)?,

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use serde_json::json;
 use unicode_normalization::UnicodeNormalization;
 
-use crate::config;
+use crate::config::{self, TextConfig};
 use crate::error::ModelError;
 use crate::source::{ModelFile, ModelSource};
 
@@ -70,8 +70,19 @@ impl Special {
 }
 
 impl Tokenizer {
+    /// Reads the tokenizer of a text encoder. Fails where it gives ids that the encoder does not know.
+    pub fn load(source: &ModelSource, text: &TextConfig) -> Result<Self, ModelError> {
+        let tokenizer = Self::read(source, text.max_position_embeddings)?;
+        let largest = tokenizer.vocabulary.values().copied().max().unwrap_or(0) as usize;
+        if largest < text.vocab_size {
+            return Ok(tokenizer);
+        }
+        let problem = format!("has the id {largest}; the text encoder knows {} ids", text.vocab_size);
+        Err(ModelError::file(source.file("tokenizer/vocab.json")?.name, problem))
+    }
+
     /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder has.
-    pub(crate) fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
+    fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
         let vocabulary_file = source.file("tokenizer/vocab.json")?;
         let vocabulary = serde_json::from_slice(&vocabulary_file)
             .map_err(|e| ModelError::file(&vocabulary_file.name, format!("is not a JSON object of ids: {e}")))?;
@@ -126,11 +137,6 @@ impl Tokenizer {
     /// How many ids a text becomes.
     pub fn length(&self) -> usize {
         self.length
-    }
-
-    /// The largest id there is.
-    pub(crate) fn largest_id(&self) -> u32 {
-        self.vocabulary.values().copied().max().unwrap_or(0)
     }
 
     /// The ids of `text` between those of its begin and end, cut or filled to [`Tokenizer::length`].

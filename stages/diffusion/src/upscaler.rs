@@ -1,5 +1,7 @@
 //! A prior as the optimisation asks it: with two prompts, and the low-resolution image beside the latent. Knows no rule.
 
+use std::collections::BTreeMap;
+
 use compute::elementwise::{scale, sub};
 use compute::shape::{concat, slice};
 use compute::{Array, Device, reduce};
@@ -9,29 +11,32 @@ use crate::lora::LoraNetwork;
 use crate::optimize::{Denoiser, LoraParameters, Query};
 use crate::prior::Prior;
 use crate::schedule::Schedule;
+use crate::unet::{Input, TextContext};
 
-/// A latent upscaler and the states of its two prompts.
+/// How many bytes of activations a LoRA step keeps beside the layers' inputs; the rest is computed again.
+const KEPT: usize = 1 << 30;
+
+/// A latent upscaler and its two prompts, as its attentions see them.
 pub struct Upscaler<'a> {
     prior: &'a Prior,
-    /// Text states `[1, T, D]`.
-    good: Array,
-    bad: Array,
+    good: TextContext,
+    bad: TextContext,
 }
 
 impl Prior {
     /// This prior as the optimisation asks it: guided from `negative_prompt` to `prompt`.
     pub fn denoiser(&self, prompt: &str, negative_prompt: &str) -> Upscaler<'_> {
-        Upscaler { prior: self, good: self.text(&[prompt]), bad: self.text(&[negative_prompt]) }
+        let [good, bad] = [prompt, negative_prompt].map(|prompt| self.unet.text(&self.text(&[prompt])));
+        Upscaler { prior: self, good, bad }
     }
 }
 
 impl Upscaler<'_> {
-    fn text(&self, prompt: Prompt, batch: usize) -> Array {
-        let states = match prompt {
+    fn text(&self, prompt: Prompt) -> &TextContext {
+        match prompt {
             Prompt::Good => &self.good,
             Prompt::Bad => &self.bad,
-        };
-        concat(&vec![states; batch], 0)
+        }
     }
 
     /// The loss of the one sample of `query`, and its gradient.
@@ -42,19 +47,20 @@ impl Upscaler<'_> {
         target: &Array,
         lora: &LoraNetwork,
     ) -> (f64, LoraParameters) {
-        let (schedule, labels) = (&self.prior.schedule, [query.noise_level]);
-        let (input, text) = (input(query), self.text(Prompt::Good, 1));
-        let (output, tape) = self.prior.unet.forward_train(&input, query.t, &text, &labels, Some(lora), Some(camera));
+        let (schedule, unet, labels) = (&self.prior.schedule, &self.prior.unet, [query.noise_level]);
+        let sample = joined(query);
+        let input = Input { lora: Some(lora), camera: Some(camera), ..asked(query, &sample, &labels) };
+        let (output, tape) = unet.forward_train(&input, &self.good, KEPT);
         let error = sub(&schedule.velocity(&output, query.noisy, query.t), target);
         let gradient = schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
-        let gradients = self.prior.unet.backward(tape, &gradient, false);
+        let gradients = unet.backward(&input, &self.good, tape, &gradient, false);
         (reduce::mean_square(&error).into(), gradients.adapters.into_iter().chain(gradients.camera).collect())
     }
 }
 
 impl Denoiser for Upscaler<'_> {
     fn device(&self) -> &Device {
-        self.good.device()
+        self.good.states.device()
     }
 
     fn schedule(&self) -> &Schedule {
@@ -69,10 +75,11 @@ impl Denoiser for Upscaler<'_> {
         self.prior.max_noise_level
     }
 
-    fn velocity(&self, query: &Query, prompt: Prompt) -> Array {
-        let (text, labels) = (self.text(prompt, query.t.len()), vec![query.noise_level; query.t.len()]);
-        let output = self.prior.unet.forward(&input(query), query.t, &text, &labels, None, None);
-        self.prior.schedule.velocity(&output, query.noisy, query.t)
+    fn velocities(&self, query: &Query, prompts: &[Prompt]) -> Vec<Array> {
+        let (sample, labels) = (joined(query), vec![query.noise_level; query.t.len()]);
+        let texts: Vec<&TextContext> = prompts.iter().map(|prompt| self.text(*prompt)).collect();
+        let outputs = self.prior.unet.forward_each(&asked(query, &sample, &labels), &texts);
+        outputs.iter().map(|output| self.prior.schedule.velocity(output, query.noisy, query.t)).collect()
     }
 
     fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters {
@@ -81,9 +88,10 @@ impl Denoiser for Upscaler<'_> {
     }
 
     fn lora_velocity(&self, query: &Query, cameras: &Array, lora: &LoraParameters) -> Array {
-        let (text, labels) = (self.text(Prompt::Good, query.t.len()), vec![query.noise_level; query.t.len()]);
+        let (sample, labels) = (joined(query), vec![query.noise_level; query.t.len()]);
         let lora = network(lora);
-        let output = self.prior.unet.forward(&input(query), query.t, &text, &labels, Some(&lora), Some(cameras));
+        let input = Input { lora: Some(&lora), camera: Some(cameras), ..asked(query, &sample, &labels) };
+        let output = self.prior.unet.forward(&input, &self.good);
         self.prior.schedule.velocity(&output, query.noisy, query.t)
     }
 
@@ -109,9 +117,14 @@ impl Denoiser for Upscaler<'_> {
     }
 }
 
-/// The network's input: the noised latent and, beside it, the noised low-resolution image.
-fn input(query: &Query) -> Array {
+/// The network's sample: the noised latent and, beside it, the noised low-resolution image.
+fn joined(query: &Query) -> Array {
     concat(&[query.noisy, query.low], 1)
+}
+
+/// What the frozen network is asked.
+fn asked<'a>(query: &Query<'a>, sample: &'a Array, class_labels: &'a [u32]) -> Input<'a> {
+    Input { sample, timesteps: query.t, class_labels, lora: None, camera: None }
 }
 
 /// `sum + factor * terms`, name by name.
@@ -128,6 +141,5 @@ fn network(parameters: &LoraParameters) -> LoraNetwork {
     let is_adapter = |name: &String| name.contains(".lora_");
     let (adapters, camera): (LoraParameters, LoraParameters) =
         parameters.iter().map(|(name, values)| (name.clone(), values.clone())).partition(|(name, _)| is_adapter(name));
-    let rank = adapters.iter().find(|(name, _)| name.contains(".lora_A.")).map_or(1, |(_, down)| down.shape()[0]);
-    LoraNetwork { rank, alpha: rank as f64, adapters, camera }
+    LoraNetwork { scale: 1.0, scales: BTreeMap::new(), adapters, camera }
 }

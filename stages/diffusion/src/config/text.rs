@@ -49,7 +49,8 @@ impl Default for TextConfig {
 }
 
 impl TextConfig {
-    pub(crate) fn read(file: &ModelFile) -> Result<Self, ModelError> {
+    /// Reads and checks a `config.json`; the error names the field.
+    pub fn read(file: &ModelFile) -> Result<Self, ModelError> {
         let config: Self = parse(file, &json!({ "model_type": "clip_text_model" }), &[])?;
         let sizes = [
             ("vocab_size", config.vocab_size >> 8),

@@ -70,7 +70,8 @@ impl Default for UnetConfig {
 }
 
 impl UnetConfig {
-    pub(crate) fn read(file: &ModelFile) -> Result<Self, ModelError> {
+    /// Reads and checks a `config.json`; the error names the field.
+    pub fn read(file: &ModelFile) -> Result<Self, ModelError> {
         let fixed = json!({
             "act_fn": "silu", "addition_embed_type": null, "attention_type": "default", "center_input_sample": false,
             "class_embed_type": null, "class_embeddings_concat": false, "conv_in_kernel": 3, "conv_out_kernel": 3,

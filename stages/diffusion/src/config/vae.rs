@@ -60,7 +60,8 @@ impl Default for VaeConfig {
 }
 
 impl VaeConfig {
-    pub(crate) fn read(file: &ModelFile) -> Result<Self, ModelError> {
+    /// Reads and checks a `config.json`; the error names the field.
+    pub fn read(file: &ModelFile) -> Result<Self, ModelError> {
         let fixed = json!({ "act_fn": "silu", "latents_mean": null, "latents_std": null, "shift_factor": null });
         let config: Self = parse(file, &fixed, &["force_upcast", "sample_size"])?;
         config.check(&file.name)?;

@@ -1,16 +1,21 @@
 //! Multi-head attention of image tokens to themselves or to the text (Vaswani et al. 2017), with adapters.
 
+use std::collections::BTreeMap;
+
 use compute::Array;
 use compute::attention::{Attended, attention, attention_backward};
 use compute::elementwise::scaled_sum;
+use compute::shape::{concat, slice};
 
 use super::projection::{Projection, ProjectionTape};
 use crate::error::ModelError;
 use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
+use crate::unet::TextContext;
 use crate::weights::Scope;
 
 /// Attention with its four projections.
 pub(crate) struct Attention {
+    name: String,
     query: Projection,
     key: Projection,
     value: Projection,
@@ -27,11 +32,21 @@ pub(crate) struct AttentionTape {
     attended: Attended,
 }
 
+impl AttentionTape {
+    /// The bytes that it holds.
+    pub fn bytes(&self) -> usize {
+        let [query, key, value, out] = &self.projections;
+        let inputs: usize = [query, key, value, out].iter().map(|tape| tape.bytes()).sum();
+        inputs + 4 * (self.qkv.iter().map(Array::len).sum::<usize>() + self.attended.lse.len())
+    }
+}
+
 impl Attention {
     /// `text` is the width of the text states for cross-attention, and `None` for self-attention.
     pub fn read(scope: &Scope, channels: usize, text: Option<usize>, heads: usize) -> Result<Self, ModelError> {
         let source = text.unwrap_or(channels);
         Ok(Self {
+            name: scope.path().to_owned(),
             query: Projection::without_bias(&scope.at("to_q"), channels, channels)?,
             key: Projection::without_bias(&scope.at("to_k"), source, channels)?,
             value: Projection::without_bias(&scope.at("to_v"), source, channels)?,
@@ -45,12 +60,21 @@ impl Attention {
         [self.query.site(), self.key.site(), self.value.site(), self.out.site()]
     }
 
-    /// Tokens `x [N, T, C]`, text `[N, S, D]`.
-    pub fn forward(&self, x: &Array, text: &Array, lora: Option<&LoraNetwork>) -> (Array, AttentionTape) {
-        let source = if self.cross { text } else { x };
+    /// Puts the frozen keys and values of the text states `[P, S, D]` into `projected`.
+    pub fn project_text(&self, states: &Array, projected: &mut BTreeMap<String, [Array; 2]>) {
+        if self.cross {
+            projected.insert(self.name.clone(), [self.key.frozen(states), self.value.frozen(states)]);
+        }
+    }
+
+    /// Tokens `x [N, T, C]`.
+    pub fn forward(&self, x: &Array, text: &TextContext, lora: Option<&LoraNetwork>) -> (Array, AttentionTape) {
         let (q, query) = self.query.forward(x, lora);
-        let (k, key) = self.key.forward(source, lora);
-        let (v, value) = self.value.forward(source, lora);
+        let [(k, key), (v, value)] = match text.projected.get(&self.name) {
+            Some([k, v]) => [self.key.adapt(&text.states, k, lora), self.value.adapt(&text.states, v, lora)],
+            None => [self.key.forward(x, lora), self.value.forward(x, lora)],
+        };
+        let [k, v] = [k, v].map(|projected| for_all(&projected, x.shape()[0]));
         let attended = attention(&q, &k, &v, self.heads, false);
         let (y, out) = self.out.forward(&attended.out, lora);
         (y, AttentionTape { projections: [query, key, value, out], qkv: [q, k, v], attended })
@@ -69,12 +93,27 @@ impl Attention {
         let [dq, dk, dv] = attention_backward(q, k, v, &tape.attended, self.heads, false, &attended);
         let dx = self.query.backward(query, &dq, lora, gradients);
         if self.cross {
-            self.key.backward_adapter(key, &dk, lora, gradients);
-            self.value.backward_adapter(value, &dv, lora, gradients);
+            self.key.backward_adapter(key, &over_all(&dk, key.samples()), lora, gradients);
+            self.value.backward_adapter(value, &over_all(&dv, value.samples()), lora, gradients);
             return dx;
         }
         let through_key = self.key.backward(key, &dk, lora, gradients);
         let through_value = self.value.backward(value, &dv, lora, gradients);
         scaled_sum(&[(1.0, &dx), (1.0, &through_key), (1.0, &through_value)])
     }
+}
+
+/// One text for each of `n` samples.
+fn for_all(text: &Array, n: usize) -> Array {
+    if text.shape()[0] == n { text.clone() } else { concat(&vec![text; n], 0) }
+}
+
+/// The gradient of [`for_all`] to `texts` texts: where one stood for all samples, their sum.
+fn over_all(d: &Array, texts: usize) -> Array {
+    let n = d.shape()[0];
+    if texts == n {
+        return d.clone();
+    }
+    let parts: Vec<Array> = (0..n).map(|i| slice(d, 0, i, 1)).collect();
+    scaled_sum(&parts.iter().map(|part| (1.0, part)).collect::<Vec<_>>())
 }

@@ -1,14 +1,14 @@
 //! A frozen convolution.
 
-use compute::Array;
 use compute::conv::{Conv, conv2d, conv2d_backward_input};
+use compute::{Array, Weight};
 
 use crate::error::ModelError;
 use crate::weights::Scope;
 
 /// A convolution with bias over `[N, C, H, W]`.
 pub(crate) struct Conv2d {
-    weight: Array,
+    weight: Weight,
     bias: Array,
     conv: Conv,
 }
@@ -25,7 +25,7 @@ impl Conv2d {
     }
 
     pub fn with(scope: &Scope, inputs: usize, outputs: usize, kernel: usize, conv: Conv) -> Result<Self, ModelError> {
-        let weight = scope.tensor("weight", &[outputs, inputs, kernel, kernel])?;
+        let weight = scope.weight("weight", &[outputs, inputs, kernel, kernel])?;
         Ok(Self { weight, bias: scope.tensor("bias", &[outputs])?, conv })
     }
 

@@ -1,14 +1,14 @@
 //! A frozen fully connected layer.
 
-use compute::Array;
 use compute::linear::{linear, linear_backward_input};
+use compute::{Array, Device, Weight};
 
 use crate::error::ModelError;
 use crate::weights::Scope;
 
 /// `y = x W^T + b`.
 pub(crate) struct Linear {
-    pub weight: Array,
+    weight: Weight,
     bias: Option<Array>,
 }
 
@@ -19,7 +19,16 @@ impl Linear {
     }
 
     pub fn without_bias(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
-        Ok(Self { weight: scope.tensor("weight", &[outputs, inputs])?, bias: None })
+        Ok(Self { weight: scope.weight("weight", &[outputs, inputs])?, bias: None })
+    }
+
+    /// How many numbers it gives.
+    pub fn outputs(&self) -> usize {
+        self.weight.shape()[0]
+    }
+
+    pub fn device(&self) -> &Device {
+        self.weight.device()
     }
 
     /// `x [.., inputs]` to `[.., outputs]`.

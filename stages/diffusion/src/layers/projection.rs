@@ -3,7 +3,7 @@
 //! The adapted weight is never formed: the frozen network and the adapted one share W.
 
 use compute::Array;
-use compute::elementwise::{scale, scaled_sum};
+use compute::elementwise::{add, scale, scaled_sum};
 use compute::linear::{linear, linear_backward_input, linear_backward_weight};
 
 use crate::error::ModelError;
@@ -23,6 +23,18 @@ pub(crate) struct ProjectionTape {
     reduced: Option<Array>,
 }
 
+impl ProjectionTape {
+    /// How many samples, or texts, the input holds.
+    pub fn samples(&self) -> usize {
+        self.x.shape()[0]
+    }
+
+    /// The bytes that it holds.
+    pub fn bytes(&self) -> usize {
+        4 * (self.x.len() + self.reduced.as_ref().map_or(0, Array::len))
+    }
+}
+
 impl Projection {
     pub fn read(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
         let site = AdapterSite::new(scope.path(), inputs, outputs);
@@ -38,13 +50,22 @@ impl Projection {
         &self.site
     }
 
+    /// `x W^T + b`.
+    pub fn frozen(&self, x: &Array) -> Array {
+        self.linear.forward(x)
+    }
+
     pub fn forward(&self, x: &Array, lora: Option<&LoraNetwork>) -> (Array, ProjectionTape) {
-        let y = self.linear.forward(x);
+        self.adapt(x, &self.linear.forward(x), lora)
+    }
+
+    /// The whole, given the frozen part of it, `y`.
+    pub fn adapt(&self, x: &Array, y: &Array, lora: Option<&LoraNetwork>) -> (Array, ProjectionTape) {
         let Some((lora, (down, up))) = lora.and_then(|lora| Some((lora, lora.adapter(&self.site)?))) else {
-            return (y, ProjectionTape { x: x.clone(), reduced: None });
+            return (y.clone(), ProjectionTape { x: x.clone(), reduced: None });
         };
         let reduced = linear(x, down, None);
-        let y = scaled_sum(&[(1.0, &y), (lora.scale(), &linear(&reduced, up, None))]);
+        let y = scaled_sum(&[(1.0, y), (lora.scale(&self.site), &linear(&reduced, up, None))]);
         (y, ProjectionTape { x: x.clone(), reduced: Some(reduced) })
     }
 
@@ -57,13 +78,14 @@ impl Projection {
         gradients: &mut LoraGradients,
     ) -> Array {
         let dx = self.linear.backward(dy);
-        match self.backward_adapter(tape, dy, lora, gradients) {
-            Some(through_adapter) => compute::elementwise::add(&dx, &through_adapter),
+        let reduced = self.backward_adapter(tape, dy, lora, gradients);
+        match reduced.zip(lora.and_then(|lora| lora.adapter(&self.site))) {
+            Some((reduced, (down, _))) => add(&dx, &linear_backward_input(&reduced, down)),
             None => dx,
         }
     }
 
-    /// The gradients by A and B alone; the part of the input's gradient that flows through the adapter, if there is one.
+    /// The gradients by A and B alone; gives that by `x A^T`, if there is an adapter.
     pub fn backward_adapter(
         &self,
         tape: &ProjectionTape,
@@ -72,11 +94,12 @@ impl Projection {
         gradients: &mut LoraGradients,
     ) -> Option<Array> {
         let (lora, reduced) = (lora?, tape.reduced.as_ref()?);
-        let (down, up) = lora.adapter(&self.site)?;
-        let reduced_gradient = scale(&linear_backward_input(dy, up), lora.scale());
-        let up_gradient = scale(&linear_backward_weight(reduced, dy), lora.scale());
+        let (_, up) = lora.adapter(&self.site)?;
+        let factor = lora.scale(&self.site);
+        let reduced_gradient = scale(&linear_backward_input(dy, up), factor);
+        let up_gradient = scale(&linear_backward_weight(reduced, dy), factor);
         gradients.adapters.insert(self.site.up.clone(), up_gradient);
         gradients.adapters.insert(self.site.down.clone(), linear_backward_weight(&tape.x, &reduced_gradient));
-        Some(linear_backward_input(&reduced_gradient, down))
+        Some(reduced_gradient)
     }
 }

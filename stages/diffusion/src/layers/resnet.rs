@@ -43,6 +43,18 @@ pub(crate) struct ResnetGradients {
     pub time: Option<Array>,
 }
 
+impl ResnetTape {
+    /// The input.
+    pub fn input(&self) -> &Array {
+        &self.x
+    }
+
+    /// The bytes that it holds beside the input.
+    pub fn bytes(&self) -> usize {
+        4 * self.hidden.len()
+    }
+}
+
 impl Resnet {
     pub fn read(scope: &Scope, shape: &ResnetShape) -> Result<Self, ModelError> {
         let (inputs, outputs) = (shape.inputs, shape.outputs);

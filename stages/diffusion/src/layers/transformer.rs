@@ -1,6 +1,8 @@
 //! `Transformer2DModel` of diffusers: normalised image tokens through blocks of two attentions and a gated feed-forward layer,
 //! added to the image.
 
+use std::collections::BTreeMap;
+
 use compute::Array;
 use compute::activation::{geglu, geglu_backward};
 use compute::elementwise::add;
@@ -12,6 +14,7 @@ use super::conv::size;
 use super::{GroupNorm, LayerNorm, Linear};
 use crate::error::ModelError;
 use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
+use crate::unet::TextContext;
 use crate::weights::Scope;
 
 /// The sizes of one transformer.
@@ -56,6 +59,25 @@ struct BlockTape {
     expanded: Array,
 }
 
+impl TransformerTape {
+    /// The input.
+    pub fn input(&self) -> &Array {
+        &self.x
+    }
+
+    /// The bytes that it holds beside the input.
+    pub fn bytes(&self) -> usize {
+        self.blocks.iter().map(BlockTape::bytes).sum()
+    }
+}
+
+impl BlockTape {
+    fn bytes(&self) -> usize {
+        let arrays = self.inputs.iter().chain([&self.expanded]);
+        4 * arrays.map(Array::len).sum::<usize>() + self.attentions.iter().map(AttentionTape::bytes).sum::<usize>()
+    }
+}
+
 impl Transformer {
     pub fn read(scope: &Scope, shape: &TransformerShape) -> Result<Self, ModelError> {
         let c = shape.channels;
@@ -73,8 +95,14 @@ impl Transformer {
         self.blocks.iter().flat_map(|block| &block.attentions).flat_map(Attention::sites)
     }
 
-    /// Image `x [N, C, H, W]`, text `[N, S, D]`.
-    pub fn forward(&self, x: &Array, text: &Array, lora: Option<&LoraNetwork>) -> (Array, TransformerTape) {
+    /// Puts the frozen keys and values of the text states `[P, S, D]` into `projected`, by the attentions' names.
+    pub fn project_text(&self, states: &Array, projected: &mut BTreeMap<String, [Array; 2]>) {
+        let attentions = self.blocks.iter().flat_map(|block| &block.attentions);
+        attentions.for_each(|attention| attention.project_text(states, projected));
+    }
+
+    /// Image `x [N, C, H, W]`.
+    pub fn forward(&self, x: &Array, text: &TextContext, lora: Option<&LoraNetwork>) -> (Array, TransformerTape) {
         let mut tokens = self.proj_in.forward(&nchw_to_tokens(&self.norm.forward(x)));
         let mut blocks = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
@@ -124,7 +152,7 @@ impl Block {
         })
     }
 
-    fn forward(&self, x: &Array, text: &Array, lora: Option<&LoraNetwork>) -> (Array, BlockTape) {
+    fn forward(&self, x: &Array, text: &TextContext, lora: Option<&LoraNetwork>) -> (Array, BlockTape) {
         let ([norm1, norm2, norm3], [attention1, attention2]) = (&self.norms, &self.attentions);
         let (y, tape1) = attention1.forward(&norm1.forward(x), text, lora);
         let x2 = add(x, &y);

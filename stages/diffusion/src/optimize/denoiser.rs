@@ -37,8 +37,8 @@ pub trait Denoiser {
     /// The most noise, as a timestep of [`Denoiser::low_schedule`], that the low-resolution images may have.
     fn max_noise_level(&self) -> u32;
 
-    /// The prior's velocity.
-    fn velocity(&self, query: &Query, prompt: Prompt) -> Array;
+    /// The prior's velocity for each of the prompts.
+    fn velocities(&self, query: &Query, prompts: &[Prompt]) -> Vec<Array>;
 
     /// The parameters of a LoRA that changes nothing yet.
     fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters;

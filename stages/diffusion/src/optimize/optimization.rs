@@ -119,7 +119,7 @@ impl<'a> Optimization<'a> {
         let schedule = self.prior.schedule();
         let noisy = schedule.add_noise(latent, noise, t);
         let query = self.query(&noisy, batch, t);
-        let velocity = classifier_free(self.options.guidance_scale, |prompt| self.prior.velocity(&query, prompt));
+        let velocity = classifier_free(self.options.guidance_scale, |prompts| self.prior.velocities(&query, prompts));
         let lora = self.state.lora.as_ref();
         let lora_velocity = lora.map(|lora| self.prior.lora_velocity(&query, &batch.cameras, &lora.parameters));
         let lora_velocity = lora_velocity.as_ref();

@@ -4,7 +4,7 @@ use compute::Array;
 use compute::elementwise::add;
 use compute::shape::{concat, slice};
 
-use super::accumulate;
+use super::{Input, TextContext, accumulate};
 use crate::layers::{Downsample, Resnet, ResnetTape, Transformer, TransformerTape, Upsample};
 use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
 
@@ -30,9 +30,12 @@ pub(super) enum LayerTape {
     Push,
     /// Channels of the image before joining.
     Pop(usize),
+    /// The input of a layer, to compute its tape from once more.
+    Again(Array),
 }
 
 /// Where the walk stands: the image (or, backwards, its gradient) and the open skip connections.
+#[derive(Clone)]
 pub(super) struct Walk {
     pub x: Array,
     pub skips: Vec<Array>,
@@ -42,9 +45,41 @@ pub(super) struct Walk {
 pub(super) struct Pass<'a> {
     /// The time embedding after its activation `[N, D]`.
     pub time: &'a Array,
-    /// The text states `[N, S, D]`.
-    pub text: &'a Array,
+    pub text: &'a TextContext,
     pub lora: Option<&'a LoraNetwork>,
+}
+
+impl<'a> Pass<'a> {
+    pub fn new(time: &'a Array, text: &'a TextContext, input: &Input<'a>) -> Self {
+        Self { time, text, lora: input.lora }
+    }
+}
+
+/// What the walk back gathers.
+pub(super) struct Gathered {
+    pub lora: LoraGradients,
+    /// The gradient by the time embedding, if there is something to learn behind it.
+    pub time: Option<Array>,
+}
+
+impl LayerTape {
+    /// The bytes that it holds beside the layer's input.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Resnet(tape) => tape.bytes(),
+            Self::Transformer(tape) => tape.bytes(),
+            Self::Resize(_) | Self::Push | Self::Pop(_) | Self::Again(_) => 0,
+        }
+    }
+
+    /// Keeps the input only.
+    pub fn reduce(&mut self) {
+        match self {
+            Self::Resnet(tape) => *self = Self::Again(tape.input().clone()),
+            Self::Transformer(tape) => *self = Self::Again(tape.input().clone()),
+            Self::Resize(_) | Self::Push | Self::Pop(_) | Self::Again(_) => {}
+        }
+    }
 }
 
 impl Layer {
@@ -87,25 +122,21 @@ impl Layer {
     }
 
     /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it. Backwards, joining puts a
-    /// gradient on the stack and putting takes it off. `time` gathers the gradient by the time embedding, if there is one.
-    pub fn backward(
-        &self,
-        tape: LayerTape,
-        walk: &mut Walk,
-        lora: Option<&LoraNetwork>,
-        gradients: &mut LoraGradients,
-        time: &mut Option<Array>,
-        input: bool,
-    ) {
+    /// gradient on the stack and putting takes it off.
+    pub fn backward(&self, tape: LayerTape, walk: &mut Walk, pass: &Pass, gathered: &mut Gathered, input: bool) {
         let dy = &walk.x;
         let dx = match (self, tape) {
+            (_, LayerTape::Again(x)) => {
+                let tape = self.forward(&mut Walk { x, skips: Vec::new() }, pass);
+                return self.backward(tape, walk, pass, gathered, input);
+            }
             (Self::Resnet(resnet), LayerTape::Resnet(tape)) => {
-                let backward = resnet.backward(&tape, dy, input, time.is_some());
-                accumulate(time, backward.time);
+                let backward = resnet.backward(&tape, dy, input, gathered.time.is_some());
+                accumulate(&mut gathered.time, backward.time);
                 backward.x
             }
             (Self::Transformer(layer), LayerTape::Transformer(tape)) => {
-                layer.backward(tape, dy, lora, gradients, input)
+                layer.backward(tape, dy, pass.lora, &mut gathered.lora, input)
             }
             (Self::Downsample(downsample), LayerTape::Resize(size)) => Some(downsample.backward(dy, size)),
             (Self::Upsample(upsample), LayerTape::Resize(size)) => Some(upsample.backward(dy, size)),

@@ -5,7 +5,11 @@
 
 mod layer;
 mod plan;
+mod tape;
+mod text;
 mod time;
+
+use std::collections::BTreeMap;
 
 use compute::elementwise::add;
 use compute::norm::Activation;
@@ -15,9 +19,14 @@ use crate::config::UnetConfig;
 use crate::error::ModelError;
 use crate::layers::{Conv2d, GroupNorm};
 use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
+use crate::source::ModelSource;
 use crate::weights::Weights;
-use layer::{Layer, LayerTape, Pass, Walk};
-use time::{TimeEmbedding, TimeTape};
+use layer::{Gathered, Layer, Pass, Walk};
+use tape::Kept;
+use time::TimeEmbedding;
+
+pub use tape::Tape;
+pub use text::TextContext;
 
 /// The denoising network.
 pub struct Unet {
@@ -31,18 +40,30 @@ pub struct Unet {
     sites: Vec<AdapterSite>,
 }
 
-/// What [`Unet::backward`] needs of a forward pass.
-pub struct Tape {
-    lora: Option<LoraNetwork>,
-    size: [usize; 2],
-    time: TimeTape,
-    layers: Vec<LayerTape>,
-    last: Array,
+/// What the network is asked about: N samples.
+#[derive(Clone, Copy)]
+pub struct Input<'a> {
+    /// The samples `[N, C, h, w]`, any h and w.
+    pub sample: &'a Array,
+    /// One timestep each.
+    pub timesteps: &'a [u32],
+    /// One class each, if the network knows classes (the x4 upscaler's noise levels).
+    pub class_labels: &'a [u32],
+    /// Adapters that take part.
+    pub lora: Option<&'a LoraNetwork>,
+    /// One camera each, `[N, 16]`, for the LoRA's camera embedding.
+    pub camera: Option<&'a Array>,
 }
 
 impl Unet {
+    /// Reads the network of `source` onto `device`. The error names the file, and the field or tensor in it.
+    pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
+        let config = UnetConfig::read(&source.file("unet/config.json")?)?;
+        Self::read(config, Weights::open(source.weights("unet/diffusion_pytorch_model")?, device)?, device)
+    }
+
     /// Reads the network. Fails if the file does not hold exactly the tensors that the configuration asks for.
-    pub(crate) fn read(config: UnetConfig, weights: Weights, device: &Device) -> Result<Self, ModelError> {
+    fn read(config: UnetConfig, weights: Weights, device: &Device) -> Result<Self, ModelError> {
         let root = weights.root();
         let first = config.block_out_channels[0];
         let norm_out = root.at("conv_norm_out");
@@ -66,74 +87,78 @@ impl Unet {
         &self.config
     }
 
-    /// Predicts for `sample [N, C, h, w]` (any h and w) at one of `timesteps` each, given `text [N, S, D]` and, if the network
-    /// knows classes (the x4 upscaler's noise levels), one of `class_labels` each: `[N, C', h, w]`.
-    ///
-    /// With `lora`, its adapters take part, and with `camera [N, 16]` its camera embedding, too.
-    pub fn forward(
-        &self,
-        sample: &Array,
-        timesteps: &[u32],
-        text: &Array,
-        class_labels: &[u32],
-        lora: Option<&LoraNetwork>,
-        camera: Option<&Array>,
-    ) -> Array {
-        self.walk(sample, timesteps, text, class_labels, lora, camera, drop).0
-    }
-
-    /// [`Unet::forward`], and what [`Unet::backward`] needs.
-    pub fn forward_train(
-        &self,
-        sample: &Array,
-        timesteps: &[u32],
-        text: &Array,
-        class_labels: &[u32],
-        lora: Option<&LoraNetwork>,
-        camera: Option<&Array>,
-    ) -> (Array, Tape) {
-        let mut layers = Vec::with_capacity(self.layers.len());
-        let (y, last, time) = self.walk(sample, timesteps, text, class_labels, lora, camera, |tape| layers.push(tape));
-        let size = [sample.shape()[2], sample.shape()[3]];
-        (y, Tape { lora: lora.cloned(), size, time, layers, last })
-    }
-
-    #[allow(clippy::too_many_arguments)]
-    fn walk(
-        &self,
-        sample: &Array,
-        timesteps: &[u32],
-        text: &Array,
-        class_labels: &[u32],
-        lora: Option<&LoraNetwork>,
-        camera: Option<&Array>,
-        mut keep: impl FnMut(LayerTape),
-    ) -> (Array, Array, TimeTape) {
-        let (time, time_tape) = self.time.forward(timesteps, class_labels, lora, camera);
-        let pass = Pass { time: &time, text, lora };
-        let mut walk = Walk { x: self.conv_in.forward(sample), skips: Vec::new() };
+    /// The text states `[P, S, D]` of one text, or of one for each sample, as this network's attentions see them.
+    pub fn text(&self, states: &Array) -> TextContext {
+        let mut projected = BTreeMap::new();
         for layer in &self.layers {
-            keep(layer.forward(&mut walk, &pass));
-        }
-        let y = self.conv_out.forward(&self.norm_out.forward(&walk.x));
-        (y, walk.x, time_tape)
-    }
-
-    /// The gradients of a loss whose gradient by the output is `dy [N, C', h, w]`; that by the input if `sample` asks for it.
-    ///
-    /// The walk back ends at the first layer that has something to learn.
-    pub fn backward(&self, tape: Tape, dy: &Array, sample: bool) -> LoraGradients {
-        let lora = tape.lora.as_ref();
-        let mut gradients = LoraGradients::default();
-        let mut walk = Walk { x: self.backward_head(&tape, dy), skips: Vec::new() };
-        let mut time = tape.time.has_camera().then(|| self.device.zeros(tape.time.shape()));
-        let first = if sample { Some(0) } else { self.first_trained(lora, time.is_some()) };
-        for (i, (layer, kept)) in self.layers.iter().zip(tape.layers).enumerate().rev() {
-            if first.is_some_and(|first| i >= first) {
-                layer.backward(kept, &mut walk, lora, &mut gradients, &mut time, sample || Some(i) > first);
+            if let Layer::Transformer(transformer) = layer {
+                transformer.project_text(states, &mut projected);
             }
         }
-        if let (Some(lora), Some(time)) = (lora, &time) {
+        TextContext { states: states.clone(), projected }
+    }
+
+    /// The prediction `[N, C', h, w]`.
+    pub fn forward(&self, input: &Input, text: &TextContext) -> Array {
+        let (time, _) = self.time.forward(input);
+        let mut walk = self.enter(input);
+        self.layers.iter().for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
+        self.leave(&walk.x)
+    }
+
+    /// [`Unet::forward`] for each of the texts. What comes before the first attention is computed once.
+    pub fn forward_each(&self, input: &Input, texts: &[&TextContext]) -> Vec<Array> {
+        let (time, _) = self.time.forward(input);
+        let shared = self.layers.iter().position(|layer| matches!(layer, Layer::Transformer(_)));
+        let (shared, rest) = self.layers.split_at(shared.unwrap_or(0));
+        let mut walk = self.enter(input);
+        if let Some(text) = texts.first() {
+            shared.iter().for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
+        }
+        let finish = |text: &&TextContext| {
+            let mut walk = walk.clone();
+            rest.iter().for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
+            self.leave(&walk.x)
+        };
+        texts.iter().map(finish).collect()
+    }
+
+    /// [`Unet::forward`], and what [`Unet::backward`] needs; `budget` is how many bytes that may be beside the layers' inputs.
+    /// What does not fit is computed once more on the way back: 0 for the least memory, `usize::MAX` for the least time.
+    pub fn forward_train(&self, input: &Input, text: &TextContext, budget: usize) -> (Array, Tape) {
+        let (embedding, time) = self.time.forward(input);
+        let mut kept = Kept::new(budget);
+        let mut walk = self.enter(input);
+        self.layers.iter().for_each(|layer| kept.push(layer.forward(&mut walk, &Pass::new(&embedding, text, input))));
+        let size = [input.sample.shape()[2], input.sample.shape()[3]];
+        (self.leave(&walk.x), Tape { size, time, embedding, layers: kept.into_layers(), last: walk.x })
+    }
+
+    fn enter(&self, input: &Input) -> Walk {
+        Walk { x: self.conv_in.forward(input.sample), skips: Vec::new() }
+    }
+
+    fn leave(&self, x: &Array) -> Array {
+        self.conv_out.forward(&self.norm_out.forward(x))
+    }
+
+    /// The gradients of a loss whose gradient by the output is `dy [N, C', h, w]`; that by the sample if `sample` asks for it.
+    /// `input` and `text` are those of the forward pass.
+    ///
+    /// The walk back ends at the first layer that has something to learn.
+    pub fn backward(&self, input: &Input, text: &TextContext, tape: Tape, dy: &Array, sample: bool) -> LoraGradients {
+        let pass = Pass::new(&tape.embedding, text, input);
+        let mut walk = Walk { x: self.backward_head(&tape, dy), skips: Vec::new() };
+        let time = tape.time.has_camera().then(|| self.device.zeros(tape.embedding.shape()));
+        let first = if sample { Some(0) } else { self.first_trained(input.lora, time.is_some()) };
+        let mut gathered = Gathered { lora: LoraGradients::default(), time };
+        for (i, (layer, kept)) in self.layers.iter().zip(tape.layers).enumerate().rev() {
+            if first.is_some_and(|first| i >= first) {
+                layer.backward(kept, &mut walk, &pass, &mut gathered, sample || Some(i) > first);
+            }
+        }
+        let mut gradients = gathered.lora;
+        if let (Some(lora), Some(time)) = (input.lora, &gathered.time) {
             gradients.camera = self.time.backward(&tape.time, time, lora);
         }
         gradients.sample = sample.then(|| self.conv_in.backward(&walk.x, tape.size));
@@ -157,7 +182,8 @@ impl Unet {
         LoraNetwork::new(&self.sites, self.time.width(), rank, alpha, seed, &self.device)
     }
 
-    /// Fails if the tensors are not those of [`Unet::new_lora`] by name and shape; `file`, where they came from, is named.
+    /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner; `file`, where they came from, is
+    /// named.
     pub fn check_lora(&self, lora: &LoraNetwork, file: &str) -> Result<(), ModelError> {
         lora.check(&self.sites, self.time.width(), file)
     }

@@ -6,8 +6,9 @@ use compute::activation::{silu, silu_backward};
 use compute::elementwise::add;
 use compute::linear::{linear, linear_backward_input, linear_backward_weight};
 use compute::shape::gather_rows;
-use compute::{Array, Device};
+use compute::{Array, Device, Weight};
 
+use super::Input;
 use crate::config::UnetConfig;
 use crate::error::ModelError;
 use crate::layers::Linear;
@@ -21,7 +22,7 @@ pub(super) struct TimeEmbedding {
     cosine_first: bool,
     linear_1: Linear,
     linear_2: Linear,
-    classes: Option<Array>,
+    classes: Option<Weight>,
 }
 
 /// What the backward pass needs: the sum before the last activation, and the camera's way through its embedding.
@@ -39,19 +40,15 @@ impl TimeTape {
     pub fn has_camera(&self) -> bool {
         self.camera.is_some()
     }
-
-    pub fn shape(&self) -> &[usize] {
-        self.sum.shape()
-    }
 }
 
 impl TimeEmbedding {
     pub fn read(root: &Scope, config: &UnetConfig) -> Result<Self, ModelError> {
         let (first, width) = (config.block_out_channels[0], 4 * config.block_out_channels[0]);
         let linear_1 = Linear::read(&root.at("time_embedding.linear_1"), first, width)?;
-        let class = |count| root.tensor("class_embedding.weight", &[count, width]);
+        let class = |count| root.weight("class_embedding.weight", &[count, width]);
         Ok(Self {
-            device: linear_1.weight.device().clone(),
+            device: linear_1.device().clone(),
             frequencies: frequencies(first / 2, config.freq_shift),
             cosine_first: config.flip_sin_to_cos,
             linear_1,
@@ -62,23 +59,17 @@ impl TimeEmbedding {
 
     /// Width D of the embedding.
     pub fn width(&self) -> usize {
-        self.linear_1.weight.shape()[0]
+        self.linear_1.outputs()
     }
 
     /// The embedding after the activation that every use of it begins with: `[N, D]`.
-    pub fn forward(
-        &self,
-        timesteps: &[u32],
-        class_labels: &[u32],
-        lora: Option<&LoraNetwork>,
-        camera: Option<&Array>,
-    ) -> (Array, TimeTape) {
-        let mut sum = self.linear_2.forward(&silu(&self.linear_1.forward(&self.sinusoids(timesteps))));
+    pub fn forward(&self, input: &Input) -> (Array, TimeTape) {
+        let mut sum = self.linear_2.forward(&silu(&self.linear_1.forward(&self.sinusoids(input.timesteps))));
         if let Some(table) = &self.classes {
-            assert_eq!(class_labels.len(), timesteps.len(), "unet: one class label for each sample");
-            sum = add(&sum, &gather_rows(table, class_labels));
+            assert_eq!(input.class_labels.len(), input.timesteps.len(), "unet: one class label for each sample");
+            sum = add(&sum, &gather_rows(table, input.class_labels));
         }
-        let tape = lora.zip(camera).map(|(lora, camera)| {
+        let tape = input.lora.zip(input.camera).map(|(lora, camera)| {
             let (embedding, tape) = camera_forward(lora, camera);
             sum = add(&sum, &embedding);
             tape

@@ -23,7 +23,7 @@ pub(super) struct Coder {
 
 enum Layer {
     Resnet(Box<Resnet>),
-    Attention(Attention),
+    Attention(Box<Attention>),
     Downsample(Downsample),
     Upsample(Upsample),
 }
@@ -132,7 +132,7 @@ impl Stack<'_> {
         self.resnet(&scope.at("resnets.0"), self.channels)?;
         if self.config.mid_block_add_attention {
             let attention = Attention::read(&scope.at("attentions.0"), self.channels, self.config.norm_num_groups)?;
-            self.layers.push(Layer::Attention(attention));
+            self.layers.push(Layer::Attention(Box::new(attention)));
         }
         self.resnet(&scope.at("resnets.1"), self.channels)
     }

@@ -5,13 +5,14 @@
 mod coder;
 mod tiles;
 
-use compute::Array;
 use compute::elementwise::{clamp, scale};
-use compute::shape::{crop, pad_reflect, slice};
+use compute::shape::{concat, crop, pad_reflect, slice};
+use compute::{Array, Device};
 
 use crate::config::VaeConfig;
 use crate::error::ModelError;
 use crate::layers::Conv2d;
+use crate::source::ModelSource;
 use crate::weights::Weights;
 use coder::Coder;
 use tiles::Tiling;
@@ -38,8 +39,14 @@ pub struct Posterior {
 }
 
 impl Vae {
+    /// Reads the autoencoder of `source` onto `device`. The error names the file, and the field or tensor in it.
+    pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
+        let config = VaeConfig::read(&source.file("vae/config.json")?)?;
+        Self::read(config, Weights::open(source.weights("vae/diffusion_pytorch_model")?, device)?)
+    }
+
     /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
-    pub(crate) fn read(config: VaeConfig, mut weights: Weights) -> Result<Self, ModelError> {
+    fn read(config: VaeConfig, mut weights: Weights) -> Result<Self, ModelError> {
         weights.rename(current_name);
         let (root, latent) = (weights.root(), config.latent_channels);
         let quant = config.use_quant_conv.then(|| Conv2d::pointwise(&root.at("quant_conv"), 2 * latent, 2 * latent));
@@ -87,13 +94,12 @@ impl Vae {
         }
     }
 
-    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in [-1, 1], at least `factor`
-    /// pixels each way: the posterior's mean times the scaling factor. The image is continued by reflection to whole latent
-    /// pixels, and taken in overlapping tiles of `tile` image pixels if it is larger.
+    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in [-1, 1]: the posterior's mean
+    /// times the scaling factor. The image is continued by reflection to whole latent pixels, and taken in overlapping tiles of
+    /// `tile` image pixels if it is larger.
     pub fn encode_image(&self, image: &Array, tile: usize) -> Array {
         let (factor, [height, width]) = (self.factor(), [image.shape()[2], image.shape()[3]]);
-        let missing = |extent: usize| extent.next_multiple_of(factor) - extent;
-        let image = pad_reflect(image, [0, missing(height), 0, missing(width)]);
+        let image = continued(image, [height, width].map(|extent| extent.next_multiple_of(factor)));
         let tiling = Tiling::new([height.div_ceil(factor), width.div_ceil(factor)], self.tile(tile));
         let mean = tiling.blend(1, |[top, left], [h, w]| {
             self.encode(&crop(&image, factor * top, factor * left, factor * h, factor * w)).mean
@@ -113,6 +119,22 @@ impl Vae {
     /// A tile's side in latent pixels.
     fn tile(&self, pixels: usize) -> usize {
         (pixels / self.factor()).max(MIN_TILE)
+    }
+}
+
+/// An image continued by reflection, downwards and to the right, to the height and width `to`; at once as far as it reaches, and
+/// again from there. What is one pixel wide is repeated.
+fn continued(image: &Array, to: [usize; 2]) -> Array {
+    let (mut image, [height, width]) = (image.clone(), to);
+    loop {
+        let (h, w) = (image.shape()[2], image.shape()[3]);
+        let step = |extent: usize, to: usize| (to - extent).min(extent - 1);
+        image = match (h, w) {
+            _ if h == height && w == width => return image,
+            (1, _) if h < height => concat(&[&image, &image], 2),
+            (_, 1) if w < width => concat(&[&image, &image], 3),
+            _ => pad_reflect(&image, [0, step(h, height), 0, step(w, width)]),
+        };
     }
 }
 

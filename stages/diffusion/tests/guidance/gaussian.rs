@@ -83,14 +83,15 @@ impl Denoiser for Gaussian {
         350
     }
 
-    fn velocity(&self, query: &Query, prompt: Prompt) -> Array {
-        match prompt {
+    fn velocities(&self, query: &Query, prompts: &[Prompt]) -> Vec<Array> {
+        let velocity = |prompt: &Prompt| match prompt {
             Prompt::Good => self.exact(query, |_, _| self.good),
             Prompt::Bad => {
                 self.asked_bad.set(self.asked_bad.get() + 1);
                 self.exact(query, |_, _| self.bad)
             }
-        }
+        };
+        prompts.iter().map(velocity).collect()
     }
 
     fn new_lora(&self, _rank: u32, _seed: u64) -> LoraParameters {

@@ -115,7 +115,10 @@ fn the_renoised_weight_is_what_squared_distances_give() {
 fn vsd_with_a_lora_that_changes_nothing_is_the_pure_difference_of_prompts() {
     // (e) (cfg - 1) (v_good - v_bad) a (1 - alpha_bar).
     let d = draw();
-    let guided = classifier_free(7.5, |prompt| if prompt == Prompt::Good { d.good.clone() } else { d.bad.clone() });
+    let guided = classifier_free(7.5, |prompts| {
+        assert_eq!(prompts, [Prompt::Good, Prompt::Bad]);
+        vec![d.good.clone(), d.bad.clone()]
+    });
     let rule = Vsd { anchor: 0.0, ..Vsd::default() };
     let direction = rule.direction(&d.schedule, &d.estimate(&guided, Some(&d.good)));
     for ((direction, difference), t) in halves(&direction).iter().zip(halves(&sub(&d.good, &d.bad))).zip(T) {
@@ -136,9 +139,9 @@ fn the_anchor_adds_a_share_of_rsd() {
 #[test]
 fn at_scale_one_the_bad_prompt_is_not_asked() {
     let d = draw();
-    let guided = classifier_free(1.0, |prompt| {
-        assert_eq!(prompt, Prompt::Good);
-        d.good.clone()
+    let guided = classifier_free(1.0, |prompts| {
+        assert_eq!(prompts, [Prompt::Good]);
+        vec![d.good.clone()]
     });
     assert_eq!(guided.to_vec(), d.good.to_vec());
 }

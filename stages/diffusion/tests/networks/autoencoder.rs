@@ -35,6 +35,17 @@ fn a_picture_of_odd_size_comes_back_in_its_size() {
 }
 
 #[test]
+fn pictures_smaller_than_a_latent_pixel_come_back_in_their_size() {
+    let vae = vae();
+    for [height, width] in [[1, 1], [1, 3], [2, 1], [3, 2], [2, 9], [5, 1]] {
+        let latent = vae.encode_image(&picture(height, width), 512);
+        assert_eq!(latent.shape(), [1, 16, height.div_ceil(4), width.div_ceil(4)]);
+        let decoded = vae.decode_latent(&latent, [height, width], 512);
+        assert!(decoded.shape() == [1, 3, height, width] && decoded.to_vec().iter().all(|v| v.is_finite()));
+    }
+}
+
+#[test]
 fn tiles_change_little_and_leave_no_seam() {
     let (vae, image) = (vae(), picture(96, 160));
     let (whole, tiled) = (vae.encode_image(&image, 512), vae.encode_image(&image, 64));

@@ -6,6 +6,7 @@ use std::path::Path;
 use crate::support::{Golden, golden, numbers};
 use compute::elementwise::{scale, sub};
 use compute::{Array, Device};
+use diffusion::unet::Input;
 use diffusion::{LoraNetwork, ModelSource, Prior, Unet};
 use serde_json::{Value, json};
 
@@ -67,7 +68,8 @@ fn labels(unet: &Unet) -> &'static [u32] {
 
 fn forward(unet: &Unet, [h, w]: [usize; 2], [s, d]: [usize; 2], stream: u64) -> Array {
     let sample = numbers(stream, &[2, unet.config().in_channels, h, w]);
-    unet.forward(&sample, &[981, 37], &numbers(stream + 1, &[2, s, d]), labels(unet), None, None)
+    let input = Input { sample: &sample, timesteps: &[981, 37], class_labels: labels(unet), lora: None, camera: None };
+    unet.forward(&input, &unet.text(&numbers(stream + 1, &[2, s, d])))
 }
 
 fn check_vae(prior: &Prior, golden: &Golden) {
@@ -93,11 +95,14 @@ fn lora(unet: &Unet, (rank, alpha): (usize, f64)) -> LoraNetwork {
 
 fn check_training(unet: &Unet, golden: &Golden, [h, w]: [usize; 2], [s, d]: [usize; 2], size: (usize, f64)) {
     let (lora, camera) = (lora(unet, size), numbers(42, &[2, 16]));
-    let (sample, text) = (numbers(40, &[2, unet.config().in_channels, h, w]), numbers(41, &[2, s, d]));
-    let (y, tape) = unet.forward_train(&sample, &[981, 37], &text, labels(unet), Some(&lora), Some(&camera));
+    let (sample, text) = (numbers(40, &[2, unet.config().in_channels, h, w]), unet.text(&numbers(41, &[2, s, d])));
+    let class_labels = labels(unet);
+    let input =
+        Input { sample: &sample, timesteps: &[981, 37], class_labels, lora: Some(&lora), camera: Some(&camera) };
+    let (y, tape) = unet.forward_train(&input, &text, usize::MAX);
     golden.assert("lora.out", &y, TOLERANCE);
     let dy = scale(&sub(&y, &numbers(43, y.shape())), 2.0 / y.len() as f32);
-    let gradients = unet.backward(tape, &dy, true);
+    let gradients = unet.backward(&input, &text, tape, &dy, true);
     golden.assert("lora.grad.sample", gradients.sample.as_ref().unwrap(), TOLERANCE);
     for name in golden.names("lora.grad.").filter(|name| *name != "sample") {
         let actual = gradients.adapters.get(name).or(gradients.camera.get(name));

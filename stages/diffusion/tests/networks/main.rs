@@ -5,5 +5,6 @@
 mod autoencoder;
 mod golden;
 mod loading;
+mod mutations;
 mod support;
 mod training;

@@ -4,6 +4,7 @@ use crate::support::{distance, numbers};
 use compute::elementwise::{mul, scale, sub};
 use compute::reduce::{mean_square, sum};
 use compute::{Array, Device};
+use diffusion::unet::{Input, TextContext};
 use diffusion::{LoraGradients, LoraNetwork, ModelSource, Prior, Unet};
 
 struct Case {
@@ -20,15 +21,23 @@ impl Case {
         Self { unet, sample, text: numbers(2, &[2, 77, 32]), camera: numbers(3, &[2, 16]) }
     }
 
+    fn input<'a>(&'a self, lora: Option<&'a LoraNetwork>, camera: bool) -> Input<'a> {
+        let camera = camera.then_some(&self.camera);
+        Input { sample: &self.sample, timesteps: &[500, 20], class_labels: &[20, 20], lora, camera }
+    }
+
     fn forward(&self, lora: Option<&LoraNetwork>, camera: bool) -> Array {
-        self.unet.forward(&self.sample, &[500, 20], &self.text, &[20, 20], lora, camera.then_some(&self.camera))
+        self.unet.forward(&self.input(lora, camera), &self.unet.text(&self.text))
     }
 
     /// The gradients of the output's mean square.
     fn gradients(&self, lora: &LoraNetwork, camera: bool, sample: bool) -> LoraGradients {
-        let camera = camera.then_some(&self.camera);
-        let (y, tape) = self.unet.forward_train(&self.sample, &[500, 20], &self.text, &[20, 20], Some(lora), camera);
-        self.unet.backward(tape, &scale(&y, 2.0 / y.len() as f32), sample)
+        self.gradients_within(usize::MAX, &self.input(Some(lora), camera), &self.unet.text(&self.text), sample)
+    }
+
+    fn gradients_within(&self, budget: usize, input: &Input, text: &TextContext, sample: bool) -> LoraGradients {
+        let (y, tape) = self.unet.forward_train(input, text, budget);
+        self.unet.backward(input, text, tape, &scale(&y, 2.0 / y.len() as f32), sample)
     }
 
     /// A LoRA of which no tensor is zero.
@@ -98,26 +107,70 @@ fn a_batch_is_its_samples_side_by_side() {
     let alone = |i: usize| {
         let [sample, text, camera] =
             [&case.sample, &case.text, &case.camera].map(|x| compute::shape::slice(x, 0, i, 1));
-        case.unet.forward(&sample, &[[500, 20][i]], &text, &[20], Some(&lora), Some(&camera))
+        let (timesteps, lora, camera) = (&[[500, 20][i]], Some(&lora), Some(&camera));
+        let input = Input { sample: &sample, timesteps, class_labels: &[20], lora, camera };
+        case.unet.forward(&input, &case.unet.text(&text))
     };
     for i in [0, 1] {
         assert!(distance(&compute::shape::slice(&both, 0, i, 1), &alone(i)) < 1e-6);
     }
 }
 
+/// Names and bits of all gradients.
+fn bits(gradients: &LoraGradients) -> Vec<(String, Vec<u32>)> {
+    let named = gradients.adapters.iter().chain(&gradients.camera).map(|(name, d)| (name.clone(), d));
+    let all = named.chain(gradients.sample.iter().map(|d| ("sample".to_owned(), d)));
+    all.map(|(name, d)| (name, d.to_vec().into_iter().map(f32::to_bits).collect())).collect()
+}
+
+#[test]
+fn computing_activations_again_changes_no_bit() {
+    let case = Case::new();
+    let (lora, text) = (case.trained_lora(), case.unet.text(&case.text));
+    let within = |budget| bits(&case.gradients_within(budget, &case.input(Some(&lora), true), &text, true));
+    let all = within(usize::MAX);
+    assert_eq!(all.len(), 117);
+    for budget in [0, 100_000, 300_000] {
+        assert!(within(budget) == all, "with {budget} bytes");
+    }
+}
+
+#[test]
+fn one_text_stands_for_all_samples() {
+    let case = Case::new();
+    let lora = case.trained_lora();
+    let one = compute::shape::slice(&case.text, 0, 0, 1);
+    let both = compute::shape::concat(&[&one, &one], 0);
+    let [one, both] = [one, both].map(|states| case.unet.text(&states));
+    let input = case.input(Some(&lora), true);
+    assert_eq!(case.unet.forward(&input, &one).to_vec(), case.unet.forward(&input, &both).to_vec());
+    let [one, both] = [one, both].map(|text| case.gradients_within(usize::MAX, &input, &text, false));
+    for (name, gradient) in &one.adapters {
+        assert!(distance(gradient, &both.adapters[name]) < 1e-5, "{name}");
+    }
+}
+
+#[test]
+fn two_prompts_share_the_way_to_the_first_attention() {
+    let case = Case::new();
+    let texts = [2, 5].map(|stream| case.unet.text(&numbers(stream, &[1, 77, 32])));
+    let input = case.input(None, false);
+    let both = case.unet.forward_each(&input, &texts.each_ref());
+    for (shared, text) in both.iter().zip(&texts) {
+        assert_eq!(shared.to_vec(), case.unet.forward(&input, text).to_vec());
+    }
+    assert!(distance(&both[0], &both[1]) > 1e-3, "the text has no say");
+}
+
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
     let case = Case::new();
     let lora = case.trained_lora();
-    let bits = |threads: usize| {
+    let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let gradients = case.gradients(&lora, true, true);
-            let tensors = gradients.adapters.values().chain(gradients.camera.values()).chain(&gradients.sample);
-            tensors.flat_map(Array::to_vec).map(f32::to_bits).collect::<Vec<_>>()
-        })
+        pool.install(|| bits(&case.gradients(&lora, true, true)))
     };
-    assert_eq!(bits(1), bits(3));
+    assert!(with(1) == with(3));
 }
 
 #[test]
@@ -136,5 +189,5 @@ fn a_lora_for_another_model_is_refused_by_tensor() {
     let missing = refusal(&|lora| drop(lora.camera.remove("camera_embedding.linear_1.bias")));
     assert_eq!(missing, Err("lora.safetensors: tensor `camera_embedding.linear_1.bias` is missing".into()));
     let extra = refusal(&|lora| drop(lora.adapters.insert("x".into(), Device::cpu().zeros(&[1]))));
-    assert_eq!(extra, Err("lora.safetensors: tensor `x` belongs to no layer of this model".into()));
+    assert_eq!(extra, Err("lora.safetensors: tensor `x` belongs to no attention of this model".into()));
 }

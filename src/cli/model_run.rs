@@ -1,0 +1,176 @@
+//! `model run`: asks one network of a model about the tensors of a file. Writes the file of results, whole or not at all.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use compute::Device;
+use diffusion::call::{Asked, Call, Outputs, Part, to_safetensors};
+use diffusion::{ModelSource, TensorFile};
+use serde_json::json;
+
+use super::output::{print, print_json, size};
+use crate::error::Error;
+
+/// Options of `model run`.
+#[derive(Args)]
+pub struct Run {
+    /// The model's folder, in the layout of diffusers
+    model: PathBuf,
+    /// Which network
+    #[arg(long)]
+    part: PartName,
+    /// The tensors to ask about, .safetensors; their names are those of diffusers' arguments
+    #[arg(long, required_unless_present = "prompt")]
+    input: Option<PathBuf>,
+    /// The text to ask about, in place of --input
+    #[arg(long, conflicts_with = "input")]
+    prompt: Option<String>,
+    /// Where to write the results, .safetensors
+    #[arg(long)]
+    output: PathBuf,
+    /// A LoRA of the UNet, as diffusers and PEFT write it
+    #[arg(long)]
+    lora: Option<PathBuf>,
+    /// Also the mean squared error to the tensor `target`, and its gradients by the sample and the LoRA's tensors
+    #[arg(long)]
+    target_grad: bool,
+    /// How many megabytes of activations the way back may keep; the rest is computed again
+    #[arg(long, default_value_t = 1024, value_name = "MB")]
+    keep: usize,
+    /// Also print the median time of so many passes, and the peak memory
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    repeat: Option<u32>,
+    /// How many threads compute; by default one per core
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PartName {
+    Unet,
+    VaeEncode,
+    VaeDecode,
+    Text,
+}
+
+impl From<PartName> for Part {
+    fn from(name: PartName) -> Part {
+        match name {
+            PartName::Unet => Part::Unet,
+            PartName::VaeEncode => Part::VaeEncode,
+            PartName::VaeDecode => Part::VaeDecode,
+            PartName::Text => Part::Text,
+        }
+    }
+}
+
+/// Milliseconds, and the process's largest memory in bytes where the system tells.
+struct Times {
+    forward: f64,
+    with_backward: Option<f64>,
+    peak_memory: Option<u64>,
+}
+
+impl Run {
+    /// Asks the network, writes its answer, and prints what was asked for.
+    pub fn run(self, json: bool) -> Result<(), Error> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
+        let pool = pool.map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
+        let (outputs, times) = pool.install(|| self.compute())?;
+        write(&self.output, &to_safetensors(&outputs))?;
+        self.report(&outputs, times.as_ref(), json);
+        Ok(())
+    }
+
+    fn compute(&self) -> Result<(Outputs, Option<Times>), Error> {
+        let call = self.call()?;
+        let outputs = call.gradients().unwrap_or_else(|| call.forward());
+        let times = self.repeat.map(|count| Times {
+            forward: median(count, || drop(call.forward())),
+            with_backward: self.target_grad.then(|| median(count, || drop(call.gradients()))),
+            peak_memory: peak_memory(),
+        });
+        Ok((outputs, times))
+    }
+
+    fn call(&self) -> Result<Call, Error> {
+        let (source, device) = (ModelSource::Folder(self.model.clone()), Device::cpu());
+        let part = Part::from(self.part);
+        if (self.lora.is_some() || self.target_grad) && part != Part::Unet {
+            return Err(Error::usage("only the UNet has a LoRA and gradients", "give --part unet, or leave them out"));
+        }
+        match (&self.prompt, &self.input) {
+            (Some(_), _) if part != Part::Text => {
+                Err(Error::usage("only the text encoder reads a prompt", "give --part text"))
+            }
+            (Some(prompt), _) => Ok(Call::prompt(&source, prompt, &device)?),
+            (None, Some(input)) => {
+                let asked = Asked {
+                    lora: self.lora.as_deref(),
+                    gradients: self.target_grad,
+                    kept: self.keep.saturating_mul(1 << 20),
+                };
+                Ok(Call::new(&source, part, &TensorFile::open(input)?, &asked, &device)?)
+            }
+            (None, None) => Err(Error::usage("there is nothing to ask about", "give --input or --prompt")),
+        }
+    }
+
+    fn report(&self, outputs: &Outputs, times: Option<&Times>, json: bool) {
+        if json {
+            let shapes: serde_json::Map<_, _> =
+                outputs.iter().map(|(name, output)| (name.clone(), json!(output.shape()))).collect();
+            print_json(&json!({
+                "output": self.output, "tensors": shapes,
+                "forward_ms": times.map(|times| times.forward),
+                "forward_backward_ms": times.and_then(|times| times.with_backward),
+                "peak_memory_bytes": times.and_then(|times| times.peak_memory),
+            }));
+            return;
+        }
+        let Some(times) = times else { return };
+        print(&format_args!("forward                {:.1} ms", times.forward));
+        if let Some(time) = times.with_backward {
+            print(&format_args!("forward and backward   {time:.1} ms"));
+        }
+        if let Some(bytes) = times.peak_memory {
+            print(&format_args!("peak memory            {}", size(bytes)));
+        }
+    }
+}
+
+/// The median time of `count` runs, in milliseconds.
+fn median(count: u32, run: impl Fn()) -> f64 {
+    let time = |_| {
+        let start = Instant::now();
+        run();
+        start.elapsed().as_secs_f64() * 1e3
+    };
+    let mut times: Vec<f64> = (0..count).map(time).collect();
+    times.sort_by(f64::total_cmp);
+    let middle = times.len() / 2;
+    if times.len() % 2 == 1 { times[middle] } else { (times[middle - 1] + times[middle]) / 2.0 }
+}
+
+/// The most memory that this process has had resident so far, where the system keeps count of it.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+/// Writes a file whole or not at all.
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.as_file().sync_all()?;
+        file.persist(path).map_err(|error| error.error)
+    });
+    let problem =
+        |error| Error::usage(format!("{}: cannot be written: {error}", path.display()), "give another --output");
+    written.map(drop).map_err(problem)
+}
