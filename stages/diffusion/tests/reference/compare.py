@@ -3,7 +3,8 @@
 python compare.py PROGRAM [--seed 0] [--count 8] [--full]
 
 Draws models of random shapes, saves them with save_pretrained, runs `PROGRAM model run` on them and prints how far the two are
-apart: the norm of the difference over the norm of PyTorch's result. Fails above 1e-4. --full adds the x4 upscaler at its own size.
+apart: the norm of the difference over the norm of PyTorch's result. Fails above 1e-4, unless PyTorch in f32 is as far from itself in
+f64: some drawn networks normalise groups of two or three numbers, and are ill-conditioned. --full adds the x4 upscaler at its own size.
 """
 
 import argparse
@@ -24,6 +25,10 @@ from transformers import CLIPTextConfig, CLIPTextModel
 LIMIT = 1e-4
 
 
+def distance(ours, theirs):
+    return ((ours - theirs).norm() / theirs.norm().clamp_min(1e-30)).item()
+
+
 class Comparison:
     def __init__(self, program, folder):
         self.program, self.folder, self.worst, self.failed = program, Path(folder), 0.0, []
@@ -36,13 +41,16 @@ class Comparison:
             raise SystemExit(f"{part}: {done.stderr}")
         return load_file(self.folder / "out.safetensors")
 
-    def expect(self, what, ours, theirs, config):
+    def expect(self, what, ours, theirs, config, exact=None):
         assert ours.shape == theirs.shape, (what, ours.shape, theirs.shape)
-        off = ((ours - theirs).norm() / theirs.norm().clamp_min(1e-30)).item()
+        off = distance(ours, theirs)
         self.worst = max(self.worst, off)
-        if not off < LIMIT:
+        if off < LIMIT:
+            return
+        rounding = distance(theirs, exact) if exact is not None else 0
+        if exact is None or distance(ours, exact) > max(LIMIT, 4 * rounding):
             self.failed.append(what)
-            print(f"{what} is off by {off:.1e} of its norm: {describe(config)}", flush=True)
+            print(f"{what} is off by {off:.1e} of its norm; PyTorch's own rounding is {rounding:.1e}: {describe(config)}", flush=True)
 
     def unet(self, unet, draw, size, batch, stored=torch.float32):
         config = unet.config
@@ -67,21 +75,15 @@ class Comparison:
         add_lora(unet, rank, alpha, draw.choice([["to_q", "to_k", "to_v", "to_out.0"], ["to_q", "to_v"]]))
         file, prefix = self.save_lora(unet, draw, rank == alpha)
         inputs["target"] = torch.randn_like(plain)
-        sample = inputs["sample"].requires_grad_()
-        theirs = unet(**{k: v for k, v in inputs.items() if k != "target"}).sample
-        loss = ((theirs - inputs["target"]) ** 2).mean()
-        loss.backward()
-        inputs["sample"] = sample.detach()
         keep = str(draw.choice([0, 1024]))
         ours = self.run("unet", inputs, "--lora", file, "--target-grad", "--keep", keep)
-        self.expect("lora", ours["sample"], theirs.detach(), unet.config)
-        self.expect("loss", ours["loss"], loss.detach(), unet.config)
-        self.expect("grad.sample", ours["grad.sample"], sample.grad, unet.config)
-        gradients = {f"grad.{prefix}{k.replace('.default', '')}": p.grad for k, p in unet.named_parameters() if "lora_" in k}
-        assert set(ours) == {"sample", "loss", "grad.sample", *gradients}, set(ours) ^ set(gradients)
-        for name, gradient in gradients.items():
-            self.expect(name, ours[name], gradient, unet.config)
-        unet.delete_adapters("default")
+        theirs = gradients(unet, inputs, prefix)
+        assert set(ours) == set(theirs), set(ours) ^ set(theirs)
+        unchecked = [name for name in theirs if distance(ours[name], theirs[name]) >= LIMIT]
+        exact = gradients(unet.double(), {k: v.double() if v.is_floating_point() else v for k, v in inputs.items()}, prefix) if unchecked else {}
+        for name, expected in theirs.items():
+            self.expect(f"lora {name}", ours[name], expected, unet.config, exact.get(name))
+        unet.float().delete_adapters("default")
 
     def save_lora(self, unet, draw, alpha_is_rank):
         """In one of the layouts that the libraries write; without metadata where that says the same."""
@@ -110,6 +112,17 @@ class Comparison:
         with torch.no_grad():
             theirs = text(ids).last_hidden_state
         self.expect("text", self.run("text", {"input_ids": ids})["last_hidden_state"], theirs, config.to_dict())
+
+
+def gradients(unet, inputs, prefix):
+    """The output, the loss, and its gradients by the sample and the adapter, under the names that they have in our file."""
+    sample = inputs["sample"].clone().requires_grad_()
+    output = unet(**{k: v for k, v in inputs.items() if k not in ("target", "sample")}, sample=sample).sample
+    loss = ((output - inputs["target"]) ** 2).mean()
+    unet.zero_grad()
+    loss.backward()
+    adapters = {f"grad.{prefix}{k.replace('.default', '')}": p.grad.clone() for k, p in unet.named_parameters() if "lora_" in k}
+    return {"sample": output.detach(), "loss": loss.detach(), "grad.sample": sample.grad, **adapters}
 
 
 def drawn(program, draw):
