@@ -3,6 +3,7 @@ PIPELINE ?= pipelines/i3ds.ron
 CARGO ?= cargo
 # An argument list for the program: make run ARGS='--set scene.downscale=2'
 ARGS ?=
+# A Python with torch, diffusers, transformers and peft: test-full and bench then put them beside our networks.
 PYTHON ?=
 
 .PHONY: run test test-full test-slurm lint doc bench setup clean
@@ -17,6 +18,7 @@ test: setup
 test-full: setup
 	PROPTEST_CASES=4096 $(CARGO) test --release --workspace --quiet -- --include-ignored
 	$(MAKE) --no-print-directory test-tools
+	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/tests/reference/compare.py $(TARGET)/release/srnerf-dag --count 20 --full
 
 # The program among others: under Snakemake, and on moto's S3 server, both from PyPI in an environment of their own.
 TARGET = $${CARGO_TARGET_DIR:-target}
@@ -47,6 +49,8 @@ doc: setup
 # With PYTHON=python3 (one that has torch and numpy) the PyTorch references run beside ours, and the curve is drawn anew.
 bench: setup
 	PYTHON='$(PYTHON)' CURVE='$(CURDIR)/docs/nerf_psnr.svg' $(CARGO) bench --workspace
+	@[ -z "$(PYTHON)" ] || $(CARGO) build --release --quiet
+	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/benches/networks.py $(TARGET)/release/srnerf-dag
 
 clean:
 	$(CARGO) clean

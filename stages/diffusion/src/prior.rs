@@ -1,6 +1,6 @@
 //! All networks of one latent upscaler, read from one source.
 
-use compute::{Array, Device};
+use compute::{Array, Device, Precision};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -57,7 +57,7 @@ impl Prior {
             low_schedule: schedule(low_file.as_ref().unwrap_or(&schedule_file))?,
             tokenizer: Tokenizer::load(source, &text_config)?,
             max_noise_level: max_noise_level(source)?,
-            unet: Unet::load(source, device)?,
+            unet: Unet::load(source, device, Precision::F32)?,
             vae: Vae::load(source, device)?,
             text_encoder: TextEncoder::load(source, device)?,
         })

@@ -5,7 +5,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
-use compute::{Array, Device, Weight};
+use compute::{Array, Device, Precision, Weight};
 
 use crate::error::ModelError;
 use crate::source::ModelFile;
@@ -20,6 +20,7 @@ pub(crate) struct Weights {
     unread: RefCell<BTreeSet<String>>,
     /// Whether tensors are widened once and for all.
     widen: bool,
+    precision: Precision,
 }
 
 /// Weights of fewer bytes are widened when they are read; larger ones stay in the file's map and in its number format, and the
@@ -40,7 +41,12 @@ impl Weights {
         }
         let unread = RefCell::new(places.keys().cloned().collect());
         let widen = are_widened(&files);
-        Ok(Self { files, device: device.clone(), places, unread, widen })
+        Ok(Self { files, device: device.clone(), places, unread, widen, precision: Precision::F32 })
+    }
+
+    /// The same weights, multiplied in another precision.
+    pub fn with_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
     }
 
     /// The root of all names.
@@ -79,7 +85,8 @@ impl Weights {
         }
         let weight = file.weight(stored, &self.device)?.reshape(shape);
         self.unread.borrow_mut().remove(name);
-        Ok(if self.widen { weight.to_array().into() } else { weight })
+        let weight = if self.widen { weight.to_array().into() } else { weight };
+        Ok(weight.with_precision(self.precision))
     }
 }
 

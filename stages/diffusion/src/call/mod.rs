@@ -9,7 +9,7 @@ mod vae;
 
 use std::path::Path;
 
-use compute::{Array, Device};
+use compute::{Array, Device, Precision};
 
 use crate::error::ModelError;
 use crate::source::ModelSource;
@@ -41,6 +41,8 @@ pub struct Asked<'a> {
     pub gradients: bool,
     /// How many bytes of activations a backward pass may keep beside the layers' inputs.
     pub kept: usize,
+    /// How the UNet multiplies; the other parts do it in f32.
+    pub precision: Precision,
 }
 
 /// A loaded part with its inputs.

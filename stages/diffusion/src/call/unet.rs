@@ -30,7 +30,7 @@ pub(super) struct UnetCall {
 
 impl UnetCall {
     pub fn new(source: &ModelSource, inputs: &TensorFile, asked: &Asked, device: &Device) -> Result<Self, ModelError> {
-        let unet = Unet::load(source, device)?;
+        let unet = Unet::load(source, device, asked.precision)?;
         let config = unet.config();
         let sample = real(inputs, "sample", &[None, Some(config.in_channels), None, None], device)?;
         let &[n, _, h, w] = sample.shape() else { unreachable!("the shape was checked") };

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 use compute::elementwise::add;
 use compute::norm::Activation;
-use compute::{Array, Device};
+use compute::{Array, Device, Precision};
 
 use crate::config::UnetConfig;
 use crate::error::ModelError;
@@ -56,10 +56,12 @@ pub struct Input<'a> {
 }
 
 impl Unet {
-    /// Reads the network of `source` onto `device`. The error names the file, and the field or tensor in it.
-    pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
+    /// Reads the network of `source` onto `device`, to multiply in `precision`. The error names the file, and the field or tensor
+    /// in it.
+    pub fn load(source: &ModelSource, device: &Device, precision: Precision) -> Result<Self, ModelError> {
         let config = UnetConfig::read(&source.file("unet/config.json")?)?;
-        Self::read(config, Weights::open(source.weights("unet/diffusion_pytorch_model")?, device)?, device)
+        let weights = Weights::open(source.weights("unet/diffusion_pytorch_model")?, device)?;
+        Self::read(config, weights.with_precision(precision), device)
     }
 
     /// Reads the network. Fails if the file does not hold exactly the tensors that the configuration asks for.

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use compute::Device;
 use diffusion::{ModelSource, Prior};
+use safetensors::SafeTensors;
 use serde_json::{Value, json};
 
 /// What loading tiny-x4 says after `damage` was done to a copy of it.
@@ -89,4 +90,35 @@ fn damaged_files_are_refused() {
         std::fs::create_dir(folder.join("tokenizer/merges.txt")).unwrap();
     });
     assert_eq!(folder, "tokenizer/merges.txt: is not a file");
+}
+
+/// Splits the autoencoder's weights into two files and an index that says where each tensor lies; `rename` names the files there.
+fn shard(folder: &Path, rename: impl Fn(usize) -> String) {
+    let stem = folder.join("vae/diffusion_pytorch_model.safetensors");
+    let bytes = std::fs::read(&stem).unwrap();
+    let mut tensors = SafeTensors::deserialize(&bytes).unwrap().tensors();
+    tensors.sort_by(|a, b| a.0.cmp(&b.0));
+    let mut index = serde_json::Map::new();
+    for (i, half) in tensors.chunks(tensors.len().div_ceil(2)).enumerate() {
+        let views = half.iter().map(|(name, view)| (name.as_str(), view));
+        let file = format!("vae/diffusion_pytorch_model-{:05}-of-00002.safetensors", i + 1);
+        std::fs::write(folder.join(file), safetensors::serialize(views, None).unwrap()).unwrap();
+        index.extend(half.iter().map(|(name, _)| (name.clone(), json!(rename(i + 1)))));
+    }
+    let index = json!({ "metadata": {}, "weight_map": index }).to_string();
+    std::fs::write(folder.join("vae/diffusion_pytorch_model.safetensors.index.json"), index).unwrap();
+    std::fs::remove_file(stem).unwrap();
+}
+
+#[test]
+fn shards_are_read_by_their_index() {
+    let name = |i: usize| format!("diffusion_pytorch_model-{i:05}-of-00002.safetensors");
+    assert_eq!(refusal(|folder| shard(folder, name)), "");
+    let outside = refusal(|folder| shard(folder, |i| format!("../{}", name(i))));
+    assert!(outside.contains("index.json: `weight_map` names \"../diffusion_pytorch_model-00001"), "{outside}");
+    let lost = refusal(|folder| {
+        shard(folder, name);
+        std::fs::remove_file(folder.join("vae").join(name(2))).unwrap();
+    });
+    assert!(lost.starts_with("vae/diffusion_pytorch_model-00002-of-00002.safetensors: is missing"), "{lost}");
 }
