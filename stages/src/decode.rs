@@ -110,7 +110,7 @@ impl Stage for Decode {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

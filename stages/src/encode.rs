@@ -32,7 +32,7 @@ impl Stage for Encode {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -1,7 +1,11 @@
 //! Frozen normalisations.
 
 use compute::Array;
+use compute::elementwise::sub;
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
+
+use compute::reduce::{mean, mean_square};
+use compute::shape::slice;
 
 use crate::error::ModelError;
 use crate::weights::Scope;
@@ -31,9 +35,58 @@ impl GroupNorm {
         group_norm(x, &self.gamma, &self.beta, self.groups, self.eps, self.activation)
     }
 
+    /// What it would normalise `x [1, C, ..]` by.
+    pub fn moments(&self, x: &Array) -> Moments {
+        let rows = x.reshape(&[self.groups, x.len() / self.groups]);
+        let group = |i| {
+            let row = slice(&rows, 0, i, 1);
+            let mean = mean(&row);
+            [mean.into(), mean_square(&sub(&row, &row.device().full(row.shape(), mean))).into()]
+        };
+        Moments((0..self.groups).map(group).collect())
+    }
+
+    /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those only change the scale and the
+    /// shift of what its own give.
+    pub fn forward_by(&self, x: &Array, moments: &Moments) -> Array {
+        let (own, eps) = (self.moments(x), f64::from(self.eps));
+        let (mut gamma, mut beta) = (self.gamma.to_vec(), self.beta.to_vec());
+        let channels = gamma.len() / self.groups;
+        let groups = gamma.chunks_mut(channels).zip(beta.chunks_mut(channels));
+        for ((gamma, beta), ([mean, variance], [wanted_mean, wanted_variance])) in
+            groups.zip(own.0.iter().zip(&moments.0))
+        {
+            let deviation = (wanted_variance + eps).sqrt();
+            let (gain, offset) = ((variance + eps).sqrt() / deviation, (mean - wanted_mean) / deviation);
+            for (gamma, beta) in gamma.iter_mut().zip(beta) {
+                *beta += *gamma * offset as f32;
+                *gamma *= gain as f32;
+            }
+        }
+        let [gamma, beta] = [gamma, beta].map(|values| x.device().array(self.gamma.shape(), values));
+        group_norm(x, &gamma, &beta, self.groups, self.eps, self.activation)
+    }
+
     /// `x` is the input of the forward pass.
     pub fn backward(&self, x: &Array, dy: &Array) -> Array {
         group_norm_backward(x, &self.gamma, &self.beta, self.groups, self.eps, self.activation, dy)
+    }
+}
+
+/// Mean and variance of each group.
+#[derive(Clone, Debug)]
+pub(crate) struct Moments(Vec<[f64; 2]>);
+
+impl Moments {
+    /// Those of equal parts together.
+    pub fn pool(parts: &[Self]) -> Self {
+        let count = parts.len() as f64;
+        let group = |i: usize| {
+            let mean = parts.iter().map(|part| part.0[i][0]).sum::<f64>() / count;
+            let spread = |part: &Self| part.0[i][1] + (part.0[i][0] - mean).powi(2);
+            [mean, parts.iter().map(spread).sum::<f64>() / count]
+        };
+        Self((0..parts.first().map_or(0, |part| part.0.len())).map(group).collect())
     }
 }
 

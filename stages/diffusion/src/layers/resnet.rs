@@ -74,11 +74,21 @@ impl Resnet {
 
     /// `x [N, C, H, W]`; `time [N, D]` is the time embedding after its activation.
     pub fn forward(&self, x: &Array, time: Option<&Array>) -> (Array, ResnetTape) {
-        let mut hidden = self.conv1.forward(&self.norm1.forward(x));
+        self.forward_by(x, time, |norm, x| norm.forward(x))
+    }
+
+    /// The same with normalisations that the caller computes.
+    pub fn forward_by(
+        &self,
+        x: &Array,
+        time: Option<&Array>,
+        mut normalise: impl FnMut(&GroupNorm, &Array) -> Array,
+    ) -> (Array, ResnetTape) {
+        let mut hidden = self.conv1.forward(&normalise(&self.norm1, x));
         if let (Some(layer), Some(time)) = (&self.time, time) {
             hidden = add_channels(&hidden, &layer.forward(time));
         }
-        let y = self.conv2.forward(&self.norm2.forward(&hidden));
+        let y = self.conv2.forward(&normalise(&self.norm2, &hidden));
         let y = match &self.shortcut {
             Some(shortcut) => add(&shortcut.forward(x), &y),
             None => add(x, &y),

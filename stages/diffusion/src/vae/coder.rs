@@ -6,6 +6,7 @@ use compute::elementwise::add;
 use compute::norm::Activation;
 use compute::shape::{nchw_to_tokens, tokens_to_nchw};
 
+use super::statistics::{Statistics, Walk};
 use crate::config::VaeConfig;
 use crate::error::ModelError;
 use crate::layers::{Conv2d, Downsample, GroupNorm, Linear, Resnet, ResnetShape, Upsample};
@@ -68,17 +69,18 @@ impl Coder {
         stack.close(scope, config.latent_channels, config.out_channels, widths[0])
     }
 
-    pub fn forward(&self, x: &Array) -> Array {
-        let x = self.layers.iter().fold(self.conv_in.forward(x), |x, layer| layer.forward(&x));
-        self.conv_out.forward(&self.norm_out.forward(&x))
+    pub fn forward(&self, x: &Array, statistics: &mut Statistics) -> Array {
+        let mut walk = statistics.walk();
+        let x = self.layers.iter().fold(self.conv_in.forward(x), |x, layer| layer.forward(&x, &mut walk));
+        self.conv_out.forward(&walk.normalise(&self.norm_out, &x))
     }
 }
 
 impl Layer {
-    fn forward(&self, x: &Array) -> Array {
+    fn forward(&self, x: &Array, walk: &mut Walk) -> Array {
         match self {
-            Self::Resnet(resnet) => resnet.forward(x, None).0,
-            Self::Attention(attention) => attention.forward(x),
+            Self::Resnet(resnet) => resnet.forward_by(x, None, |norm, x| walk.normalise(norm, x)).0,
+            Self::Attention(attention) => attention.forward(x, walk),
             Self::Downsample(downsample) => downsample.forward(x),
             Self::Upsample(upsample) => upsample.forward(x, [2 * x.shape()[2], 2 * x.shape()[3]]),
         }
@@ -97,8 +99,8 @@ impl Attention {
         })
     }
 
-    fn forward(&self, x: &Array) -> Array {
-        let tokens = nchw_to_tokens(&self.norm.forward(x));
+    fn forward(&self, x: &Array, walk: &mut Walk) -> Array {
+        let tokens = nchw_to_tokens(&walk.normalise(&self.norm, x));
         let [q, k, v] = [&self.query, &self.key, &self.value].map(|layer| layer.forward(&tokens));
         let attended = attention(&q, &k, &v, 1, false).out;
         add(x, &tokens_to_nchw(&self.out.forward(&attended), x.shape()[2], x.shape()[3]))

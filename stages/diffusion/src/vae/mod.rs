@@ -3,6 +3,7 @@
 //! Knows nothing of diffusion but the factor that latents are scaled by for it.
 
 mod coder;
+mod statistics;
 mod tiles;
 
 use compute::elementwise::{clamp, scale};
@@ -15,6 +16,7 @@ use crate::layers::Conv2d;
 use crate::source::ModelSource;
 use crate::weights::Weights;
 use coder::Coder;
+use statistics::Statistics;
 use tiles::Tiling;
 
 /// The smallest tile, in latent pixels.
@@ -79,7 +81,11 @@ impl Vae {
 
     /// Encodes `image [N, 3, H, W]` in [-1, 1], H and W multiples of [`Vae::factor`], in one piece.
     pub fn encode(&self, image: &Array) -> Posterior {
-        let hidden = self.encoder.forward(image);
+        self.encode_by(image, &mut Statistics::Own)
+    }
+
+    fn encode_by(&self, image: &Array, statistics: &mut Statistics) -> Posterior {
+        let hidden = self.encoder.forward(image, statistics);
         let moments = self.quant.as_ref().map_or_else(|| hidden.clone(), |quant| quant.forward(&hidden));
         let latent = self.config.latent_channels;
         let logvar = clamp(&slice(&moments, 1, latent, latent), -30.0, 20.0);
@@ -88,9 +94,13 @@ impl Vae {
 
     /// Decodes an unscaled `latent [N, C, h, w]` in one piece: `[N, 3, factor h, factor w]`, around [-1, 1].
     pub fn decode(&self, latent: &Array) -> Array {
+        self.decode_by(latent, &mut Statistics::Own)
+    }
+
+    fn decode_by(&self, latent: &Array, statistics: &mut Statistics) -> Array {
         match &self.post_quant {
-            Some(post_quant) => self.decoder.forward(&post_quant.forward(latent)),
-            None => self.decoder.forward(latent),
+            Some(post_quant) => self.decoder.forward(&post_quant.forward(latent), statistics),
+            None => self.decoder.forward(latent, statistics),
         }
     }
 
@@ -101,8 +111,11 @@ impl Vae {
         let (factor, [height, width]) = (self.factor(), [image.shape()[2], image.shape()[3]]);
         let image = continued(image, [height, width].map(|extent| extent.next_multiple_of(factor)));
         let tiling = Tiling::new([height.div_ceil(factor), width.div_ceil(factor)], self.tile(tile));
-        let mean = tiling.blend(1, |[top, left], [h, w]| {
-            self.encode(&crop(&image, factor * top, factor * left, factor * h, factor * w)).mean
+        let mean = each(&image, |image| {
+            tiling.blend(1, |[top, left], [h, w], statistics| {
+                let tile = crop(image, factor * top, factor * left, factor * h, factor * w);
+                self.encode_by(&tile, statistics).mean
+            })
         });
         scale(&mean, self.config.scaling_factor as f32)
     }
@@ -112,7 +125,11 @@ impl Vae {
     pub fn decode_latent(&self, latent: &Array, size: [usize; 2], tile: usize) -> Array {
         let latent = scale(latent, (1.0 / self.config.scaling_factor) as f32);
         let tiling = Tiling::new([latent.shape()[2], latent.shape()[3]], self.tile(tile));
-        let image = tiling.blend(self.factor(), |[top, left], [h, w]| self.decode(&crop(&latent, top, left, h, w)));
+        let image = each(&latent, |latent| {
+            tiling.blend(self.factor(), |[top, left], [h, w], statistics| {
+                self.decode_by(&crop(latent, top, left, h, w), statistics)
+            })
+        });
         crop(&image, 0, 0, size[0], size[1])
     }
 
@@ -120,6 +137,12 @@ impl Vae {
     fn tile(&self, pixels: usize) -> usize {
         (pixels / self.factor()).max(MIN_TILE)
     }
+}
+
+/// What `compute` gives for each of N images, one after the other.
+fn each(images: &Array, compute: impl Fn(&Array) -> Array) -> Array {
+    let parts: Vec<Array> = (0..images.shape()[0]).map(|i| compute(&slice(images, 0, i, 1))).collect();
+    concat(&parts.iter().collect::<Vec<_>>(), 0)
 }
 
 /// An image continued by reflection, downwards and to the right, to the height and width `to`; at once as far as it reaches, and

@@ -4,6 +4,8 @@
 
 use compute::Array;
 
+use super::statistics::Statistics;
+
 /// The tiles along one axis.
 struct Axis {
     extent: usize,
@@ -51,18 +53,29 @@ impl Tiling {
     }
 
     /// The result for the whole image, `unit` times its size, blended from those of tiles. `compute` is given the first pixel
-    /// `[top, left]` and the size `[height, width]` of a tile and gives `[N, C, unit height, unit width]`.
-    pub fn blend(&self, unit: usize, compute: impl Fn([usize; 2], [usize; 2]) -> Array) -> Array {
+    /// `[top, left]` and the size `[height, width]` of a tile and gives `[N, C, unit height, unit width]`. Where there is more than
+    /// one tile it is called twice for each: once to gather statistics, once to use those of all.
+    pub fn blend(&self, unit: usize, compute: impl Fn([usize; 2], [usize; 2], &mut Statistics) -> Array) -> Array {
         let [rows, columns] = &self.axes;
         let tile = [rows.tile, columns.tile];
         if rows.starts.len() * columns.starts.len() == 1 {
-            return compute([0, 0], tile);
+            return compute([0, 0], tile, &mut Statistics::Own);
         }
+        let mut statistics = Statistics::Gather(Vec::new());
+        for (&top, &left) in rows.starts.iter().flat_map(|top| columns.starts.iter().map(move |left| (top, left))) {
+            compute([top, left], tile, &mut statistics);
+        }
+        let mut statistics = statistics.pooled();
         let (row_shares, column_shares) = (rows.shares(unit), columns.shares(unit));
         let mut canvas = Canvas { size: [rows.extent * unit, columns.extent * unit], sums: None };
         for (&top, row_share) in rows.starts.iter().zip(&row_shares) {
             for (&left, column_share) in columns.starts.iter().zip(&column_shares) {
-                canvas.add(&compute([top, left], tile), [top * unit, left * unit], row_share, column_share);
+                canvas.add(
+                    &compute([top, left], tile, &mut statistics),
+                    [top * unit, left * unit],
+                    row_share,
+                    column_share,
+                );
             }
         }
         canvas.finish()
@@ -111,7 +124,7 @@ mod tests {
         for (size, tile) in [([9, 31], 8), ([8, 8], 8), ([40, 5], 12), ([33, 17], 16)] {
             let image = numbers(size);
             for unit in [1, 4] {
-                let doubled = |[top, left]: [usize; 2], [h, w]: [usize; 2]| {
+                let doubled = |[top, left]: [usize; 2], [h, w]: [usize; 2], _: &mut Statistics| {
                     upsample_nearest(&crop(&image, top, left, h, w), unit)
                 };
                 let blended = Tiling::new(size, tile).blend(unit, doubled).to_vec();
@@ -135,8 +148,9 @@ mod tests {
     #[test]
     fn a_difference_between_tiles_fades_linearly() {
         let tiling = Tiling::new([8, 14], 8);
-        let constant =
-            |[_, left]: [usize; 2], [h, w]: [usize; 2]| Device::cpu().full(&[1, 1, h, w], (left > 0) as u8 as f32);
+        let constant = |[_, left]: [usize; 2], [h, w]: [usize; 2], _: &mut Statistics| {
+            Device::cpu().full(&[1, 1, h, w], (left > 0) as u8 as f32)
+        };
         let row = &tiling.blend(1, constant).to_vec()[..14];
         assert_eq!(row, [0., 0., 0., 0., 0., 0., 0.25, 0.75, 1., 1., 1., 1., 1., 1.]);
     }
