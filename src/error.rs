@@ -126,7 +126,9 @@ impl Error {
             Self::Failed(_) => FAILED,
             Self::Usage { .. } | Self::UnknownStage(_) | Self::Address(_) => USAGE,
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
-            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::NoInput { .. } => PIPELINE,
+            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::NoInput { .. } => {
+                PIPELINE
+            }
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } => STORE,
             Self::Interrupted => INTERRUPTED,
             Self::Bug(_) => BUG,
