@@ -1,4 +1,4 @@
-//! A pinhole camera as files hold it. Knows no rays and no images.
+//! A camera as files hold it. Knows no rays and no images.
 
 use glam::DMat4;
 use schemars::JsonSchema;
@@ -9,7 +9,35 @@ use crate::error::SchemaError;
 /// Images are at most this wide and high.
 const LARGEST_EXTENT: u32 = 1 << 16;
 
-/// A pinhole camera. Lengths in the image are in pixels; pixel (0, 0) has its centre at (0.5, 0.5), y points down.
+/// OpenCV's radial and tangential lens distortion, in focal lengths with y down; all zero is a pinhole.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Distortion {
+    /// Coefficient of r².
+    pub k1: f64,
+    /// Coefficient of r⁴.
+    pub k2: f64,
+    /// Coefficient of r⁶.
+    pub k3: f64,
+    /// First tangential coefficient.
+    pub p1: f64,
+    /// Second tangential coefficient.
+    pub p2: f64,
+}
+
+impl Distortion {
+    /// Whether there is none.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// All coefficients, in the order of the fields.
+    pub(crate) fn coefficients(&self) -> [f64; 5] {
+        [self.k1, self.k2, self.k3, self.p1, self.p2]
+    }
+}
+
+/// A camera. Lengths in the image are in pixels; pixel (0, 0) has its centre at (0.5, 0.5), y points down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Camera {
     /// Width of the image.
@@ -24,6 +52,9 @@ pub struct Camera {
     pub cx: f64,
     /// Principal point, y.
     pub cy: f64,
+    /// How the lens bends what a pinhole would see.
+    #[serde(default, skip_serializing_if = "Distortion::is_none")]
+    pub distortion: Distortion,
     /// Rows of the camera-to-world matrix. OpenGL axes: +x right, +y up, looks along -z.
     pub camera_to_world: [[f64; 4]; 4],
     /// Where the scene begins, along the viewing axis, in scene units.
@@ -41,7 +72,8 @@ impl Camera {
             return Err(SchemaError::content(place, problem));
         }
         let lens = [self.fl_x, self.fl_y, self.cx, self.cy, self.near, self.far];
-        let mut numbers = lens.iter().chain(self.camera_to_world.as_flattened());
+        let bent = self.distortion.coefficients();
+        let mut numbers = lens.iter().chain(&bent).chain(self.camera_to_world.as_flattened());
         match numbers.find(|number| !number.is_finite()) {
             Some(number) => Err(SchemaError::content(place, format!("its camera holds {number}; all must be finite"))),
             None if self.determinant() == 0.0 => {

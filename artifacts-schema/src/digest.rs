@@ -161,7 +161,10 @@ impl ContentHasher {
     pub fn camera(&mut self, camera: &Camera) {
         self.count(camera.width as usize);
         self.count(camera.height as usize);
-        self.reals(&[camera.fl_x, camera.fl_y, camera.cx, camera.cy, camera.near, camera.far]);
+        let lens = [camera.fl_x, camera.fl_y, camera.cx, camera.cy, camera.near, camera.far];
+        // A pinhole has no coefficients: its digest is that of the days before there were any.
+        let bent = camera.distortion.coefficients();
+        self.reals(&[&lens[..], if camera.distortion.is_none() { &[] } else { &bent }].concat());
         self.reals(camera.camera_to_world.as_flattened());
     }
 }

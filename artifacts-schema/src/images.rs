@@ -77,10 +77,9 @@ impl Artifact for ImageSet {
         let cameras: Vec<(&str, Camera)> = views.iter().map(|view| (view.name.as_str(), view.camera)).collect();
         let page = canonical::page(&Transforms::new(&cameras, self.bounds, provenance))?;
         canonical::write(folder, transforms::FILE, page.as_bytes())?;
-        let provenance = canonical::line(provenance)?;
         views
             .par_iter()
-            .try_for_each(|view| openexr::write(&folder.join(format!("{}.exr", view.name)), view, &provenance))
+            .try_for_each(|view| openexr::write(&folder.join(format!("{}.exr", view.name)), view, provenance))
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {

@@ -22,7 +22,7 @@ mod tensor_file;
 mod transforms;
 
 pub use artifact::{Artifact, ArtifactKind, semantic_digest};
-pub use camera::Camera;
+pub use camera::{Camera, Distortion};
 pub use digest::Digest;
 pub use error::SchemaError;
 pub use field::Field;

@@ -2,7 +2,8 @@
 //!
 //! The `exr` crate writes custom attributes in random order, so that there is one per list: `srnerf`, the provenance as
 //! canonical JSON, among the layer's attributes, and `colorInteropID` among the image's.
-//! The camera in the file is a single-precision copy for viewers; `transforms.json` holds the exact one.
+//! The camera in the file is a single-precision copy for viewers; `transforms.json` holds the exact one. OpenEXR has no
+//! attribute for lens distortion: it stands in `srnerf` as well, under `distortion`.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -19,9 +20,10 @@ use exr::prelude::{
 use glam::{DMat4, DVec4};
 
 use crate::camera::Camera;
-use crate::canonical::LARGEST_COMPRESSION_RATIO;
+use crate::canonical::{self, LARGEST_COMPRESSION_RATIO};
 use crate::error::SchemaError;
 use crate::images::View;
+use crate::provenance::Provenance;
 
 const REC_709: Chromaticities = Chromaticities {
     red: Vec2(0.64, 0.33),
@@ -30,11 +32,11 @@ const REC_709: Chromaticities = Chromaticities {
     white: Vec2(0.3127, 0.3290),
 };
 
-/// Writes a view. `provenance` is canonical JSON.
-pub fn write(path: &Path, view: &View, provenance: &str) -> Result<(), SchemaError> {
+/// Writes a view.
+pub fn write(path: &Path, view: &View, provenance: &Provenance) -> Result<(), SchemaError> {
     let mut image = Image::from_layer(Layer::new(
         (view.camera.width as usize, view.camera.height as usize),
-        attributes(&view.camera, provenance)?,
+        attributes(&view.camera, &about(&view.camera, provenance)?)?,
         Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing },
         AnyChannels::sort(channels(view).into()),
     ));
@@ -56,8 +58,17 @@ fn channels(view: &View) -> Vec<AnyChannel<FlatSamples>> {
     color.chain(alpha).chain(depth).map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values))).collect()
 }
 
-fn attributes(camera: &Camera, provenance: &str) -> Result<LayerAttributes, SchemaError> {
-    let provenance = Text::new_or_none(provenance)
+/// The JSON of the attribute `srnerf`.
+fn about(camera: &Camera, provenance: &Provenance) -> Result<String, SchemaError> {
+    let mut about = canonical::value(provenance)?;
+    if !camera.distortion.is_none() {
+        about["distortion"] = canonical::value(&camera.distortion)?;
+    }
+    canonical::line(&about)
+}
+
+fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, SchemaError> {
+    let about = Text::new_or_none(about)
         .ok_or_else(|| SchemaError::content("provenance", "holds characters that OpenEXR cannot"))?;
     let world_to_camera = world_to_camera(camera);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
@@ -71,7 +82,7 @@ fn attributes(camera: &Camera, provenance: &str) -> Result<LayerAttributes, Sche
         screen_window_center: Vec2(off_center[0] as f32, off_center[1] as f32),
         ..LayerAttributes::default()
     };
-    attributes.other.insert(Text::new_or_panic("srnerf"), AttributeValue::Text(provenance));
+    attributes.other.insert(Text::new_or_panic("srnerf"), AttributeValue::Text(about));
     Ok(attributes)
 }
 

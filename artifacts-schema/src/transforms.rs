@@ -6,7 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Distortion};
 use crate::canonical;
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
@@ -17,7 +17,7 @@ pub const FILE: &str = "transforms.json";
 /// The file.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Transforms {
-    /// Always `OPENCV` (without distortion): a pinhole camera.
+    /// Always `OPENCV`: a pinhole camera, with lens distortion where a lens has coefficients.
     pub camera_model: String,
     /// The scene box: its lower and its upper corner.
     pub aabb: [[f64; 3]; 2],
@@ -64,6 +64,21 @@ pub struct Lens {
     /// Principal point, y, downwards.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cy: Option<f64>,
+    /// Lens distortion, OpenCV's coefficient of r²; none for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k1: Option<f64>,
+    /// Lens distortion, of r⁴; none for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k2: Option<f64>,
+    /// Lens distortion, of r⁶; none for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k3: Option<f64>,
+    /// Lens distortion, first tangential coefficient; none for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p1: Option<f64>,
+    /// Lens distortion, second tangential coefficient; none for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p2: Option<f64>,
     /// Where the scene begins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near: Option<f64>,
@@ -74,6 +89,7 @@ pub struct Lens {
 
 impl Lens {
     fn of(camera: &Camera) -> Self {
+        let bent = |coefficient: f64| Some(coefficient).filter(|_| !camera.distortion.is_none());
         Self {
             w: Some(camera.width),
             h: Some(camera.height),
@@ -81,6 +97,11 @@ impl Lens {
             fl_y: Some(camera.fl_y),
             cx: Some(camera.cx),
             cy: Some(camera.cy),
+            k1: bent(camera.distortion.k1),
+            k2: bent(camera.distortion.k2),
+            k3: bent(camera.distortion.k3),
+            p1: bent(camera.distortion.p1),
+            p2: bent(camera.distortion.p2),
             near: Some(camera.near),
             far: Some(camera.far),
         }
@@ -121,6 +142,17 @@ impl Transforms {
         Ok(cameras)
     }
 
+    fn distortion(&self, own: &Lens) -> Distortion {
+        let or_zero = |own: Option<f64>, shared: Option<f64>| own.or(shared).unwrap_or(0.0);
+        Distortion {
+            k1: or_zero(own.k1, self.lens.k1),
+            k2: or_zero(own.k2, self.lens.k2),
+            k3: or_zero(own.k3, self.lens.k3),
+            p1: or_zero(own.p1, self.lens.p1),
+            p2: or_zero(own.p2, self.lens.p2),
+        }
+    }
+
     fn camera(&self, frame: &Frame) -> Result<(String, Camera), SchemaError> {
         let place = format!("frame {:?}", frame.file_path);
         let missing =
@@ -134,6 +166,7 @@ impl Transforms {
             fl_y: frame.lens.fl_y.or(self.lens.fl_y).ok_or_else(|| missing("fl_y"))?,
             cx: frame.lens.cx.or(self.lens.cx).ok_or_else(|| missing("cx"))?,
             cy: frame.lens.cy.or(self.lens.cy).ok_or_else(|| missing("cy"))?,
+            distortion: self.distortion(&frame.lens),
             camera_to_world: frame.transform_matrix,
             near: frame.lens.near.or(self.lens.near).ok_or_else(|| missing("near"))?,
             far: frame.lens.far.or(self.lens.far).ok_or_else(|| missing("far"))?,

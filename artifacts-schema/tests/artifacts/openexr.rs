@@ -2,6 +2,7 @@
 
 use artifacts_schema::{Artifact, Camera};
 use exr::meta::MetaData;
+use exr::meta::attribute::Text;
 use tempfile::tempdir;
 
 use crate::samples;
@@ -54,4 +55,20 @@ fn matrices_are_left_handed_row_vector_and_upper_left() {
     assert!((transform(in_world(&camera, [left, 0.0, -1.0]), world_to_ndc)[0]).abs() < 1e-5);
     let middle = f64::from(attributes.screen_window_center.1);
     assert!((transform(in_world(&camera, [0.0, middle, -1.0]), world_to_ndc)[1] - 0.5).abs() < 1e-5);
+}
+
+#[test]
+fn a_bent_lens_stands_beside_the_provenance() {
+    let folder = tempdir().unwrap();
+    let mut images = samples::images();
+    images.views[0].camera.distortion.k1 = 0.25;
+    images.write(folder.path(), &samples::provenance()).unwrap();
+    let about = |view: &str| -> serde_json::Value {
+        let meta = MetaData::read_from_file(folder.path().join(view), true).unwrap();
+        let text = meta.headers[0].own_attributes.other[&Text::from("srnerf")].to_text().unwrap().to_string();
+        serde_json::from_str(&text).unwrap()
+    };
+    assert_eq!(about("view_000.exr")["distortion"]["k1"], 0.25);
+    assert_eq!(about("view_000.exr")["kind"], "Render");
+    assert!(about("view_001.exr").get("distortion").is_none());
 }

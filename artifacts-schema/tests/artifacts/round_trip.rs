@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use artifacts_schema::{Artifact, ImageSet, SchemaError, View};
+use artifacts_schema::{Artifact, Distortion, ImageSet, SchemaError, View};
 use proptest::prelude::*;
 use tempfile::tempdir;
 
@@ -52,6 +52,16 @@ fn views_come_back_sorted_by_name() {
     let mut images = samples::images();
     images.views.reverse();
     assert_eq!(round_trip(&images), samples::images());
+}
+
+#[test]
+fn a_bent_lens_comes_back_shared_by_all_views_or_of_one_alone() {
+    let bent = Distortion { k1: 0.1, k2: -1.0 / 3.0, p2: 1e-9, ..Distortion::default() };
+    let mut images = samples::images();
+    images.views[1].camera.distortion = bent;
+    assert_eq!(round_trip(&images), images);
+    images.views[0].camera.distortion = bent;
+    assert_eq!(round_trip(&images), images);
 }
 
 #[test]

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use artifacts_schema::{
-    Artifact, Camera, Field, Figures, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture, Provenance,
-    Residuals, Row, SchemaError, Tensor, View,
+    Artifact, Camera, Distortion, Field, Figures, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
+    Provenance, Residuals, Row, SchemaError, Tensor, View,
 };
 use serde_json::json;
 
@@ -37,6 +37,7 @@ pub fn camera() -> Camera {
         fl_y: 1.0 / 0.17,
         cx: 2.4,
         cy: 2.1,
+        distortion: Distortion::default(),
         camera_to_world: [[cos, 0.0, sin, 1.0], [0.0, 1.0, 0.0, 2.0], [-sin, 0.0, cos, 3.0], [0.0, 0.0, 0.0, 1.0]],
         near: 0.1,
         far: 1e3 / 3.0,

@@ -19,32 +19,31 @@ pub fn see(field: &mut Field, cameras: &[&Camera]) {
     let grid = &field.occupancy;
     let scale = f64::from(field.space.scale);
     let radius = f64::from(0.5 * 3f32.sqrt() / grid.resolution) / scale;
+    let views: Vec<_> = cameras.iter().map(|camera| (camera, camera.view_window())).collect();
     let seen: Vec<bool> = (0..grid.cells())
         .into_par_iter()
         .map(|cell| {
             let unit = grid.point(cell, [0.5; 3]);
             let world = [0, 1, 2].map(|a| f64::from(unit[a]) / scale + f64::from(field.space.bounds[0][a]));
-            cameras.iter().any(|camera| sees(camera, world, radius))
+            views.iter().any(|(camera, window)| sees(camera, *window, world, radius))
         })
         .collect();
     field.occupancy.see(&seen);
 }
 
-/// Whether any of a ball around a world point may be in a camera's view.
-fn sees(camera: &Camera, center: [f64; 3], radius: f64) -> bool {
+/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own.
+fn sees(camera: &Camera, window: [f64; 4], center: [f64; 3], radius: f64) -> bool {
     let to_camera = camera.camera_to_world.inverse();
     let p = to_camera.transform_point3(center.into());
     let depth = -p.z;
     if depth + radius < camera.near || depth - radius > camera.far {
         return false;
     }
-    // The distance to each side plane of the view, of which (fl, -c) is the normal in the plane of one axis.
-    let inside = |across: f64, fl: f64, c: f64, size: f64| {
-        let (low, high) = (fl * across + c * depth, (size - c) * depth - fl * across);
-        low > -radius * fl.hypot(c) && high > -radius * fl.hypot(size - c)
+    // The distance to each side plane of the view, of which (1, -side) is the normal in the plane of one axis.
+    let inside = |across: f64, low: f64, high: f64| {
+        across - low * depth > -radius * low.hypot(1.0) && high * depth - across > -radius * high.hypot(1.0)
     };
-    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
-    inside(p.x, camera.fl_x, camera.cx, w) && inside(-p.y, camera.fl_y, camera.cy, h)
+    inside(p.x, window[0], window[1]) && inside(p.y, window[2], window[3])
 }
 
 /// One update of the grid: all seen cells at first, then some at random and some of the occupied, each at a random point
@@ -101,12 +100,24 @@ mod tests {
     use super::*;
     use crate::config::FieldConfig;
     use glam::DMat4;
+    use scene::Distortion;
 
     fn camera() -> Camera {
         let size = (16, 12);
         let (cx, cy) = (8.0, 6.0);
         let camera_to_world = DMat4::IDENTITY;
-        Camera { width: size.0, height: size.1, fl_x: 16.0, fl_y: 16.0, cx, cy, camera_to_world, near: 1.0, far: 3.0 }
+        Camera {
+            width: size.0,
+            height: size.1,
+            fl_x: 16.0,
+            fl_y: 16.0,
+            cx,
+            cy,
+            distortion: Distortion::default(),
+            camera_to_world,
+            near: 1.0,
+            far: 3.0,
+        }
     }
 
     fn field() -> Field {
@@ -124,6 +135,7 @@ mod tests {
     #[test]
     fn only_what_is_in_view_is_seen() {
         let camera = camera();
+        let sees = |camera, center, radius| sees(camera, camera.view_window(), center, radius);
         assert!(sees(&camera, [0.0, 0.0, -2.0], 0.0));
         assert!(!sees(&camera, [0.0, 0.0, -0.5], 0.1), "before near");
         assert!(!sees(&camera, [0.0, 0.0, -3.5], 0.1), "behind far");

@@ -1,8 +1,13 @@
-//! A pinhole camera: where it stands, what it sees, and the rays of its pixels. Knows nothing of images or files.
+//! A camera: where it stands, what it sees, and the rays of its pixels. Knows nothing of images or files.
 
 use glam::{DMat4, DVec3, DVec4};
 
-/// A pinhole camera without distortion.
+use crate::Distortion;
+
+/// Points along each side of the image that [`Camera::view_window`] looks through.
+const RIM: u32 = 32;
+
+/// A pinhole camera, perhaps behind a lens that bends.
 ///
 /// Axes are OpenGL's: in camera space +x is right, +y up, and the camera looks along -z. In images y points down and
 /// the centre of pixel (0, 0) lies at (0.5, 0.5), so an image spans `0..width` by `0..height`.
@@ -20,6 +25,8 @@ pub struct Camera {
     pub cx: f64,
     /// Where the optical axis meets the image, in pixels from its top edge.
     pub cy: f64,
+    /// How the lens bends what a pinhole would see.
+    pub distortion: Distortion,
     /// Rigid transform from camera space to world space, acting on column vectors.
     pub camera_to_world: DMat4,
     /// Depth along the view axis, in world units, before which there is nothing to see.
@@ -41,7 +48,8 @@ pub struct Ray {
 }
 
 impl Camera {
-    /// The ray through the image point (`px`, `py`), in pixels; `(x + 0.5, y + 0.5)` is the centre of pixel (x, y).
+    /// The ray through the image point (`px`, `py`), in pixels; `(x + 0.5, y + 0.5)` is the centre of pixel (x, y). The
+    /// lens is undone: the ray goes to what is really seen there.
     pub fn ray(&self, px: f64, py: f64) -> Ray {
         let in_camera = self.at_unit_depth(px, py);
         let length = in_camera.length();
@@ -54,11 +62,16 @@ impl Camera {
     }
 
     /// Where a world point appears: (px, py, depth along the view axis). The inverse of [`Camera::ray`].
-    /// `None` if the point is not in front of the camera. The image's borders do not clip.
+    /// `None` if the point is not in front of the camera, or so far aside that no ray through this lens meets it. The
+    /// image's borders do not clip.
     pub fn project(&self, point: [f64; 3]) -> Option<[f64; 3]> {
         let p = self.camera_to_world.inverse().transform_point3(point.into());
         let depth = -p.z;
-        (depth > 0.0).then(|| [self.cx + self.fl_x * p.x / depth, self.cy - self.fl_y * p.y / depth, depth])
+        if depth <= 0.0 {
+            return None;
+        }
+        let [x, y] = self.bend([p.x / depth, -p.y / depth])?;
+        Some([self.cx + self.fl_x * x, self.cy + self.fl_y * y, depth])
     }
 
     /// The world point seen at (`px`, `py`) at a depth along the view axis.
@@ -86,14 +99,36 @@ impl Camera {
         self.camera_to_world.w_axis.truncate()
     }
 
-    /// The eight world-space corners of what the camera sees between `near` and `far`.
-    pub fn frustum_corners(&self) -> [[f64; 3]; 8] {
+    /// What the camera sees of the plane at depth 1: `[left, right, low, high]` in camera space (x right, y up). With a lens
+    /// that bends, the smallest such window around all that is seen.
+    pub fn view_window(&self) -> [f64; 4] {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
-        let rim = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)];
+        let steps = if self.distortion.is_none() { 1 } else { RIM };
+        let along = (0..=steps).map(|step| f64::from(step) / f64::from(steps));
+        let rim = along.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
+        rim.map(|(px, py)| self.at_unit_depth(px, py)).fold(
+            [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY],
+            |[left, right, low, high], p| [left.min(p.x), right.max(p.x), low.min(p.y), high.max(p.y)],
+        )
+    }
+
+    /// Eight world-space corners around what the camera sees between `near` and `far`.
+    pub fn frustum_corners(&self) -> [[f64; 3]; 8] {
+        let [left, right, low, high] = self.view_window();
+        let rim = [(left, high), (right, high), (left, low), (right, low)];
         std::array::from_fn(|i| {
-            let (px, py) = rim[i % 4];
-            self.unproject(px, py, if i < 4 { self.near } else { self.far })
+            let (x, y) = rim[i % 4];
+            let depth = if i < 4 { self.near } else { self.far };
+            self.camera_to_world.transform_point3(DVec3::new(x, y, -1.0) * depth).to_array()
         })
+    }
+
+    /// Whether there is a ray for every part of the image: a lens whose numbers are wrong may fold its rim over.
+    pub fn sees_through_all_its_image(&self) -> bool {
+        let at = |i: u32| f64::from(i) / f64::from(RIM);
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let seen = |i, j| [(at(i) * w - self.cx) / self.fl_x, (at(j) * h - self.cy) / self.fl_y];
+        (0..=RIM).all(|j| (0..=RIM).all(|i| self.distortion.undo(seen(i, j)).is_some()))
     }
 
     /// A camera pose at `position` that looks at `target` with world +y up.
@@ -113,7 +148,21 @@ impl Camera {
     }
 
     fn at_unit_depth(&self, px: f64, py: f64) -> DVec3 {
-        DVec3::new((px - self.cx) / self.fl_x, -(py - self.cy) / self.fl_y, -1.0)
+        let seen = [(px - self.cx) / self.fl_x, (py - self.cy) / self.fl_y];
+        // Readers refuse cameras without a ray for every pixel; past the rim the pinhole's ray is as good as any.
+        let [x, y] = self.distortion.undo(seen).unwrap_or(seen);
+        DVec3::new(x, -y, -1.0)
+    }
+
+    /// Where a point of the image plane (y down) is seen through the lens; `None` if its own ray would miss it, beyond
+    /// the rim where the model folds over.
+    fn bend(&self, point: [f64; 2]) -> Option<[f64; 2]> {
+        if self.distortion.is_none() {
+            return Some(point);
+        }
+        let seen = self.distortion.apply(point);
+        let [x, y] = self.distortion.undo(seen)?;
+        ((x - point[0]).hypot(y - point[1]) < 1e-9 * (1.0 + point[0].hypot(point[1]))).then_some(seen)
     }
 }
 
@@ -123,10 +172,19 @@ mod tests {
     use glam::DQuat;
     use proptest::prelude::*;
 
+    const NONE: Distortion = Distortion { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+
+    /// None, or one as phones have it.
+    fn any_lens() -> impl Strategy<Value = Distortion> {
+        let bent = (-0.06..0.06f64, -0.02..0.02f64, -0.005..0.005f64, -0.005..0.005f64);
+        prop_oneof![Just(NONE), bent.prop_map(|(k1, k2, p1, p2)| Distortion { k1, k2, k3: 0.0, p1, p2 })]
+    }
+
     fn any_camera() -> impl Strategy<Value = Camera> {
         let pose = (prop::array::uniform3(-9.0..9.0f64), prop::array::uniform3(-3.0..3.0f64));
-        (pose, 40..900u32, 40..900u32, 50.0..2000.0f64, 50.0..2000.0f64, 0.2..0.8f64).prop_map(
-            |((position, turn), width, height, fl_x, fl_y, middle)| Camera {
+        (pose, 40..900u32, 40..900u32, 50.0..2000.0f64, 50.0..2000.0f64, 0.2..0.8f64, any_lens()).prop_map(
+            |((position, turn), width, height, fl_x, fl_y, middle, distortion)| Camera {
+                distortion: if f64::from(width).max(height.into()) < 1.5 * fl_x.min(fl_y) { distortion } else { NONE },
                 width,
                 height,
                 fl_x,
@@ -189,6 +247,7 @@ mod tests {
             fl_y: 4.0,
             cx: 4.0,
             cy: 3.0,
+            distortion: NONE,
             camera_to_world: DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0)),
             near: 1.0,
             far: 4.0,
@@ -214,6 +273,24 @@ mod tests {
         assert!((seen[0] - 4.0).abs() < 1e-9 && (seen[1] - 3.0).abs() < 1e-9, "{seen:?}");
         assert!((seen[2] - position.distance(target)).abs() < 1e-9);
         assert!(camera.project((target + DVec3::Y).to_array()).unwrap()[1] < 3.0, "up is towards row 0");
+    }
+
+    #[test]
+    fn a_bent_lens_widens_the_window_to_all_that_is_seen() {
+        let barrel = |k1| Camera { distortion: Distortion { k1, ..NONE }, ..front_camera() };
+        let (straight, bent) = (front_camera().view_window(), barrel(-0.05).view_window());
+        assert_eq!(straight, [-1.0, 1.0, -0.75, 0.75]);
+        assert!(bent[0] < straight[0] && bent[3] > straight[3], "{bent:?}");
+        assert!(barrel(-0.05).sees_through_all_its_image());
+        assert!(!barrel(-0.2).sees_through_all_its_image(), "its corners, 1.25 focal lengths off, lie past the fold");
+        let pincushion = Camera { distortion: Distortion { k1: 0.2, ..NONE }, ..front_camera() };
+        assert!(pincushion.sees_through_all_its_image());
+        let window = pincushion.view_window();
+        for i in 0..=100 {
+            let p = pincushion.at_unit_depth(8.0 * f64::from(i) / 100.0, 0.0);
+            assert!(p.x > window[0] - 1e-3 && p.x < window[1] + 1e-3 && p.y < window[3] + 1e-3, "{p}");
+        }
+        assert_eq!(barrel(-0.05).project([1.0 + 40.0, 2.0, 2.0]), None, "no ray goes so far aside");
     }
 
     #[test]

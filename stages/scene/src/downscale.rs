@@ -69,6 +69,7 @@ fn to_planes(values: &[f32], row: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Distortion;
     use glam::DMat4;
 
     fn photo(width: u32, height: u32, value: impl Fn(u32, u32, usize) -> f32) -> Photo {
@@ -79,6 +80,7 @@ mod tests {
             fl_y: 301.0,
             cx: 0.48 * f64::from(width),
             cy: 0.51 * f64::from(height),
+            distortion: Distortion::default(),
             camera_to_world: DMat4::IDENTITY,
             near: 1.0,
             far: 2.0,

@@ -5,6 +5,7 @@
 
 mod camera;
 pub mod color;
+mod distortion;
 mod downscale;
 mod error;
 mod image_file;
@@ -16,6 +17,7 @@ mod photo;
 mod still_life;
 
 pub use camera::{Camera, Ray};
+pub use distortion::Distortion;
 pub use downscale::{Reduction, downscale};
 pub use error::SceneError;
 pub use llff::llff;

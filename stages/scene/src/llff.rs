@@ -15,7 +15,7 @@ use crate::llff_files::{self, LlffFiles};
 use crate::normalize::normalize;
 use crate::npy::{Table, read_table};
 use crate::photo::bounding_box;
-use crate::{Camera, Photo, Reduction, SceneData, SceneError};
+use crate::{Camera, Distortion, Photo, Reduction, SceneData, SceneError};
 
 const COLUMNS: usize = 17;
 const EXPECTED: &str = "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
@@ -125,6 +125,7 @@ fn camera(row: &[f64], size: (u32, u32)) -> Result<Camera, String> {
         fl_y: focal * height / full_height,
         cx: width / 2.0,
         cy: height / 2.0,
+        distortion: Distortion::default(),
         camera_to_world: DMat4::from_cols(
             right.extend(0.0),
             (-down).extend(0.0),

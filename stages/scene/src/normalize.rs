@@ -30,6 +30,7 @@ fn average_pose(cameras: &[Camera]) -> DMat4 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Distortion;
 
     fn camera(position: DVec3, target: DVec3, near: f64) -> Camera {
         Camera {
@@ -39,6 +40,7 @@ mod tests {
             fl_y: 50.0,
             cx: 20.0,
             cy: 15.0,
+            distortion: Distortion::default(),
             camera_to_world: Camera::look_at(position, target),
             near,
             far: 9.0 * near,

@@ -46,6 +46,7 @@ pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Distortion;
     use glam::DMat4;
 
     fn photos(count: usize) -> Vec<Photo> {
@@ -56,6 +57,7 @@ mod tests {
             fl_y: 1.0,
             cx: 0.5,
             cy: 0.5,
+            distortion: Distortion::default(),
             camera_to_world: DMat4::IDENTITY,
             near: 1.0,
             far: 2.0,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use npyz::WriterBuilder;
-use scene::{Camera, SceneError, downscale, llff, llff_digest, split_holdout};
+use scene::{Camera, Distortion, SceneError, downscale, llff, llff_digest, split_holdout};
 use tempfile::TempDir;
 
 const SIZE: (u32, u32) = (24, 18);
@@ -20,6 +20,7 @@ fn known_cameras() -> Vec<Camera> {
         fl_y: 30.0,
         cx: 12.0,
         cy: 9.0,
+        distortion: Distortion::default(),
         camera_to_world: Camera::look_at(position, target),
         near: 10.0 + i as f64,
         far: 40.0 + i as f64,

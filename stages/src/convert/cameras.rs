@@ -2,10 +2,11 @@
 
 use artifacts_schema as disk;
 use glam::DMat4;
-use scene::Camera;
+use scene::{Camera, Distortion};
 
 /// A camera that makes rays.
 pub fn camera(camera: &disk::Camera) -> Camera {
+    let disk::Distortion { k1, k2, k3, p1, p2 } = camera.distortion;
     Camera {
         width: camera.width,
         height: camera.height,
@@ -13,6 +14,7 @@ pub fn camera(camera: &disk::Camera) -> Camera {
         fl_y: camera.fl_y,
         cx: camera.cx,
         cy: camera.cy,
+        distortion: Distortion { k1, k2, k3, p1, p2 },
         camera_to_world: DMat4::from_cols_array_2d(&camera.camera_to_world).transpose(),
         near: camera.near,
         far: camera.far,
@@ -21,6 +23,7 @@ pub fn camera(camera: &disk::Camera) -> Camera {
 
 /// A camera for disk; its matrix is stored by rows.
 pub fn disk_camera(camera: &Camera) -> disk::Camera {
+    let Distortion { k1, k2, k3, p1, p2 } = camera.distortion;
     disk::Camera {
         width: camera.width,
         height: camera.height,
@@ -28,6 +31,7 @@ pub fn disk_camera(camera: &Camera) -> disk::Camera {
         fl_y: camera.fl_y,
         cx: camera.cx,
         cy: camera.cy,
+        distortion: disk::Distortion { k1, k2, k3, p1, p2 },
         camera_to_world: camera.camera_to_world.transpose().to_cols_array_2d(),
         near: camera.near,
         far: camera.far,

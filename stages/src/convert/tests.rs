@@ -1,14 +1,15 @@
 //! Conversions there and back.
 
-use artifacts_schema::{Camera, View};
+use artifacts_schema::{Camera, Distortion, View};
 use compute::Device;
 
 use super::*;
 
 fn view() -> View {
     let camera_to_world = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0], [0.0, 0.0, 0.0, 1.0]];
-    let camera =
-        Camera { width: 2, height: 3, fl_x: 2.0, fl_y: 2.5, cx: 1.0, cy: 1.5, camera_to_world, near: 1.0, far: 9.0 };
+    let distortion = Distortion { k1: 0.1, k2: 0.02, k3: 0.003, p1: -0.01, p2: 0.02 };
+    let (fl_x, fl_y, cx, cy) = (2.0, 2.5, 1.0, 1.5);
+    let camera = Camera { width: 2, height: 3, fl_x, fl_y, cx, cy, distortion, camera_to_world, near: 1.0, far: 9.0 };
     let rgb = (0..18).map(|i| i as f32 / 17.0).collect();
     View { name: "view_000".into(), camera, rgb, alpha: None, depth: None }
 }

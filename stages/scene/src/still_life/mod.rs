@@ -15,7 +15,7 @@ mod world;
 use compute::Rng;
 use glam::DVec3;
 
-use crate::{Camera, Photo, SceneData};
+use crate::{Camera, Distortion, Photo, SceneData};
 use light::Lights;
 use render::{Picture, Seen, render};
 
@@ -79,6 +79,7 @@ fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Came
         fl_y: focal,
         cx: f64::from(width) / 2.0,
         cy: f64::from(height) / 2.0,
+        distortion: Distortion::default(),
         camera_to_world: Camera::look_at(position, TARGET),
         near: 0.0,
         far: f64::INFINITY,

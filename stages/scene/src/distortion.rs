@@ -1,0 +1,135 @@
+//! Lens distortion as OpenCV models it: where a straight line bends to, and back. Knows no pixels and no poses.
+
+/// How near to the exact answer [`Distortion::undo`] comes, in focal lengths: less than a billionth of a pixel.
+const TOLERANCE: f64 = 1e-13;
+/// Newton's method needs four steps or so; where the model folds over it may never end.
+const STEPS: usize = 40;
+
+/// Radial (k1, k2, k3) and tangential (p1, p2) distortion: OpenCV's first five coefficients, in its own order k1, k2, p1,
+/// p2, k3. All zero, the default, is a pinhole.
+///
+/// Points are those of OpenCV's image plane at depth 1, in focal lengths from the optical axis: x right, y *down*. With
+/// r² = x² + y² and f = 1 + k1 r² + k2 r⁴ + k3 r⁶ the point (x, y) is seen at
+/// (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x y).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distortion {
+    /// Coefficient of r².
+    pub k1: f64,
+    /// Coefficient of r⁴.
+    pub k2: f64,
+    /// Coefficient of r⁶.
+    pub k3: f64,
+    /// First tangential coefficient.
+    pub p1: f64,
+    /// Second tangential coefficient.
+    pub p2: f64,
+}
+
+/// A point of the image plane at depth 1: x right, y down.
+type Point = [f64; 2];
+
+impl Distortion {
+    /// Whether there is none.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Where the point is seen through the lens.
+    pub fn apply(&self, point: Point) -> Point {
+        self.with_slope(point).0
+    }
+
+    /// The point that is seen here: the inverse of [`Distortion::apply`] around the optical axis.
+    ///
+    /// `None` where there is no such point: beyond the rim at which a strong distortion folds the image over.
+    pub fn undo(&self, seen: Point) -> Option<Point> {
+        if self.is_none() {
+            return Some(seen);
+        }
+        let mut point = seen;
+        for _ in 0..STEPS {
+            let (at, [[a, b], [c, d]]) = self.with_slope(point);
+            let off = [at[0] - seen[0], at[1] - seen[1]];
+            let determinant = a * d - b * c;
+            // From the axis outwards the determinant falls from 1; past 0 the image runs backwards.
+            if determinant <= 0.0 {
+                return None;
+            }
+            if off[0].hypot(off[1]) <= TOLERANCE * (1.0 + seen[0].hypot(seen[1])) {
+                return Some(point);
+            }
+            point[0] -= (d * off[0] - b * off[1]) / determinant;
+            point[1] -= (a * off[1] - c * off[0]) / determinant;
+        }
+        None
+    }
+
+    /// Where the point is seen, and the derivative: rows by what is seen, columns by the point.
+    fn with_slope(&self, [x, y]: Point) -> (Point, [[f64; 2]; 2]) {
+        let Self { k1, k2, k3, p1, p2 } = *self;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        // d radial / d r², times 2.
+        let growth = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
+        let seen = [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ];
+        let across = growth * x * y + 2.0 * (p1 * x + p2 * y);
+        let along_x = radial + growth * x * x + 2.0 * p1 * y + 6.0 * p2 * x;
+        let along_y = radial + growth * y * y + 6.0 * p1 * y + 2.0 * p2 * x;
+        (seen, [[along_x, across], [across, along_y]])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A phone's lens, of the size that photographs have.
+    const PHONE: Distortion = Distortion { k1: 0.0578421, k2: -0.0805099, k3: 0.0, p1: -0.000980296, p2: 0.00015575 };
+
+    fn any_lens() -> impl Strategy<Value = Distortion> {
+        (-0.2..0.2f64, -0.05..0.05f64, -0.02..0.02f64, -0.01..0.01f64, -0.01..0.01f64)
+            .prop_map(|(k1, k2, k3, p1, p2)| Distortion { k1, k2, k3, p1, p2 })
+    }
+
+    proptest! {
+        #[test]
+        fn undoing_gives_the_point_back(lens in any_lens(), x in -0.6..0.6f64, y in -0.6..0.6f64) {
+            let back = lens.undo(lens.apply([x, y])).unwrap();
+            prop_assert!((back[0] - x).hypot(back[1] - y) < 1e-11, "{back:?} for {x} {y}");
+        }
+
+        #[test]
+        fn the_slope_is_that_of_finite_differences(lens in any_lens(), x in -0.8..0.8f64, y in -0.8..0.8f64) {
+            const STEP: f64 = 1e-5;
+            let (_, slope) = lens.with_slope([x, y]);
+            for (column, [dx, dy]) in [[STEP, 0.0], [0.0, STEP]].into_iter().enumerate() {
+                let (more, less) = (lens.apply([x + dx, y + dy]), lens.apply([x - dx, y - dy]));
+                for row in 0..2 {
+                    let measured = (more[row] - less[row]) / (2.0 * STEP);
+                    prop_assert!((slope[row][column] - measured).abs() < 1e-8, "{row} {column}: {slope:?} {measured}");
+                }
+            }
+        }
+    }
+
+    /// `cv2.projectPoints` of the point (0.4, -0.7, 1) with a unit camera and these coefficients, to six digits, by hand:
+    /// r² = 0.65, f = 1 + 0.0578421 * 0.65 - 0.0805099 * 0.4225 = 1.003582.
+    #[test]
+    fn a_known_lens_bends_as_its_formula_says() {
+        let [x, y] = PHONE.apply([0.4, -0.7]);
+        assert!((x - (0.4 * 1.003582 + 0.000549 + 0.000151)).abs() < 1e-6, "{x}");
+        assert!((y - (-0.7 * 1.003582 - 0.001598 - 0.000087)).abs() < 1e-6, "{y}");
+    }
+
+    #[test]
+    fn beyond_the_fold_there_is_nothing() {
+        let barrel = Distortion { k1: -0.3, ..Distortion::default() };
+        // x (1 - 0.3 x²) is greatest at x = 1.054, where it is 0.703.
+        assert!(barrel.undo([0.70, 0.0]).is_some());
+        assert_eq!(barrel.undo([0.71, 0.0]), None);
+    }
+}
