@@ -40,6 +40,9 @@ impl Default for Evaluate {
     }
 }
 
+/// What is behind a truth with alpha, and behind the fields that are measured against it: white, as NeRF-synthetic has it.
+const BEHIND: f32 = 1.0;
+
 /// An image in sRGB-encoded values, interleaved.
 struct Picked {
     width: usize,
@@ -49,7 +52,11 @@ struct Picked {
 
 impl Picked {
     fn of(view: &View) -> Self {
-        Self { width: view.camera.width as usize, height: view.camera.height as usize, rgb: convert::srgb(view) }
+        Self {
+            width: view.camera.width as usize,
+            height: view.camera.height as usize,
+            rgb: convert::srgb_before(view, BEHIND),
+        }
     }
 
     fn image(&self) -> Image<'_> {
@@ -59,7 +66,8 @@ impl Picked {
 
 impl Evaluate {
     fn render(&self, field: &Field, view: &View) -> Picked {
-        let options = nerf::RenderOptions { supersample: self.supersample, ..Default::default() };
+        let background = if view.alpha.is_some() { [BEHIND; 3] } else { [0.0; 3] };
+        let options = nerf::RenderOptions { supersample: self.supersample, background };
         let image = nerf::render(field, &convert::camera(&view.camera), &options);
         Picked { width: image.width as usize, height: image.height as usize, rgb: image.rgb }
     }
@@ -131,7 +139,7 @@ impl Stage for Evaluate {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

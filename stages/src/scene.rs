@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
-use scene::{Photo, Reduction, SceneData};
+use scene::{Photo, Reduction, SceneData, TransformsOptions};
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -20,7 +20,8 @@ pub struct Scene {
     pub downscale: u32,
     /// The filter that makes the low-resolution photos.
     pub filter: Reducer,
-    /// Every so many photos, in the order of their names, one is held out: numbers 0, 8, 16 … for 8.
+    /// Every so many photos, in the order of their names, one is held out: numbers 0, 8, 16 … for 8. A source that sets
+    /// photos aside by itself has the last word.
     pub holdout: u32,
 }
 
@@ -29,7 +30,7 @@ pub struct Scene {
 pub enum Origin {
     /// A world that the program draws itself, so that the full-resolution truth is known.
     Procedural {
-        /// Its name: `still_life`.
+        /// Its name: `still_life`, or `object` (on a transparent background, seen from all around).
         #[serde(default = "still_life")]
         world: String,
         /// How many cameras.
@@ -41,6 +42,32 @@ pub enum Origin {
         /// Rays per pixel and axis.
         #[serde(default = "default_samples")]
         samples: u32,
+    },
+    /// Cameras in `transforms.json`, or in `transforms_train.json` and `transforms_test.json`: NeRF-synthetic, instant-ngp,
+    /// nerfstudio.
+    Transforms {
+        /// The folder, or the file itself.
+        path: PathBuf,
+        /// Width and height of the full-resolution photos; by default those of the files.
+        #[serde(default)]
+        size: Option<(u32, u32)>,
+        /// The scene box in the file's coordinates; by default what the file says, or instant-ngp's.
+        #[serde(default)]
+        bounds: Option<[[f64; 3]; 2]>,
+        /// Only every so many of the photos that the source sets aside for testing.
+        #[serde(default = "one")]
+        test_every: u32,
+    },
+    /// A folder with a COLMAP reconstruction, `sparse/0`, beside a folder of images.
+    Colmap {
+        /// The folder.
+        path: PathBuf,
+        /// The images' folder inside it; by default the smallest that has the size asked for.
+        #[serde(default)]
+        images: Option<String>,
+        /// Width and height of the full-resolution photos; by default those of the files.
+        #[serde(default)]
+        size: Option<(u32, u32)>,
     },
     /// A folder in the LLFF layout: `poses_bounds.npy` beside a folder of images.
     Llff {
@@ -64,10 +91,14 @@ pub enum Reducer {
     Area,
 }
 
-const WORLDS: &[&str] = &["still_life"];
+const WORLDS: &[&str] = &["still_life", "object"];
 
 fn still_life() -> String {
     WORLDS[0].into()
+}
+
+fn one() -> u32 {
+    1
 }
 
 fn default_views() -> u32 {
@@ -94,11 +125,27 @@ impl Default for Scene {
     }
 }
 
+impl Origin {
+    fn transforms(&self) -> TransformsOptions {
+        match self {
+            Origin::Transforms { size, bounds, test_every, .. } => {
+                TransformsOptions { size: *size, bounds: *bounds, test_every: *test_every }
+            }
+            _ => TransformsOptions::default(),
+        }
+    }
+}
+
 impl Scene {
     fn read(&self, seed: u64) -> Result<SceneData, StageError> {
         match &self.source {
-            Origin::Procedural { views, size, samples, .. } => Ok(scene::still_life(*views, *size, *samples, seed)),
+            Origin::Procedural { world, views, size, samples } => {
+                let draw = if world == "object" { scene::object } else { scene::still_life };
+                Ok(draw(*views, *size, *samples, seed))
+            }
             Origin::Llff { path, images, size } => Ok(scene::llff(path, images.as_deref(), *size)?),
+            Origin::Colmap { path, images, size } => Ok(scene::colmap(path, images.as_deref(), *size)?),
+            Origin::Transforms { path, .. } => Ok(scene::transforms(path, &self.source.transforms())?),
         }
     }
 
@@ -117,7 +164,7 @@ impl Stage for Scene {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -133,7 +180,11 @@ impl Stage for Scene {
                 convert::in_range("source.samples", *samples, 1, 64)?;
                 Some(*size)
             }
-            Origin::Llff { size, .. } => *size,
+            Origin::Transforms { test_every, size, .. } => {
+                convert::in_range("source.test_every", *test_every, 1, 1_000_000)?;
+                *size
+            }
+            Origin::Llff { size, .. } | Origin::Colmap { size, .. } => *size,
         };
         let Some((w, h)) = size else { return Ok(()) };
         convert::in_range("source.size", w.min(h), self.downscale * 8, 16384)?;
@@ -149,13 +200,13 @@ impl Stage for Scene {
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        match &self.source {
-            Origin::Procedural { .. } => Ok(Vec::new()),
-            Origin::Llff { path, images, size } => {
-                let digest = Digest::new(scene::llff_digest(path, images.as_deref(), *size)?);
-                Ok(vec![Source { name: "photos and poses".into(), digest }])
-            }
-        }
+        let digest = match &self.source {
+            Origin::Procedural { .. } => return Ok(Vec::new()),
+            Origin::Llff { path, images, size } => scene::llff_digest(path, images.as_deref(), *size)?,
+            Origin::Colmap { path, images, size } => scene::colmap_digest(path, images.as_deref(), *size)?,
+            Origin::Transforms { path, .. } => scene::transforms_digest(path, &self.source.transforms())?,
+        };
+        Ok(vec![Source { name: "photos and poses".into(), digest: Digest::new(digest) }])
     }
 
     fn locations(&self) -> &'static [&'static str] {
@@ -165,8 +216,12 @@ impl Stage for Scene {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let data = self.read(io.seed)?;
         io.progress(1, 2, &[])?;
+        data.notes.iter().for_each(|note| io.warn(note));
         let bounds = data.bounds;
-        let (train, test) = scene::split_holdout(data.photos, self.holdout as usize);
+        let (train, test) = match data.test.is_empty() {
+            true => scene::split_holdout(data.photos, self.holdout as usize),
+            false => (data.photos, data.test),
+        };
         if train.is_empty() || test.is_empty() {
             return Err(StageError::Mismatch("the scene has too few photos to hold any out".into()));
         }

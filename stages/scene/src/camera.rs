@@ -128,7 +128,9 @@ impl Camera {
         let at = |i: u32| f64::from(i) / f64::from(RIM);
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         let seen = |i, j| [(at(i) * w - self.cx) / self.fl_x, (at(j) * h - self.cy) / self.fl_y];
-        (0..=RIM).all(|j| (0..=RIM).all(|i| self.distortion.undo(seen(i, j)).is_some()))
+        let has_ray =
+            |i, j| self.distortion.undo(seen(i, j)).is_some_and(|point| self.distortion.is_before_fold(point));
+        (0..=RIM).all(|j| (0..=RIM).all(|i| has_ray(i, j)))
     }
 
     /// A camera pose at `position` that looks at `target` with world +y up.
@@ -154,15 +156,9 @@ impl Camera {
         DVec3::new(x, -y, -1.0)
     }
 
-    /// Where a point of the image plane (y down) is seen through the lens; `None` if its own ray would miss it, beyond
-    /// the rim where the model folds over.
+    /// Where a point of the image plane (y down) is seen through the lens; `None` beyond the rim where it folds over.
     fn bend(&self, point: [f64; 2]) -> Option<[f64; 2]> {
-        if self.distortion.is_none() {
-            return Some(point);
-        }
-        let seen = self.distortion.apply(point);
-        let [x, y] = self.distortion.undo(seen)?;
-        ((x - point[0]).hypot(y - point[1]) < 1e-9 * (1.0 + point[0].hypot(point[1]))).then_some(seen)
+        self.distortion.is_before_fold(point).then(|| self.distortion.apply(point))
     }
 }
 

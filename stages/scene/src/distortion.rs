@@ -52,7 +52,7 @@ impl Distortion {
             let off = [at[0] - seen[0], at[1] - seen[1]];
             let determinant = a * d - b * c;
             // From the axis outwards the determinant falls from 1; past 0 the image runs backwards.
-            if determinant <= 0.0 {
+            if determinant.is_nan() || determinant <= 0.0 {
                 return None;
             }
             if off[0].hypot(off[1]) <= TOLERANCE * (1.0 + seen[0].hypot(seen[1])) {
@@ -62,6 +62,17 @@ impl Distortion {
             point[1] -= (a * off[1] - c * off[0]) / determinant;
         }
         None
+    }
+
+    /// Whether the point lies before the rim at which a strong distortion folds the image over: from the axis to it, the
+    /// image keeps its sense.
+    pub fn is_before_fold(&self, [x, y]: Point) -> bool {
+        const PROBES: u32 = 32;
+        self.is_none()
+            || (1..=PROBES).map(|i| f64::from(i) / f64::from(PROBES)).all(|part| {
+                let (_, [[a, b], [c, d]]) = self.with_slope([part * x, part * y]);
+                a * d - b * c > 0.0 && a + d > 0.0
+            })
     }
 
     /// Where the point is seen, and the derivative: rows by what is seen, columns by the point.
@@ -131,5 +142,7 @@ mod tests {
         // x (1 - 0.3 x²) is greatest at x = 1.054, where it is 0.703.
         assert!(barrel.undo([0.70, 0.0]).is_some());
         assert_eq!(barrel.undo([0.71, 0.0]), None);
+        assert!(barrel.is_before_fold([1.05, 0.0]) && !barrel.is_before_fold([1.06, 0.0]));
+        assert!(!barrel.is_before_fold([40.0, 0.0]), "though turned over twice, it has the sense of the middle");
     }
 }

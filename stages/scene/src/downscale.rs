@@ -31,13 +31,27 @@ pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo,
         let what = format!("{}: {width}x{height} reduced by a factor of {factor}", photo.name);
         return Err(SceneError::EmptyImage { what, size, remedy: "choose a factor from 1 up to the shorter side" });
     }
-    let shrink = |values: &[f32], channels| shrink(values, channels, (width, height), size, filter);
-    Ok(Photo {
-        name: photo.name.clone(),
-        camera: photo.camera.scaled(size.0, size.1),
-        rgb: shrink(&photo.rgb, 3),
-        alpha: photo.alpha.as_ref().map(|alpha| shrink(alpha, 1)),
-    })
+    let (rgb, alpha) = shrink_covered(&photo.rgb, photo.alpha.as_deref(), (width, height), size, filter);
+    Ok(Photo { name: photo.name.clone(), camera: photo.camera.scaled(size.0, size.1), rgb, alpha })
+}
+
+/// Resizes colours and their coverage. What is filtered are colours *times* coverage, so that what a transparent pixel
+/// would be does not bleed over the edge: before any background the result is the reduced image.
+pub(crate) fn shrink_covered(
+    rgb: &[f32],
+    alpha: Option<&[f32]>,
+    size: (u32, u32),
+    new_size: (u32, u32),
+    filter: Reduction,
+) -> (Vec<f32>, Option<Vec<f32>>) {
+    let Some(alpha) = alpha.filter(|_| size != new_size) else {
+        return (shrink(rgb, 3, size, new_size, filter), alpha.map(<[f32]>::to_vec));
+    };
+    let covered: Vec<f32> = rgb.iter().enumerate().map(|(i, value)| value * alpha[i / 3]).collect();
+    let alpha = shrink(alpha, 1, size, new_size, filter);
+    let covered = shrink(&covered, 3, size, new_size, filter);
+    let straight = |(i, value): (usize, f32)| if value > 0.0 { (value / alpha[i / 3]).min(1.0) } else { 0.0 };
+    (covered.into_iter().enumerate().map(straight).collect(), Some(alpha))
 }
 
 /// Resizes interleaved values `[height, width, channels]` to another size with antialiasing, clamped to 0..=1.

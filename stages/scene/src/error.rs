@@ -1,6 +1,6 @@
 //! What can be wrong with a scene on disk, in words that name the file and say how to mend it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a scene could not be read or made. Each message is whole: file, fault, remedy.
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +22,16 @@ pub enum SceneError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// A file of poses, cameras or points with something in it that cannot be.
+    #[error("{path}: {place}: {fault}", path = path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// Where in it: a field, a line, a record.
+        place: String,
+        /// What is there, and what was expected.
+        fault: String,
     },
     /// A `.npy` file that is broken or holds something else than expected.
     #[error("{path}: {fault}; expected {expected}", path = path.display())]
@@ -85,4 +95,10 @@ pub enum SceneError {
         /// What to do.
         remedy: &'static str,
     },
+}
+
+impl SceneError {
+    pub(crate) fn content(path: &Path, place: impl Into<String>, fault: impl Into<String>) -> Self {
+        Self::Content { path: path.into(), place: place.into(), fault: fault.into() }
+    }
 }

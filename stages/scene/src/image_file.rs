@@ -8,6 +8,7 @@ use crate::SceneError;
 
 /// Larger than any camera's sensor; a header that asks for more is not believed.
 const LARGEST_SIDE: u32 = 1 << 15;
+const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
 const LARGEST_ALLOCATION: u64 = 512 << 20;
 
 /// Pixels of one photo, sRGB-encoded in 0..=1.
@@ -30,8 +31,23 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
 
 fn is_image(path: &Path) -> bool {
     let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    !hidden && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg")) && path.is_file()
+    !hidden && path.extension().and_then(|e| e.to_str()).is_some_and(is_extension) && path.is_file()
+}
+
+/// Whether this is how names of photos end.
+pub(crate) fn is_extension(extension: &str) -> bool {
+    EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+}
+
+/// The file that is meant by a path which may lack its extension, or have that of another copy of the photo.
+pub(crate) fn find(path: &Path) -> Option<PathBuf> {
+    let named = path.extension().and_then(|e| e.to_str()).is_some_and(is_extension);
+    let with = |extension: &&str| match named {
+        true => path.with_extension(extension),
+        false => PathBuf::from(format!("{}.{extension}", path.display())),
+    };
+    let is_photo = |path: &PathBuf| is_image(path);
+    Some(path.to_owned()).filter(is_photo).or_else(|| EXTENSIONS.iter().map(with).find(is_photo))
 }
 
 /// Width and height from the file's header alone.
@@ -64,7 +80,9 @@ fn channels(image: DynamicImage) -> (Vec<f32>, Option<Vec<f32>>) {
     }
     let rgba = image.into_rgba32f();
     let rgb = rgba.pixels().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
-    (rgb, Some(rgba.pixels().map(|pixel| pixel[3]).collect()))
+    // Many tools write an alpha channel of ones: such a photo is opaque.
+    let alpha: Vec<f32> = rgba.pixels().map(|pixel| pixel[3]).collect();
+    (rgb, Some(alpha).filter(|alpha| alpha.iter().any(|value| *value < 1.0)))
 }
 
 fn non_empty(path: &Path, size: (u32, u32)) -> Result<(u32, u32), SceneError> {

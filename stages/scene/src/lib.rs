@@ -4,6 +4,7 @@
 //! the view axis. Readers bring foreign conventions into these at the door; nothing behind them knows others.
 
 mod camera;
+mod colmap;
 pub mod color;
 mod distortion;
 mod downscale;
@@ -14,13 +15,18 @@ mod llff_files;
 mod normalize;
 mod npy;
 mod photo;
-mod still_life;
+mod pose;
+mod procedural;
+mod source_files;
+mod transforms;
 
 pub use camera::{Camera, Ray};
+pub use colmap::{colmap, colmap_digest};
 pub use distortion::Distortion;
 pub use downscale::{Reduction, downscale};
 pub use error::SceneError;
 pub use llff::llff;
 pub use llff_files::llff_digest;
 pub use photo::{Photo, SceneData, split_holdout};
-pub use still_life::still_life;
+pub use procedural::{object, still_life};
+pub use transforms::{TransformsOptions, transforms, transforms_digest, write_transforms};

@@ -7,22 +7,18 @@
 use std::path::Path;
 
 use glam::{DMat4, DVec3};
-use rayon::prelude::*;
 
-use crate::downscale::shrink;
-use crate::image_file::{self, Pixels};
 use crate::llff_files::{self, LlffFiles};
 use crate::normalize::normalize;
 use crate::npy::{Table, read_table};
 use crate::photo::bounding_box;
-use crate::{Camera, Distortion, Photo, Reduction, SceneData, SceneError};
+use crate::source_files::{self, Posed, SAME_SHAPE};
+use crate::{Camera, Distortion, SceneData, SceneError};
 
 const COLUMNS: usize = 17;
 const EXPECTED: &str = "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
 /// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
 const ORTHONORMAL: f64 = 1e-3;
-/// Photos reduced by whole factors differ from the full size's shape by a pixel's rounding, not by more.
-const SAME_SHAPE: f64 = 0.03;
 
 /// Reads the LLFF scene in `folder`.
 ///
@@ -37,11 +33,13 @@ pub fn llff(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Re
     let (files, cameras) = survey(folder, images, size)?;
     let cameras = normalize(&cameras);
     let target_size = size.unwrap_or((cameras[0].width, cameras[0].height));
-    let photos = files.photos.par_iter().zip(&cameras).map(|(file, camera)| read_photo(file, camera, target_size));
+    let photos: Vec<Posed> = files.photos.iter().zip(&cameras).map(|(file, camera)| posed(file, camera)).collect();
     Ok(SceneData {
-        photos: photos.collect::<Result<_, _>>()?,
+        photos: source_files::read_photos(&photos, Some(target_size))?,
+        test: Vec::new(),
         bounds: bounding_box(cameras.iter().flat_map(Camera::frustum_corners)),
         description: describe(folder, &files, target_size),
+        notes: Vec::new(),
     })
 }
 
@@ -51,7 +49,7 @@ pub(crate) fn survey(
     images: Option<&str>,
     size: Option<(u32, u32)>,
 ) -> Result<(LlffFiles, Vec<Camera>), SceneError> {
-    reject_empty(folder, size)?;
+    source_files::check_size(folder, size)?;
     let files = llff_files::find(folder, images, size)?;
     let poses = read_poses(&files.poses)?;
     check_count(&files, poses.rows)?;
@@ -75,17 +73,6 @@ fn describe(folder: &Path, files: &LlffFiles, (width, height): (u32, u32)) -> St
         files.photos.len(),
         name(&files.folder)
     )
-}
-
-fn reject_empty(folder: &Path, size: Option<(u32, u32)>) -> Result<(), SceneError> {
-    match size {
-        Some(size @ ((0, _) | (_, 0))) => Err(SceneError::EmptyImage {
-            what: format!("{}: the size asked for", folder.display()),
-            size,
-            remedy: "give a width and a height of at least one pixel",
-        }),
-        _ => Ok(()),
-    }
 }
 
 fn read_poses(path: &Path) -> Result<Table, SceneError> {
@@ -162,13 +149,7 @@ fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<()
     Ok(())
 }
 
-fn read_photo(file: &Path, camera: &Camera, size: (u32, u32)) -> Result<Photo, SceneError> {
-    let Pixels { size: found, rgb, alpha } = image_file::read(file)?;
-    let resize = |values: &[f32], channels| shrink(values, channels, found, size, Reduction::Bicubic);
-    Ok(Photo {
-        name: file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
-        camera: camera.scaled(size.0, size.1),
-        rgb: resize(&rgb, 3),
-        alpha: alpha.map(|alpha| resize(&alpha, 1)),
-    })
+fn posed(file: &Path, camera: &Camera) -> Posed {
+    let name = file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    Posed { name, file: file.to_owned(), camera: camera.clone() }
 }

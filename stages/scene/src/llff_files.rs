@@ -1,8 +1,8 @@
 //! The files of an LLFF folder: which there are, which to take, and their digest. Looks into photos only for their size.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use crate::source_files::content_digest;
 use crate::{SceneError, image_file};
 
 const POSES_FILE: &str = "poses_bounds.npy";
@@ -46,14 +46,11 @@ pub fn llff_digest(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>
     Ok(*hasher.finalize().as_bytes())
 }
 
-fn content_digest(path: &Path) -> Result<blake3::Hash, SceneError> {
-    let io = |source| SceneError::Io { path: path.into(), source };
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(File::open(path).map_err(io)?).map_err(io)?;
-    Ok(hasher.finalize())
-}
-
-fn choose_images(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<PathBuf, SceneError> {
+pub(crate) fn choose_images(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<PathBuf, SceneError> {
     if let Some(path) = images.map(|name| folder.join(name)) {
         let holds_photos = path.is_dir() && !image_file::list(&path)?.is_empty();
         return if holds_photos { Ok(path) } else { Err(no_photos(folder, path)) };

@@ -20,10 +20,14 @@ pub struct Photo {
 pub struct SceneData {
     /// The photos at full resolution, sorted by name. They are the truth that metrics compare with.
     pub photos: Vec<Photo>,
+    /// Photos that the source itself sets aside for testing, sorted by name; empty where it leaves that to others.
+    pub test: Vec<Photo>,
     /// Lowest and highest corner, in world units, of an axis-aligned box around all that the cameras see.
     pub bounds: [[f64; 3]; 2],
     /// One line for people: what it is and how it was brought into its coordinates.
     pub description: String,
+    /// What was left out or had to be guessed: a sentence each.
+    pub notes: Vec<String>,
 }
 
 /// Lowest and highest corner of the points. The box of nothing is empty: its low corner lies above its high one.

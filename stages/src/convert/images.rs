@@ -16,9 +16,36 @@ pub fn view_named<'a>(images: &'a ImageSet, name: &str) -> Result<&'a View, Stag
     found.ok_or_else(|| StageError::Mismatch(format!("an input image set has no view named `{name}`")))
 }
 
-/// The view's colours, interleaved, sRGB-encoded.
+/// The view's colours, interleaved, sRGB-encoded; where there is alpha, before black.
 pub fn srgb(view: &View) -> Vec<f32> {
-    view.rgb.iter().map(|&x| linear_to_srgb(x)).collect()
+    srgb_before(view, 0.0)
+}
+
+/// The view's colours, interleaved, sRGB-encoded; where there is alpha, before a grey of this sRGB value. Composited as
+/// radiance fields are, and as NeRF-synthetic's truth is: on encoded values.
+pub fn srgb_before(view: &View, background: f32) -> Vec<f32> {
+    let straight = straight_srgb(view);
+    let Some(alpha) = &view.alpha else { return straight };
+    let before = |(i, x): (usize, f32)| alpha[i / 3] * x + (1.0 - alpha[i / 3]) * background;
+    straight.into_iter().enumerate().map(before).collect()
+}
+
+/// The view's colours, interleaved, sRGB-encoded and not multiplied by alpha. On disk they are, in linear light.
+fn straight_srgb(view: &View) -> Vec<f32> {
+    match &view.alpha {
+        None => view.rgb.iter().map(|&x| linear_to_srgb(x)).collect(),
+        Some(alpha) => {
+            let straight =
+                |(i, &x): (usize, &f32)| if alpha[i / 3] > 0.0 { linear_to_srgb(x / alpha[i / 3]) } else { 0.0 };
+            view.rgb.iter().enumerate().map(straight).collect()
+        }
+    }
+}
+
+/// The inverse of [`straight_srgb`].
+fn premultiplied_linear(srgb: &[f32], alpha: Option<&[f32]>) -> Vec<f32> {
+    let part = |i: usize| alpha.map_or(1.0, |alpha| alpha[i / 3]);
+    srgb.iter().enumerate().map(|(i, &x)| srgb_to_linear(x) * part(i)).collect()
 }
 
 /// [1, 3, H, W], sRGB-encoded, 0 to 1.
@@ -65,24 +92,27 @@ pub fn photo_view(photo: &Photo) -> View {
     View {
         name: photo.name.clone(),
         camera: disk_camera(&photo.camera),
-        rgb: photo.rgb.iter().map(|&x| srgb_to_linear(x)).collect(),
+        rgb: premultiplied_linear(&photo.rgb, photo.alpha.as_deref()),
         alpha: photo.alpha.clone(),
         depth: None,
     }
 }
 
-/// A rendered image for disk, with opacity and depth.
+/// A rendered image (before black) for disk, with opacity and depth.
 pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered) -> View {
+    let part = |i: usize| rendered.opacity[i / 3];
+    let straight = |(i, x): (usize, &f32)| if part(i) > 0.0 { (x / part(i)).clamp(0.0, 1.0) } else { 0.0 };
+    let straight: Vec<f32> = rendered.rgb.iter().enumerate().map(straight).collect();
     View {
         name: name.to_owned(),
         camera: disk_camera(camera),
-        rgb: rendered.rgb.iter().map(|x| srgb_to_linear(x.clamp(0.0, 1.0))).collect(),
+        rgb: premultiplied_linear(&straight, Some(&rendered.opacity)),
         alpha: Some(rendered.opacity),
         depth: Some(rendered.depth),
     }
 }
 
-/// A view to train a field on.
+/// A view to train a field on; where there is alpha, the field is to be as transparent.
 pub fn train_view(view: &View, weight: f32, supersample: u32) -> TrainView {
-    TrainView { camera: camera(&view.camera), rgb: srgb(view), alpha: None, weight, supersample }
+    TrainView { camera: camera(&view.camera), rgb: straight_srgb(view), alpha: view.alpha.clone(), weight, supersample }
 }

@@ -30,7 +30,19 @@ pub(super) struct Lights {
 }
 
 impl Lights {
-    pub(super) fn new() -> Lights {
+    /// The lamp, and a large window above and before the table.
+    pub(super) fn room() -> Lights {
+        Lights::lamp_and(0.5)
+    }
+
+    /// The lamp, and an open sky all around.
+    pub(super) fn around() -> Lights {
+        Lights::lamp_and(1.0)
+    }
+
+    /// `turn`: how much of the horizon the sky covers.
+    fn lamp_and(turn: f32) -> Lights {
+        let sky = |u| sky(u, turn);
         Lights {
             luminaires: [
                 Luminaire { points: spread(lamp), color: hex(0xfff0dc) * 0.95, highlights: true },
@@ -74,9 +86,9 @@ fn lamp(u: Vec2) -> Vec3 {
     Vec3::new(-2.6, 3.3, 2.3) + (u.x - 0.5) * right + (u.y - 0.5) * up
 }
 
-/// A quarter of a large sphere, above and before the table.
-fn sky(u: Vec2) -> Vec3 {
-    let turn = std::f32::consts::PI * u.x;
+/// Part of the upper half of a large sphere: with half a turn, what is above and before the table.
+fn sky(u: Vec2, turn: f32) -> Vec3 {
+    let turn = std::f32::consts::TAU * turn * u.x;
     let up = 0.15 + 0.85 * u.y;
     let out = (1.0 - up * up).max(0.0).sqrt();
     9.0 * Vec3::new(out * turn.cos(), up, out * turn.sin() - 0.05)
@@ -102,7 +114,7 @@ mod tests {
     }
 
     fn pixel(world: &World, hit: &Hit, to_eye: Vec3, first: usize) -> Vec3 {
-        let lights = Lights::new();
+        let lights = Lights::room();
         (first..first + 16).map(|sample| lights.shade(world, hit, to_eye, sample)).sum::<Vec3>() / 16.0
     }
 
@@ -119,7 +131,7 @@ mod tests {
         let nothing = World::new(vec![], vec![]);
         let (a, b) = (pixel(&nothing, &floor(0.5), Vec3::Y, 0), pixel(&nothing, &floor(0.5), Vec3::Y, 16));
         assert!(a.distance(b) < 1e-5, "{a} {b}");
-        let lights = Lights::new();
+        let lights = Lights::room();
         assert!(lights.shade(&nothing, &floor(0.5), Vec3::Y, 0).distance(a) > 1e-6, "one sample alone does not");
     }
 

@@ -1,23 +1,11 @@
-//! The embedded procedural scene: a still life on a table, photographed from an arc of cameras.
-//!
-//! It is traced analytically at any resolution, so that the high-resolution truth is really known. `objects` says what
-//! stands where, `texture` and `glyphs` what it is made of, `shape` and `world` where rays meet it, `light` how bright it
-//! is, `render` what a pixel is.
-
-mod glyphs;
-mod light;
-mod objects;
-mod render;
-mod shape;
-mod texture;
-mod world;
+//! The embedded still life: things on a table, photographed from an arc of cameras.
 
 use compute::Rng;
 use glam::DVec3;
 
-use crate::{Camera, Distortion, Photo, SceneData};
-use light::Lights;
-use render::{Picture, Seen, render};
+use super::light::Lights;
+use super::{photograph, table};
+use crate::{Camera, Distortion, SceneData};
 
 /// What the cameras look at, and from how far.
 const TARGET: DVec3 = DVec3::new(0.0, 0.44, -0.3);
@@ -27,9 +15,6 @@ const HEIGHT: f64 = 0.95;
 const HALF_ARC: f64 = 0.45;
 /// Focal length over image width (or over 4/3 of the height, if that is more): 37 degrees across.
 const FOCAL: f64 = 1.5;
-/// Room between the outermost surface that any ray meets and near, far and the box.
-const MARGIN: f32 = 0.02;
-
 /// Photographs the still life: `views` cameras on an arc, `size` = (width, height) pixels, `samples` x `samples` rays a
 /// pixel (4 and more resolve the finest patterns). `seed` turns the things and shifts the cameras a little.
 ///
@@ -43,22 +28,14 @@ pub fn still_life(views: u32, size: (u32, u32), samples: u32, seed: u64) -> Scen
         views > 0 && size.0 > 0 && size.1 > 0 && samples > 0,
         "still_life: {views} views, {size:?}, {samples} samples"
     );
-    let (world, lights) = (objects::still_life(seed), Lights::new());
-    let cameras: Vec<Camera> = (0..views).map(|view| camera(view, views, size, seed)).collect();
-    let pictures: Vec<Picture> = cameras.iter().map(|camera| render(&world, &lights, camera, samples)).collect();
-    let seen = pictures.iter().map(|picture| picture.seen).fold(Seen::NOTHING, Seen::and);
-    let [near, far] = [seen.depth[0] * (1.0 - MARGIN), seen.depth[1] * (1.0 + MARGIN)].map(f64::from);
-    let photo = |(view, (camera, picture)): (usize, (Camera, Picture))| Photo {
-        name: format!("view_{view:03}"),
-        camera: Camera { near, far, ..camera },
-        rgb: picture.rgb,
-        alpha: None,
-    };
-    let margin = MARGIN * (seen.high - seen.low);
+    let cameras = (0..views).map(|view| (format!("view_{view:03}"), camera(view, views, size, seed)));
+    let shot = photograph(&table::still_life(seed), &Lights::room(), cameras.collect(), samples);
     SceneData {
-        photos: cameras.into_iter().zip(pictures).enumerate().map(photo).collect(),
-        bounds: [seen.low - margin, seen.high + margin].map(|corner| corner.as_dvec3().to_array()),
+        photos: shot.photos,
+        test: Vec::new(),
+        bounds: shot.bounds,
         description: format!("procedural still life: {views} views of {}x{}, seed {seed}", size.0, size.1),
+        notes: Vec::new(),
     }
 }
 
@@ -88,14 +65,14 @@ fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Came
 
 #[cfg(test)]
 mod tests {
-    use super::world::Line;
+    use super::super::world::Line;
     use super::*;
     use glam::Vec3;
 
     #[test]
     fn no_ray_of_any_camera_leaves_the_world() {
         for (size, seed) in [((256, 192), 0), ((40, 160), 1), ((300, 60), 2)] {
-            let world = objects::still_life(seed);
+            let world = table::still_life(seed);
             for camera in (0..9).map(|view| camera(view, 9, size, seed)) {
                 for step in 0..=60 {
                     let (x, y) =

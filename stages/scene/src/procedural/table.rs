@@ -32,11 +32,11 @@ pub(super) fn still_life(seed: u64) -> World {
     World::new(room(), things)
 }
 
-fn solid(shape: Shape, surface: Surface, turn: Mat3, place: Vec3) -> Solid {
+pub(super) fn solid(shape: Shape, surface: Surface, turn: Mat3, place: Vec3) -> Solid {
     Solid { shape, surface, turn, place }
 }
 
-fn block(half: Vec3) -> Shape {
+pub(super) fn block(half: Vec3) -> Shape {
     Shape::Block { half }
 }
 
@@ -119,7 +119,7 @@ fn turned_about(thing: Solid, turn: Mat3, at: Vec3) -> Solid {
 }
 
 /// A capsule from point to point.
-fn rod(from: Vec3, to: Vec3, radius: f32, surface: Surface) -> Solid {
+pub(super) fn rod(from: Vec3, to: Vec3, radius: f32, surface: Surface) -> Solid {
     let (along, length) = (to - from).normalize_and_length();
     let side = along.any_orthonormal_vector();
     let turn = Mat3::from_cols(side, along, side.cross(along));
@@ -127,7 +127,7 @@ fn rod(from: Vec3, to: Vec3, radius: f32, surface: Surface) -> Solid {
 }
 
 /// The thirty edges of an icosahedron in thin wire.
-fn wire_ball(turn: Mat3, middle: Vec3) -> Vec<Solid> {
+pub(super) fn wire_ball(turn: Mat3, middle: Vec3) -> Vec<Solid> {
     const SIZE: f32 = 0.11;
     let golden = (1.0 + 5f32.sqrt()) / 2.0;
     let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];

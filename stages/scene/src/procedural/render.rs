@@ -8,13 +8,12 @@ use super::world::{Line, World};
 use crate::Camera;
 use crate::color::linear_to_srgb;
 
-/// What meets a ray that leaves the world: mid grey, linear. The still life's own cameras have no such ray.
-const NOTHING: Vec3 = Vec3::splat(0.18);
-
 /// A rendered image and how far it saw.
 pub(super) struct Picture {
     /// `height * width * 3`, sRGB-encoded in 0..=1.
     pub(super) rgb: Vec<f32>,
+    /// The part of each pixel that shows something, `height * width`. `rgb` is the mean of that part alone.
+    pub(super) alpha: Vec<f32>,
     pub(super) seen: Seen,
 }
 
@@ -45,37 +44,56 @@ impl Seen {
 /// clipped and encoded: the image is the mean over each pixel's area, known as well as the grid is fine.
 pub(super) fn render(world: &World, lights: &Lights, camera: &Camera, samples: u32) -> Picture {
     let rows: Vec<_> = (0..camera.height).into_par_iter().map(|y| row(world, lights, camera, samples, y)).collect();
-    let seen = rows.iter().map(|(_, seen)| *seen).fold(Seen::NOTHING, Seen::and);
-    Picture { rgb: rows.into_iter().flat_map(|(rgb, _)| rgb).collect(), seen }
+    let seen = rows.iter().map(|row| row.seen).fold(Seen::NOTHING, Seen::and);
+    let (rgb, alpha) = rows.into_iter().map(|row| (row.rgb, row.alpha)).unzip::<_, _, Vec<_>, Vec<_>>();
+    Picture { rgb: rgb.concat(), alpha: alpha.concat(), seen }
 }
 
-fn row(world: &World, lights: &Lights, camera: &Camera, samples: u32, y: u32) -> (Vec<f32>, Seen) {
-    let mut seen = Seen::NOTHING;
-    let mut rgb = Vec::with_capacity(3 * camera.width as usize);
+fn row(world: &World, lights: &Lights, camera: &Camera, samples: u32, y: u32) -> Picture {
+    let mut row = Picture { rgb: Vec::new(), alpha: Vec::new(), seen: Seen::NOTHING };
     for x in 0..camera.width {
-        let linear = pixel(world, lights, camera, samples, (x, y), &mut seen);
-        rgb.extend(linear.to_array().map(|value| linear_to_srgb(value.clamp(0.0, 1.0))));
+        let (linear, part) = pixel(world, lights, camera, samples, (x, y), &mut row.seen);
+        row.rgb.extend(linear.to_array().map(|value| linear_to_srgb(value.clamp(0.0, 1.0))));
+        row.alpha.push(part);
     }
-    (rgb, seen)
+    row
 }
 
-fn pixel(world: &World, lights: &Lights, camera: &Camera, samples: u32, at: (u32, u32), seen: &mut Seen) -> Vec3 {
+/// The mean of the pixel's rays that meet something, and their part of all rays.
+fn pixel(
+    world: &World,
+    lights: &Lights,
+    camera: &Camera,
+    samples: u32,
+    at: (u32, u32),
+    seen: &mut Seen,
+) -> (Vec3, f32) {
     let step = 1.0 / f64::from(samples);
-    let mut sum = Vec3::ZERO;
+    let (mut sum, mut met) = (Vec3::ZERO, 0u32);
     for sample in 0..samples * samples {
         let (i, j) = (sample % samples, sample / samples);
         let px = f64::from(at.0) + (f64::from(i) + 0.5) * step;
         let py = f64::from(at.1) + (f64::from(j) + 0.5) * step;
-        sum += radiance(world, lights, camera, (px, py), sample as usize, seen);
+        if let Some(light) = radiance(world, lights, camera, (px, py), sample as usize, seen) {
+            (sum, met) = (sum + light, met + 1);
+        }
     }
-    sum / (samples * samples) as f32
+    (sum / met.max(1) as f32, met as f32 / (samples * samples) as f32)
 }
 
-fn radiance(world: &World, lights: &Lights, camera: &Camera, at: (f64, f64), sample: usize, seen: &mut Seen) -> Vec3 {
+/// What comes along a ray; `None` if it leaves the world.
+fn radiance(
+    world: &World,
+    lights: &Lights,
+    camera: &Camera,
+    at: (f64, f64),
+    sample: usize,
+    seen: &mut Seen,
+) -> Option<Vec3> {
     let ray = camera.ray(at.0, at.1);
     let along = Vec3::from(ray.direction);
-    let Some(hit) = world.first_hit(&Line::new(ray.origin.into(), along)) else { return NOTHING };
+    let hit = world.first_hit(&Line::new(ray.origin.into(), along))?;
     let depth = hit.distance / ray.distance_per_depth;
     *seen = seen.and(Seen { depth: [depth; 2], low: hit.point, high: hit.point });
-    lights.shade(world, &hit, -along, sample)
+    Some(lights.shade(world, &hit, -along, sample))
 }

@@ -1,0 +1,67 @@
+//! Writes a scene in the layout of NeRF-synthetic: `transforms_{train,test}.json` and one RGBA PNG per photo. Knows nothing
+//! of where the scene comes from.
+
+use std::path::Path;
+
+use image::{Rgba, RgbaImage};
+use serde_json::{Value, json};
+
+use crate::{Photo, SceneError};
+
+/// Writes `train` and `test` into `folder`, which is created: photos as 8-bit PNGs, cameras exactly.
+///
+/// Any reader of NeRF-synthetic scenes takes it. What that format has no fields for (focal lengths per axis, distortion, near,
+/// far and the scene box) stands in the fields of instant-ngp and ours, so that [`crate::transforms`] reads the same scene.
+///
+/// # Errors
+/// If the file system says no.
+pub fn write_transforms(
+    folder: &Path,
+    train: &[Photo],
+    test: &[Photo],
+    bounds: [[f64; 3]; 2],
+) -> Result<(), SceneError> {
+    for (split, photos) in [("train", train), ("test", test)] {
+        let images = folder.join(split);
+        std::fs::create_dir_all(&images).map_err(|source| SceneError::Io { path: images.clone(), source })?;
+        for photo in photos {
+            write_photo(&images.join(format!("{}.png", photo.name)), photo)?;
+        }
+        let frames: Vec<Value> = photos.iter().map(|photo| frame(split, photo)).collect();
+        let angle = photos.first().map(|photo| 2.0 * (0.5 * f64::from(photo.camera.width) / photo.camera.fl_x).atan());
+        let page = json!({ "camera_angle_x": angle, "aabb": bounds, "frames": frames });
+        let path = folder.join(format!("transforms_{split}.json"));
+        std::fs::write(&path, format!("{page:#}\n")).map_err(|source| SceneError::Io { path, source })?;
+    }
+    Ok(())
+}
+
+fn frame(split: &str, photo: &Photo) -> Value {
+    let camera = &photo.camera;
+    let rows = camera.camera_to_world.transpose().to_cols_array_2d();
+    let mut frame = json!({
+        "file_path": format!("./{split}/{}", photo.name),
+        "transform_matrix": rows,
+        "w": camera.width, "h": camera.height,
+        "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
+        "near": camera.near, "far": camera.far,
+    });
+    let bent = camera.distortion;
+    for (name, value) in [("k1", bent.k1), ("k2", bent.k2), ("k3", bent.k3), ("p1", bent.p1), ("p2", bent.p2)] {
+        if value != 0.0 {
+            frame[name] = json!(value);
+        }
+    }
+    frame
+}
+
+fn write_photo(path: &Path, photo: &Photo) -> Result<(), SceneError> {
+    let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let (width, height) = (photo.camera.width, photo.camera.height);
+    let image = RgbaImage::from_fn(width, height, |x, y| {
+        let i = y as usize * width as usize + x as usize;
+        let [r, g, b] = [0, 1, 2].map(|channel| byte(photo.rgb[3 * i + channel]));
+        Rgba([r, g, b, photo.alpha.as_ref().map_or(255, |alpha| byte(alpha[i]))])
+    });
+    image.save(path).map_err(|error| SceneError::content(path, "the photo", error.to_string()))
+}
