@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::digest::Digest;
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
-use crate::{Field, Figures, ImageSet, Latents, Log, Lora, Metrics, Residuals};
+use crate::{Field, Figures, Film, ImageSet, Latents, Log, Lora, Metrics, Residuals};
 
 /// The artifact types. Stages declare them for their inputs and outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -30,11 +30,13 @@ pub enum ArtifactKind {
     Log,
     /// Pictures for people: [`Figures`].
     Figures,
+    /// Moving pictures for people: [`Film`].
+    Film,
 }
 
 impl ArtifactKind {
     /// All kinds.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Images,
         Self::Latents,
         Self::Residuals,
@@ -43,6 +45,7 @@ impl ArtifactKind {
         Self::Metrics,
         Self::Log,
         Self::Figures,
+        Self::Film,
     ];
 
     /// The kind's name: lower case, one word.
@@ -56,6 +59,7 @@ impl ArtifactKind {
             Self::Metrics => "metrics",
             Self::Log => "log",
             Self::Figures => "figures",
+            Self::Film => "film",
         }
     }
 }
@@ -105,5 +109,6 @@ pub fn semantic_digest(kind: ArtifactKind, folder: &Path) -> Result<Digest, Sche
         ArtifactKind::Metrics => digest::<Metrics>(folder),
         ArtifactKind::Log => digest::<Log>(folder),
         ArtifactKind::Figures => digest::<Figures>(folder),
+        ArtifactKind::Film => digest::<Film>(folder),
     }
 }

@@ -5,8 +5,7 @@ use std::ffi::OsStr;
 use std::io::Cursor;
 use std::path::Path;
 
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits};
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::canonical::{self, LARGEST_COMPRESSION_RATIO};
@@ -30,6 +29,8 @@ pub struct Picture {
     pub height: u32,
     /// Height x width x 3, sRGB.
     pub rgb8: Vec<u8>,
+    /// What the colours mean, where they are no photo's: texts of the PNG file by keyword, in Latin-1.
+    pub legend: BTreeMap<String, String>,
 }
 
 impl Picture {
@@ -40,24 +41,45 @@ impl Picture {
             return Err(refuse(format!("has {count} bytes; expected {expected}")));
         }
         let mut bytes = Vec::new();
-        // The settings are part of the file's bytes: equal pictures are equal files.
-        PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
-            .write_image(&self.rgb8, self.width, self.height, ExtendedColorType::Rgb8)
-            .map_err(|error| refuse(error.to_string()))?;
+        self.write_to(&mut bytes).map_err(|error| refuse(error.to_string()))?;
         Ok(bytes)
+    }
+
+    /// The settings are part of the file's bytes: equal pictures are equal files.
+    fn write_to(&self, bytes: &mut Vec<u8>) -> Result<(), png::EncodingError> {
+        let mut encoder = Encoder::new(bytes, self.width, self.height);
+        encoder.set_color(ColorType::Rgb);
+        encoder.set_depth(BitDepth::Eight);
+        encoder.set_compression(Compression::Balanced);
+        encoder.set_filter(Filter::Adaptive);
+        for (keyword, text) in &self.legend {
+            encoder.add_text_chunk(keyword.clone(), text.clone())?;
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.rgb8)?;
+        writer.finish()
     }
 
     fn read(path: &Path) -> Result<Self, SchemaError> {
         let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
-        let mut limits = Limits::default();
-        limits.max_alloc = Some(LARGEST_COMPRESSION_RATIO * bytes.len() as u64);
-        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
-        reader.limits(limits);
-        let image = reader.decode().map_err(|error| SchemaError::malformed(path, "PNG", error))?;
-        match image {
-            DynamicImage::ImageRgb8(rgb) => Ok(Self { width: rgb.width(), height: rgb.height(), rgb8: rgb.into_raw() }),
-            other => Err(SchemaError::malformed(path, "PNG", format!("is {:?}; expected Rgb8", other.color()))),
+        Self::decode(&bytes).map_err(|problem| SchemaError::malformed(path, "PNG", problem))
+    }
+
+    fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let most = usize::try_from(LARGEST_COMPRESSION_RATIO).unwrap_or(usize::MAX).saturating_mul(bytes.len());
+        let decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: most });
+        let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
+        let info = reader.info();
+        let (width, height) = info.size();
+        if (info.color_type, info.bit_depth) != (ColorType::Rgb, BitDepth::Eight) {
+            return Err(format!("is {:?}, {:?} bits; expected Rgb, Eight", info.color_type, info.bit_depth));
         }
+        let texts = info.uncompressed_latin1_text.iter();
+        let legend = texts.map(|chunk| (chunk.keyword.clone(), chunk.text.clone())).collect();
+        let size = reader.output_buffer_size().filter(|size| *size <= most);
+        let mut rgb8 = vec![0; size.ok_or("is larger than its bytes can hold")?];
+        reader.next_frame(&mut rgb8).map_err(|error| error.to_string())?;
+        Ok(Self { width, height, rgb8, legend })
     }
 }
 
@@ -94,6 +116,15 @@ impl Artifact for Figures {
             hasher.count(picture.width as usize);
             hasher.count(picture.height as usize);
             hasher.bytes(&picture.rgb8);
+        }
+        // Behind everything, so that pictures without legends keep the digests of the days before there were any.
+        for (name, picture) in self.images.iter().filter(|(_, picture)| !picture.legend.is_empty()) {
+            hasher.text(name);
+            hasher.count(picture.legend.len());
+            for (keyword, text) in &picture.legend {
+                hasher.text(keyword);
+                hasher.text(text);
+            }
         }
         hasher.finish()
     }

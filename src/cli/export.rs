@@ -1,10 +1,12 @@
-//! `export`: writes a pipeline down as jobs for Snakemake or Slurm. Computes nothing.
+//! `export`: writes a pipeline down as jobs for Snakemake or Slurm, or results in formats of other programs. Runs no stage.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+use super::export_ply::Ply;
+use super::export_transforms::Transforms;
 use super::options::{Changes, Choice, PipelineOptions};
 use super::output::print;
 use super::session::Session;
@@ -19,6 +21,10 @@ pub enum Export {
     Snakemake(Target<false>),
     /// Scripts for sbatch, one for each stage, and one that submits them
     Slurm(Target<true>),
+    /// The surface of a field as a coloured mesh or point cloud, for MeshLab, Blender and Open3D
+    Ply(Ply),
+    /// Image sets as a NeRF-synthetic scene: transforms_train.json, transforms_test.json and RGBA PNGs
+    Transforms(Transforms),
 }
 
 /// From where to where.
@@ -33,8 +39,10 @@ pub struct Target<const FOLDER: bool> {
 
 impl Export {
     /// Writes it.
-    pub fn run(self) -> Result<(), Error> {
+    pub fn run(self, json: bool) -> Result<(), Error> {
         match self {
+            Self::Ply(ply) => ply.run(json)?,
+            Self::Transforms(transforms) => transforms.run(json)?,
             Self::Snakemake(target) => {
                 write(&target.to, &target.workflow()?.snakefile(), snakemake::MARK)?;
                 print(&format_args!("wrote {}; it says at its top how to use it", target.to.display()));

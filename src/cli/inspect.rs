@@ -1,10 +1,13 @@
 //! `inspect`: says what is in a file, or what a stage left. Writes nothing.
 
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::path::Path;
 
+use artifacts_schema::{Artifact, Field};
 use clap::Args;
 use serde_json::{Value, json};
+use stages::convert;
 
 use super::options::{Choice, PipelineOptions};
 use super::output::{print, print_json, size, table};
@@ -67,10 +70,11 @@ fn outputs(name: &str, record: &Record, view: &View) {
 }
 
 fn file(path: &Path, json: bool) -> Result<(), Error> {
-    let content = Content::read(path).map_err(|problem| {
+    let mut content = Content::read(path).map_err(|problem| {
         let help = "inspect reads .exr, .safetensors and .json files, and stages of the pipeline";
         Error::usage(format!("{}: {problem}", path.display()), help)
     })?;
+    content.facts.extend(field_facts(path));
     if json {
         print_json(&content.json());
         return Ok(());
@@ -84,6 +88,25 @@ fn file(path: &Path, json: bool) -> Result<(), Error> {
     let facts = content.facts.iter().flat_map(|(name, value)| lines(name, value)).collect::<Vec<_>>();
     print(&table(&facts, false));
     Ok(())
+}
+
+/// What the tensors of a field mean: how full its box is, and the Euclidean norms of its parameters. Nothing for other files.
+fn field_facts(path: &Path) -> Vec<(String, Value)> {
+    let folder = path.parent().filter(|_| path.file_name() == Some(OsStr::new("field.safetensors")));
+    let Some(field) = folder.and_then(|folder| Field::read(folder).ok()) else { return Vec::new() };
+    let norm = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>().sqrt();
+    let parameters = field.tensors.iter().filter(|(name, _)| !name.starts_with("occupancy"));
+    let norms: serde_json::Map<_, _> =
+        parameters.map(|(name, tensor)| (name.clone(), json!(norm(&tensor.values)))).collect();
+    let mut facts = vec![("norms".to_owned(), Value::Object(norms))];
+    if let Ok(field) = convert::field(field) {
+        let full = field.fullness();
+        let part = |count: usize| count as f64 / full.cells as f64;
+        let occupancy =
+            json!({"cells": full.cells, "seen_by_cameras": part(full.seen), "occupied": part(full.occupied)});
+        facts.push(("occupancy".to_owned(), occupancy));
+    }
+    facts
 }
 
 /// Nested facts as one line for each value: `provenance.stage  fit`.

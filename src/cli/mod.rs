@@ -2,6 +2,8 @@
 
 mod explain;
 mod export;
+mod export_ply;
+mod export_transforms;
 mod inspect;
 mod metrics;
 mod only;
@@ -40,7 +42,7 @@ enum Command {
     Inspect(inspect::Inspect),
     /// Print the metrics of the last run
     Metrics(metrics::Metrics),
-    /// Write a pipeline down as jobs for Snakemake or Slurm
+    /// Write a pipeline down as jobs for Snakemake or Slurm, or results for other programs
     #[command(subcommand)]
     Export(export::Export),
     /// Look after the store
@@ -57,7 +59,7 @@ impl Cli {
             Command::Explain(explain) => explain.run(self.json),
             Command::Inspect(inspect) => inspect.run(self.json),
             Command::Metrics(metrics) => metrics.run(self.json),
-            Command::Export(export) => export.run(),
+            Command::Export(export) => export.run(self.json),
             Command::Store(store) => store.run(self.json),
         };
         match done {

@@ -92,7 +92,7 @@ fn figure(truth: &Picked, images: &[(&str, Picked)]) -> Picture {
         panels.push(Panel { label, note, image: image.image() });
     }
     let figure = metrics::comparison(&panels);
-    Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8 }
+    Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8, legend: BTreeMap::new() }
 }
 
 /// Rows of a table: by name, then by view, then by metric.

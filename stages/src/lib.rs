@@ -1,19 +1,24 @@
 //! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the runner.
 
 pub mod checkpoint;
+pub mod colormap;
 pub mod convert;
+pub mod dataset;
 pub mod error;
 pub mod keeper;
 pub mod merge;
 pub mod model;
+pub mod ply;
 pub mod registry;
 pub mod shard;
 pub mod stage;
+pub mod surface;
 pub mod training;
 
 pub mod decode;
 pub mod encode;
 pub mod evaluate;
+pub mod film;
 pub mod fit;
 pub mod interpolate;
 pub mod optimize;

@@ -63,6 +63,7 @@ registry! {
     decode::Decode,
     sync::Sync,
     evaluate::Evaluate,
+    film::Film,
 }
 
 #[cfg(test)]

@@ -1,13 +1,17 @@
-//! `Render`: images of a field from given cameras, with depth and opacity. Knows nothing of how the field was trained.
+//! `Render`: images of a field from given cameras or along a path, with depth and opacity. Knows nothing of how the field
+//! was trained.
 
-use artifacts_schema::{ArtifactKind, Field, ImageSet};
+use std::path::PathBuf;
+
+use artifacts_schema::{ArtifactKind, Digest, Field, ImageSet};
+use scene::Camera;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
 
 /// Renders a field from the cameras of an image set.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -17,6 +21,8 @@ pub struct Render {
     pub field: Input,
     /// The image set whose cameras (and names) are used.
     pub cameras: Input,
+    /// A path among these cameras to render instead: frames `frame_0000`, `frame_0001` …
+    pub path: Option<CameraPath>,
     /// Size of the images over the size of the cameras' own images.
     pub scale: f64,
     /// Rays per pixel and axis, averaged.
@@ -27,9 +33,60 @@ pub struct Render {
     pub shard: u32,
 }
 
+/// A path for a camera to fly.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum CameraPath {
+    /// About the average camera, as wide as the cameras stand apart: for scenes photographed from one side.
+    Spiral {
+        /// Images in all.
+        #[serde(default = "default_frames")]
+        frames: u32,
+        /// Turns in all.
+        #[serde(default = "default_turns")]
+        turns: f64,
+    },
+    /// Once around what all cameras look at: for objects photographed from all around.
+    Circle {
+        /// Images in all.
+        #[serde(default = "default_frames")]
+        frames: u32,
+    },
+    /// The poses of a `transforms.json`, in its order, in the scene's own coordinates.
+    File {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+fn default_frames() -> u32 {
+    60
+}
+
+fn default_turns() -> f64 {
+    2.0
+}
+
 impl Default for Render {
     fn default() -> Self {
-        Self { field: Input::default(), cameras: Input::default(), scale: 1.0, supersample: 1, shards: 1, shard: 0 }
+        let none = Input::default;
+        Self { field: none(), cameras: none(), path: None, scale: 1.0, supersample: 1, shards: 1, shard: 0 }
+    }
+}
+
+impl Render {
+    /// What to render, by name.
+    fn views(&self, cameras: &ImageSet) -> Result<Vec<(String, Camera)>, StageError> {
+        let own: Vec<Camera> = cameras.views.iter().map(|view| convert::camera(&view.camera)).collect();
+        if own.is_empty() {
+            return Err(StageError::Mismatch("there are no cameras to render from".into()));
+        }
+        let path = match &self.path {
+            None => return Ok(cameras.views.iter().map(|view| view.name.clone()).zip(own).collect()),
+            Some(CameraPath::Spiral { frames, turns }) => scene::spiral(&own, *frames, *turns),
+            Some(CameraPath::Circle { frames }) => scene::circle(&own, *frames),
+            Some(CameraPath::File { path }) => scene::path_from_file(path, &own)?,
+        };
+        Ok(path.into_iter().enumerate().map(|(i, camera)| (format!("frame_{i:04}"), camera)).collect())
     }
 }
 
@@ -39,7 +96,7 @@ impl Stage for Render {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -49,8 +106,26 @@ impl Stage for Render {
                 format!("is {}; it must be above 0 and at most 64", self.scale),
             ));
         }
+        match &self.path {
+            Some(CameraPath::Spiral { turns, .. }) if !(*turns > 0.0 && *turns <= 1000.0) => {
+                return Err(StageError::parameter("path.turns", format!("is {turns}; it must be above 0")));
+            }
+            Some(CameraPath::Spiral { frames, .. } | CameraPath::Circle { frames }) => {
+                convert::in_range("path.frames", *frames, 1, 100_000)?;
+            }
+            Some(CameraPath::File { .. }) | None => {}
+        }
         convert::in_range("supersample", self.supersample, 1, 16)?;
         shard::check(self.shards, self.shard)
+    }
+
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        let Some(CameraPath::File { path }) = &self.path else { return Ok(Vec::new()) };
+        Ok(vec![Source { name: "poses".into(), digest: Digest::new(scene::path_digest(path)?) }])
+    }
+
+    fn locations(&self) -> &'static [&'static str] {
+        &["path.path"]
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -72,12 +147,12 @@ impl Stage for Render {
         let field = convert::field(io.read::<Field>("field")?)?;
         let cameras: ImageSet = io.read("cameras")?;
         let options = nerf::RenderOptions { supersample: self.supersample, ..Default::default() };
-        let seen = Shard::new(self.shards, self.shard).take(cameras.views)?;
+        let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         let mut views = Vec::new();
-        for (done, view) in seen.iter().enumerate() {
-            let camera = convert::scaled(&convert::camera(&view.camera), self.scale);
-            views.push(convert::rendered_view(&view.name, &camera, nerf::render(&field, &camera, &options)));
-            io.progress(done + 1, seen.len(), &[])?;
+        for (done, (name, camera)) in path.iter().enumerate() {
+            let camera = convert::scaled(camera, self.scale);
+            views.push(convert::rendered_view(name, &camera, nerf::render(&field, &camera, &options)));
+            io.progress(done + 1, path.len(), &[])?;
         }
         io.write("images", &ImageSet { views, bounds: cameras.bounds })
     }

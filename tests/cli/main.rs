@@ -9,6 +9,7 @@ mod export;
 mod mistakes;
 mod remote;
 mod runs;
+mod scenes;
 mod s3;
 mod shards;
 mod soak;

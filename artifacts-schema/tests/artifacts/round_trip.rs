@@ -27,6 +27,7 @@ fn every_kind_comes_back() {
     comes_back(samples::metrics());
     comes_back(samples::log());
     comes_back(samples::figures());
+    comes_back(samples::film());
 }
 
 #[test]
@@ -52,6 +53,15 @@ fn views_come_back_sorted_by_name() {
     let mut images = samples::images();
     images.views.reverse();
     assert_eq!(round_trip(&images), samples::images());
+}
+
+#[test]
+fn a_legend_comes_back_and_counts() {
+    let mut figures = samples::figures();
+    let legend = &mut figures.images.get_mut("compare").unwrap().legend;
+    legend.extend([("Range".to_owned(), "0.5 to 3".to_owned()), ("Unit".to_owned(), "m²".to_owned())]);
+    assert_ne!(figures.semantic_digest(), samples::figures().semantic_digest());
+    comes_back(figures);
 }
 
 #[test]

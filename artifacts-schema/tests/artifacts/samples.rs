@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use artifacts_schema::{
-    Artifact, Camera, Distortion, Field, Figures, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
+    Artifact, Camera, Distortion, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
     Provenance, Residuals, Row, SchemaError, Tensor, View,
 };
 use serde_json::json;
@@ -114,8 +114,13 @@ pub fn log() -> Log {
 }
 
 pub fn figures() -> Figures {
-    let picture = Picture { width: 4, height: 3, rgb8: (0..36).map(|byte| byte * 7).collect() };
+    let picture =
+        Picture { width: 4, height: 3, rgb8: (0..36).map(|byte| byte * 7).collect(), legend: BTreeMap::new() };
     Figures { images: BTreeMap::from([("compare".to_owned(), picture)]) }
+}
+
+pub fn film() -> Film {
+    Film { clips: BTreeMap::from([("color".to_owned(), b"GIF89a and so on;".to_vec())]) }
 }
 
 /// Writes one artifact of each kind, each into the folder of its kind's name.
@@ -130,7 +135,8 @@ pub fn write_all(root: &Path, provenance: &Provenance) -> Result<(), SchemaError
     write(field(), root, provenance)?;
     write(metrics(), root, provenance)?;
     write(log(), root, provenance)?;
-    write(figures(), root, provenance)
+    write(figures(), root, provenance)?;
+    write(film(), root, provenance)
 }
 
 /// Every file under a folder, sorted by path.

@@ -135,8 +135,13 @@ impl Camera {
 
     /// A camera pose at `position` that looks at `target` with world +y up.
     pub fn look_at(position: DVec3, target: DVec3) -> DMat4 {
+        Camera::look_at_with_up(position, target, DVec3::Y)
+    }
+
+    /// The same with another direction upwards in the image.
+    pub fn look_at_with_up(position: DVec3, target: DVec3, up: DVec3) -> DMat4 {
         let back = (position - target).normalize();
-        let right = DVec3::Y.cross(back).normalize();
+        let right = up.cross(back).normalize();
         let up = back.cross(right);
         DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), position.extend(1.0))
     }

@@ -18,7 +18,7 @@ pub(crate) fn normalize(cameras: &[Camera]) -> Vec<Camera> {
 
 /// The mean position and the mean viewing and up directions, made orthonormal. Where those cancel out, as for cameras
 /// all around a scene, any directions serve.
-fn average_pose(cameras: &[Camera]) -> DMat4 {
+pub(crate) fn average_pose(cameras: &[Camera]) -> DMat4 {
     let sum = |axis: fn(&DMat4) -> DVec3| cameras.iter().map(|camera| axis(&camera.camera_to_world)).sum::<DVec3>();
     let back = sum(|pose| pose.z_axis.truncate()).try_normalize().unwrap_or(DVec3::Z);
     let up = sum(|pose| pose.y_axis.truncate());

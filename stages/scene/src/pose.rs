@@ -74,7 +74,7 @@ pub(crate) fn guess_depths(cameras: &[Camera]) -> [f64; 2] {
 }
 
 /// The point with the least squared distance to all view axes; for parallel axes, some point on them.
-fn focus(cameras: &[Camera]) -> DVec3 {
+pub(crate) fn focus(cameras: &[Camera]) -> DVec3 {
     let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for camera in cameras {
         let axis = camera.camera_to_world.z_axis.truncate();

@@ -98,6 +98,11 @@ pub fn photo_view(photo: &Photo) -> View {
     }
 }
 
+/// The photo that [`photo_view`] was called on.
+pub fn view_photo(view: &View) -> Photo {
+    Photo { name: view.name.clone(), camera: camera(&view.camera), rgb: straight_srgb(view), alpha: view.alpha.clone() }
+}
+
 /// A rendered image (before black) for disk, with opacity and depth.
 pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered) -> View {
     let part = |i: usize| rendered.opacity[i / 3];

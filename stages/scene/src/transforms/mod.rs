@@ -74,6 +74,20 @@ pub fn transforms_digest(path: &Path, options: &TransformsOptions) -> Result<[u8
     source_files::digest(survey.sources.iter().map(PathBuf::as_path).chain(photos))
 }
 
+/// The cameras of a file's frames, in its order, whether their photos are there or not. Where the file gives no size, near or
+/// far, those of `like` serve.
+pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>, SceneError> {
+    let file = File::read(path)?;
+    let camera = |frame: &Frame| {
+        let (camera, has_range) = file
+            .camera(frame, (like.width, like.height))
+            .map_err(|fault| SceneError::content(path, format!("frame {:?}", frame.file_path), fault))?;
+        let [near, far] = if has_range { [camera.near, camera.far] } else { [like.near, like.far] };
+        Ok(Camera { near, far, ..camera })
+    };
+    file.frames.iter().map(camera).collect()
+}
+
 fn survey(path: &Path, options: &TransformsOptions) -> Result<Survey, SceneError> {
     source_files::check_size(path, options.size)?;
     check_bounds(path, options.bounds.as_ref())?;

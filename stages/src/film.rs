@@ -1,0 +1,149 @@
+//! `Film`: images as pictures that any viewer shows, and as animations. Knows nothing of where the images come from.
+
+use std::collections::BTreeMap;
+
+use artifacts_schema::{ArtifactKind, Figures, Film as Clips, ImageSet, Picture, View};
+use image::codecs::gif::{GifEncoder, Repeat};
+use image::{Delay, Frame, RgbaImage};
+use serde::{Deserialize, Serialize};
+
+use crate::error::StageError;
+use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::{colormap, convert};
+
+/// The colour quantiser's effort, from 1 (best) to 30 (fastest).
+const GIF_SPEED: i32 = 10;
+/// Depths below and above these parts of all do not widen the range: stray samples would flatten the rest.
+const RANGE: [f64; 2] = [0.01, 0.99];
+/// Pixels of less opacity have no depth worth a colour.
+const OPAQUE: f32 = 0.5;
+
+/// Makes PNG pictures of all images, of their depth and opacity if they have any, and an animated GIF of each.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Film {
+    /// The images, shown in the order of their names.
+    pub images: Input,
+    /// Images per second.
+    pub rate: f64,
+    /// The grey behind transparent images, sRGB from 0 to 1.
+    pub background: f64,
+}
+
+impl Default for Film {
+    fn default() -> Self {
+        Self { images: Input::default(), rate: 20.0, background: 1.0 }
+    }
+}
+
+/// What of an image is shown.
+type Shown<'a> = (&'static str, Box<dyn Fn(&View) -> Option<Picture> + 'a>);
+
+impl Film {
+    fn frames(&self, images: &ImageSet, shown: &dyn Fn(&View) -> Option<Picture>) -> Figures {
+        let pictures = images.views.iter().filter_map(|view| Some((view.name.clone(), shown(view)?)));
+        Figures { images: pictures.collect() }
+    }
+
+    /// The pictures one after the other, for ever.
+    fn clip(&self, figures: &Figures) -> Result<Vec<u8>, StageError> {
+        let failed = |error: image::ImageError| StageError::Mismatch(format!("no GIF can be made: {error}"));
+        let mut bytes = Vec::new();
+        let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
+        encoder.set_repeat(Repeat::Infinite).map_err(failed)?;
+        for picture in figures.images.values() {
+            let pixels = picture.rgb8.chunks_exact(3).flat_map(|rgb| [rgb[0], rgb[1], rgb[2], 255]).collect();
+            let image = RgbaImage::from_raw(picture.width, picture.height, pixels);
+            let image = image.ok_or_else(|| StageError::Mismatch("a picture is not whole".into()))?;
+            let delay = Delay::from_saturating_duration(std::time::Duration::from_secs_f64(1.0 / self.rate));
+            encoder.encode_frame(Frame::from_parts(image, 0, 0, delay)).map_err(failed)?;
+        }
+        drop(encoder);
+        Ok(bytes)
+    }
+}
+
+fn picture(view: &View, values: impl Iterator<Item = f32>, legend: &[(&str, String)]) -> Picture {
+    let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
+    Picture {
+        width: view.camera.width,
+        height: view.camera.height,
+        rgb8: values.map(byte).collect(),
+        legend: legend.iter().map(|(keyword, text)| ((*keyword).to_owned(), text.clone())).collect(),
+    }
+}
+
+/// Numbers as colours, from dark to bright; the legend says which.
+fn mapped(view: &View, values: &[f32], [low, high]: [f32; 2], what: &str) -> Picture {
+    let scaled = values.iter().map(|value| (value - low) / (high - low));
+    let legend = [
+        ("Title", what.to_owned()),
+        ("Range", format!("{low} (dark) to {high} (bright)")),
+        ("Colour map", colormap::NAME.to_owned()),
+    ];
+    picture(view, scaled.flat_map(colormap::color), &legend)
+}
+
+/// The opaque pixels' depths with what strays left out: one range for all images, so that colours keep their meaning.
+fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
+    let of_view = |view: &View| -> Vec<f32> {
+        let alpha = |i: usize| view.alpha.as_ref().map_or(1.0, |alpha| alpha[i]);
+        let depth = view.depth.iter().flatten().enumerate();
+        depth.filter(|(i, depth)| alpha(*i) >= OPAQUE && depth.is_finite()).map(|(_, depth)| *depth).collect()
+    };
+    let mut depths: Vec<f32> = images.views.iter().flat_map(of_view).collect();
+    depths.sort_by(f32::total_cmp);
+    let at = |part: f64| depths.get((part * depths.len().saturating_sub(1) as f64) as usize).copied();
+    let [low, high] = [at(RANGE[0])?, at(RANGE[1])?];
+    Some([low, if high > low { high } else { low + 1.0 }])
+}
+
+impl Stage for Film {
+    fn kind(&self) -> &'static str {
+        "Film"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        if !(0.1..=100.0).contains(&self.rate) {
+            return Err(StageError::parameter("rate", format!("is {}; it must be 0.1 to 100", self.rate)));
+        }
+        if !(0.0..=1.0).contains(&self.background) {
+            return Err(StageError::parameter("background", format!("is {}; it must be 0 to 1", self.background)));
+        }
+        Ok(())
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        let figures = ["color", "depth", "opacity"].map(|name| OutputPort { name, kind: ArtifactKind::Figures });
+        [&[OutputPort { name: "film", kind: ArtifactKind::Film }], &figures[..]].concat()
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let images: ImageSet = io.read("images")?;
+        let range = depth_range(&images);
+        let background = self.background as f32;
+        let shown: [Shown; 3] = [
+            ("color", Box::new(|view| Some(picture(view, convert::srgb_before(view, background).into_iter(), &[])))),
+            ("depth", Box::new(|view| Some(mapped(view, view.depth.as_ref()?, range?, "depth along the view axis")))),
+            ("opacity", Box::new(|view| Some(mapped(view, view.alpha.as_ref()?, [0.0, 1.0], "opacity")))),
+        ];
+        let mut clips = BTreeMap::new();
+        for (done, (name, show)) in shown.iter().enumerate() {
+            let figures = self.frames(&images, show);
+            if !figures.images.is_empty() {
+                clips.insert((*name).to_owned(), self.clip(&figures)?);
+            }
+            io.write(name, &figures)?;
+            io.progress(done + 1, shown.len(), &[])?;
+        }
+        io.write("film", &Clips { clips })
+    }
+}
