@@ -44,10 +44,6 @@ struct Grid {
 }
 
 impl Grid {
-    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
-        (z * self.size[1] + y) * self.size[0] + x
-    }
-
     fn place(&self, index: usize) -> [usize; 3] {
         let [nx, ny, _] = self.size;
         [index % nx, index / nx % ny, index / (nx * ny)]

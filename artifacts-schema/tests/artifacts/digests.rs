@@ -49,7 +49,7 @@ const GOLDEN: [&str; 9] = [
     "afec2aca9b31acfc",
     "a55f08426fd6db3b",
     "0fe80f0c7c44ad21",
-    "FILM",
+    "c5d18ae7ee851717",
 ];
 
 #[test]

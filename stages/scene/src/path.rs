@@ -42,8 +42,7 @@ pub fn spiral(cameras: &[Camera], frames: u32, turns: f64) -> Vec<Camera> {
 pub fn circle(cameras: &[Camera], frames: u32) -> Vec<Camera> {
     let focus = pose::focus(cameras);
     let count = cameras.len() as f64;
-    let sum_up = cameras.iter().map(|camera| camera.camera_to_world.y_axis.truncate()).sum::<DVec3>();
-    let up = sum_up.try_normalize().unwrap_or(DVec3::Y);
+    let up = upwards(cameras);
     let offset = |camera: &Camera| camera.position() - focus;
     let height = cameras.iter().map(|camera| offset(camera).dot(up)).sum::<f64>() / count;
     let distance = cameras.iter().map(|camera| offset(camera).length()).sum::<f64>() / count;
@@ -59,6 +58,20 @@ pub fn circle(cameras: &[Camera], frames: u32) -> Vec<Camera> {
         Camera::look_at_with_up(focus + height * up + radius * (cos * side + sin * other), focus, up)
     };
     along(cameras, frames, place)
+}
+
+/// The direction that the cameras' sides are at right angles to, as photographers hold them: better than the mean of their
+/// own upward directions, which leans to where more of them stand. Of the directions that serve, the nearest to that mean.
+fn upwards(cameras: &[Camera]) -> DVec3 {
+    const STEPS: usize = 64;
+    let mean = cameras.iter().map(|camera| camera.camera_to_world.y_axis.truncate()).sum::<DVec3>();
+    let sideways = |direction: DVec3| -> DVec3 {
+        let sides = cameras.iter().map(|camera| camera.camera_to_world.x_axis.truncate());
+        sides.map(|side| side * side.dot(direction)).sum::<DVec3>() / cameras.len() as f64
+    };
+    // Power iteration for the least eigenvalue of the mean of side sideᵀ, whose eigenvalues are 0 to 1.
+    let start = mean.try_normalize().unwrap_or(DVec3::Y);
+    (0..STEPS).fold(start, |up, _| (up - sideways(up)).try_normalize().unwrap_or(up))
 }
 
 /// The cameras of a `transforms.json`, in its order and in the scene's own coordinates. What it does not say of size, near and
