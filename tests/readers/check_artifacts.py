@@ -4,7 +4,7 @@
     python check_artifacts.py FOLDER [UNET]
 
 Every EXR is opened by `OpenEXR`, its camera compared with the frame in `transforms.json` beside it; every safetensors
-by `safetensors.numpy`; every PNG by `PIL`; every JSON by `json`. With `diffusers` and `peft` there as well, LoRA weights
+by `safetensors.numpy`; every PNG and GIF by `PIL`; every JSON by `json`. With `diffusers` and `peft` there as well, LoRA weights
 are loaded into a UNet: that of the embedded prior, or the one with its config.json in the folder UNET. Prints what it finds; exits with 1 if anything is wrong.
 """
 
@@ -120,7 +120,10 @@ def main(folder, unet_folder=PRIOR_UNET):
         elif path.suffix == ".png":
             with Image.open(path) as image:
                 image.load()
-                print(path, image.size, image.mode)
+                print(path, image.size, image.mode, image.info)
+        elif path.suffix == ".gif":
+            with Image.open(path) as film:
+                print(path, film.size, film.n_frames, "frames of", film.info["duration"], "ms")
         elif path.suffix == ".json":
             print(path, sorted(json.loads(path.read_text())))
         elif path.suffix == ".jsonl":
