@@ -16,6 +16,7 @@ mod remote;
 mod runs;
 mod scenes;
 mod s3;
+mod scenes;
 mod shards;
 mod soak;
 mod space;
