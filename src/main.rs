@@ -5,6 +5,7 @@ mod content;
 mod error;
 mod explain;
 mod export;
+mod extension;
 mod key;
 mod pipeline;
 mod plan;

@@ -4,6 +4,7 @@
 //! share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
 
 mod board;
+pub mod budget;
 #[cfg(test)]
 mod tests;
 
@@ -15,9 +16,10 @@ use std::time::{Duration, Instant};
 
 use artifacts_schema::Digest;
 use compute::Device;
-use stages::Message;
+use stages::{Estimate, Message};
 
 use crate::explain::Reason;
+use crate::extension;
 use crate::plan::{Assessment, Context, Inputs};
 use crate::progress::{Event, Progress};
 use crate::store::error::StoreError;
@@ -26,8 +28,9 @@ use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
 use crate::store::work::Work;
 use crate::task::{Failure, Task};
-use board::Board;
 pub use board::Outcome;
+use board::{Board, Queued};
+use budget::Budget;
 
 /// How often to look for a signal, and for what other processes have finished.
 const TICK: Duration = Duration::from_millis(100);
@@ -46,6 +49,8 @@ pub struct Scheduler<'a> {
     pub cancelled: &'a AtomicBool,
     /// How often stages keep checkpoints.
     pub checkpoint_every: Duration,
+    /// What stages may take together.
+    pub budget: Budget,
 }
 
 /// What a stage's thread says.
@@ -97,7 +102,7 @@ impl Scheduler<'_> {
         &self.context.graph.nodes[at].name
     }
 
-    /// Begins stages while any are ready and there is a thread for them.
+    /// Looks for the results of all stages that are ready, and begins those that have none while there is room for them.
     fn begin_all<'s>(
         &'s self,
         board: &mut Board,
@@ -105,26 +110,57 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
     ) -> Result<(), StoreError> {
         while !self.stopped() {
-            let Some(at) = board.next(self.pool.current_num_threads()) else { return Ok(()) };
-            let inputs = self.inputs(at, &board.outcome.records);
-            let assessment = self.pool.install(|| self.context.assess(at, &inputs))?;
-            let Assessment { key, manifest, verdict, .. } = assessment;
-            match verdict {
-                Ok(record) => self.reuse(board, at, key, record)?,
-                Err(reason) => {
-                    if self.fetch(board, at, key, &reason)? {
-                        continue;
+            if let Some((at, queued)) = board.admit(&self.budget) {
+                self.begin(board, at, queued, scope, sender)?;
+            } else if let Some(at) = board.next() {
+                let inputs = self.inputs(at, &board.outcome.records);
+                let Assessment { key, manifest, verdict, .. } =
+                    self.pool.install(|| self.context.assess(at, &inputs))?;
+                match verdict {
+                    Ok(record) => self.reuse(board, at, key, record)?,
+                    Err(reason) if self.fetch(board, at, key, &reason)? => {}
+                    Err(reason) => {
+                        let estimate = self.estimate(at, &board.outcome.records);
+                        board.queue(at, Queued { key, manifest, reason, estimate });
                     }
-                    let Some(work) = self.claim(board, at, key, &reason)? else { continue };
-                    self.context.store.put_manifest(&key, &manifest)?;
-                    let task = self.task(at, key, work, &board.outcome.records, reason == Reason::Forced)?;
-                    board.begin(at, key, reason);
-                    let sender = sender.clone();
-                    scope.spawn(move || self.work(at, task, &sender));
                 }
+            } else {
+                return Ok(());
             }
         }
         Ok(())
+    }
+
+    /// Begins a stage, unless another process has it.
+    fn begin<'s>(
+        &'s self,
+        board: &mut Board,
+        at: usize,
+        queued: Queued,
+        scope: &'s Scope<'s, '_>,
+        sender: &Sender<News>,
+    ) -> Result<(), StoreError> {
+        let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else { return Ok(()) };
+        self.context.store.put_manifest(&queued.key, &queued.manifest)?;
+        let task = self.task(at, &queued, work, &board.outcome.records)?;
+        if let Some(text) = self.budget.complaint(&queued.estimate) {
+            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+        }
+        let obstacle = extension::obstacle(task.node.stage.extension(), &queued.reason);
+        board.begin(at, queued, obstacle);
+        let sender = sender.clone();
+        scope.spawn(move || self.work(at, task, &sender));
+        Ok(())
+    }
+
+    /// What a stage will take, now that its inputs are there.
+    fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
+        let node = &self.context.graph.nodes[at];
+        let bytes = |wire: &crate::pipeline::graph::Wire| {
+            let output = records.get(&wire.from)?.outputs.get(wire.output)?;
+            Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
+        };
+        node.stage.estimate(&node.wires.iter().filter_map(bytes).collect())
     }
 
     fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {
@@ -200,10 +236,9 @@ impl Scheduler<'_> {
     fn task<'s>(
         &'s self,
         at: usize,
-        key: Digest,
+        queued: &Queued,
         work: Work<'s>,
         records: &BTreeMap<usize, Record>,
-        replace: bool,
     ) -> Result<Task<'s>, StoreError> {
         let node = &self.context.graph.nodes[at];
         let mut inputs = BTreeMap::new();
@@ -212,8 +247,13 @@ impl Scheduler<'_> {
                 inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
             }
         }
-        let Self { device, cancelled, checkpoint_every, .. } = *self;
-        Ok(Task { node, key, work, inputs, device, cancelled, checkpoint_every, replace })
+        let replace = queued.reason == Reason::Forced;
+        let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
+        // Who forces a stage wants all of it computed.
+        let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
+        let (key, Self { device, cancelled, checkpoint_every, .. }) = (queued.key, self);
+        let checkpoint_every = *checkpoint_every;
+        Ok(Task { node, key, work, inputs, device, cancelled, extension, earlier, checkpoint_every, replace })
     }
 
     /// The life of a stage's thread. Nobody listens any more only when the run is over.
@@ -248,7 +288,7 @@ impl Scheduler<'_> {
         result: Result<Record, Failure>,
         seconds: f64,
     ) -> Result<(), StoreError> {
-        let Some((key, reason)) = board.end(at) else { return Ok(()) };
+        let Some(Queued { key, reason, .. }) = board.end(at) else { return Ok(()) };
         let run = |end| StageRun { end, key: Some(key), reason: Some(reason.to_string()), seconds };
         let stage = self.name(at);
         match result {

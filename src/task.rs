@@ -52,6 +52,10 @@ pub struct Task<'a> {
     pub device: &'a Device,
     /// Set when it should stop.
     pub cancelled: &'a AtomicBool,
+    /// What it has in common with results of fewer steps, if more can go on from fewer.
+    pub extension: Option<Digest>,
+    /// The state that such a result left.
+    pub earlier: Option<PathBuf>,
     /// How often it keeps checkpoints.
     pub checkpoint_every: Duration,
     /// Whether its result replaces an earlier one.
@@ -68,6 +72,7 @@ impl Task<'_> {
         }
         match end {
             Ok(Ok(())) => {
+                self.extension.map_or(Ok(()), |extension| self.work.keep_state(&extension))?;
                 let outputs: Vec<(&str, ArtifactKind)> =
                     self.node.stage.outputs().iter().map(|port| (port.name, port.kind)).collect();
                 let device = self.device.kind().to_owned();
@@ -93,7 +98,7 @@ impl Task<'_> {
             outputs: self.work.outputs(),
             scratch: self.work.scratch(),
             checkpoint_every: self.checkpoint_every,
-            earlier: None,
+            earlier: self.earlier.clone(),
             provenance: self.provenance(),
             messages,
             cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use compute::Device;
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
@@ -17,6 +18,7 @@ use crate::error::Error;
 use crate::plan::Context;
 use crate::progress::{self, Verbosity, duration};
 use crate::report;
+use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
 use crate::store::error::StoreError;
@@ -39,6 +41,9 @@ pub struct Run {
     /// How many threads compute; by default one per core
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     threads: usize,
+    /// How much memory stages may take together, by their estimates: 8G, 500M; by default all that this machine or job has
+    #[arg(long, value_name = "SIZE", value_parser = options::size)]
+    memory: Option<u64>,
     /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every step
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
     checkpoint_every: Duration,
@@ -87,8 +92,15 @@ impl Run {
         let cancelled = stop_on_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))?;
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
         let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
-        let scheduler = Scheduler { context, pool: &pool, device, view, cancelled: &cancelled, checkpoint_every };
+        let budget = self.budget(&pool, device);
+        let scheduler =
+            Scheduler { context, pool: &pool, device, view, cancelled: &cancelled, checkpoint_every, budget };
         Ok(scheduler.run(progress.as_mut())?)
+    }
+
+    fn budget(&self, pool: &rayon::ThreadPool, device: &Device) -> Budget {
+        let (threads, memory) = (pool.current_num_threads(), self.memory.unwrap_or_else(memory_limit));
+        Budget { threads, memory, one_on_device: device.kind() != "cpu" }
     }
 
     fn verbosity(&self) -> Verbosity {

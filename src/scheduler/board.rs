@@ -3,8 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use artifacts_schema::Digest;
+use stages::Estimate;
 
+use super::budget::Budget;
 use crate::explain::Reason;
+use crate::key::Manifest;
 use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{Event, Progress};
@@ -26,20 +29,34 @@ pub struct Outcome {
     pub interrupted: bool,
 }
 
-/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `elsewhere`, `running`
-/// and `outcome.stages`.
+/// A stage that must run, and waits for room.
+pub struct Queued {
+    /// Its key.
+    pub key: Digest,
+    /// What is in the key.
+    pub manifest: Manifest,
+    /// Why it must run.
+    pub reason: Reason,
+    /// What it will take.
+    pub estimate: Estimate,
+}
+
+/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `queued`, `elsewhere`,
+/// `running` and `outcome.stages`.
 pub struct Board<'p> {
     graph: &'p Graph,
     /// Not all inputs are there: how many are missing.
     waiting: BTreeMap<usize, usize>,
     /// All inputs are there.
     ready: BTreeSet<usize>,
+    /// It has no result, and there was no room for it yet.
+    queued: BTreeMap<usize, Queued>,
     /// Another process computes it.
     elsewhere: BTreeSet<usize>,
     /// The user knows that another process computes it.
     told: BTreeSet<usize>,
-    /// It runs: its key, and why.
-    running: BTreeMap<usize, (Digest, Reason)>,
+    /// It runs.
+    running: BTreeMap<usize, Queued>,
     /// Who reads each stage, once for every input.
     readers: Vec<Vec<usize>>,
     /// It is over.
@@ -60,14 +77,27 @@ impl<'p> Board<'p> {
                 missing => drop(waiting.insert(at, missing)),
             }
         }
-        let (elsewhere, told, running) = (BTreeSet::new(), BTreeSet::new(), BTreeMap::new());
+        let (queued, elsewhere, told, running) = Default::default();
         let (graph, outcome) = (context.graph, Outcome::default());
-        Self { graph, waiting, ready, elsewhere, told, running, readers, outcome, progress }
+        Self { graph, waiting, ready, queued, elsewhere, told, running, readers, outcome, progress }
     }
 
-    /// The next stage whose inputs are all there, if not too many run.
-    pub fn next(&mut self, most: usize) -> Option<usize> {
-        if self.running.len() < most { self.ready.pop_first() } else { None }
+    /// The next stage whose inputs are all there.
+    pub fn next(&mut self) -> Option<usize> {
+        self.ready.pop_first()
+    }
+
+    /// A stage has no result.
+    pub fn queue(&mut self, at: usize, stage: Queued) {
+        self.queued.insert(at, stage);
+    }
+
+    /// The first stage that there is room for.
+    pub fn admit(&mut self, budget: &Budget) -> Option<(usize, Queued)> {
+        let running = self.running.values().map(|stage| &stage.estimate);
+        let fits = |(_, stage): &(&usize, &Queued)| budget.admits(running.clone(), &stage.estimate);
+        let at = *self.queued.iter().find(fits)?.0;
+        self.queued.remove_entry(&at)
     }
 
     /// Whether no stage of this process runs, and if `patient`, none of another that we wait for.
@@ -75,15 +105,19 @@ impl<'p> Board<'p> {
         self.running.is_empty() && (self.elsewhere.is_empty() || !patient)
     }
 
-    /// A stage begins.
-    pub fn begin(&mut self, at: usize, key: Digest, reason: Reason) {
-        let stage = &self.graph.nodes[at].name;
-        self.progress.event(&Event::Started { stage, key, reason: &reason.to_string() });
-        self.running.insert(at, (key, reason));
+    /// A stage begins; with its first step, where it might have gone on from a result, for a reason that is told.
+    pub fn begin(&mut self, at: usize, stage: Queued, obstacle: Option<&str>) {
+        let reason = match obstacle {
+            Some(why) => format!("{}; from the first step, since {why}", stage.reason),
+            None => stage.reason.to_string(),
+        };
+        let name = &self.graph.nodes[at].name;
+        self.progress.event(&Event::Started { stage: name, key: stage.key, reason: &reason });
+        self.running.insert(at, stage);
     }
 
-    /// A stage of this process has ended: its key, and why it ran.
-    pub fn end(&mut self, at: usize) -> Option<(Digest, Reason)> {
+    /// A stage of this process has ended.
+    pub fn end(&mut self, at: usize) -> Option<Queued> {
         self.running.remove(&at)
     }
 
@@ -133,7 +167,7 @@ impl<'p> Board<'p> {
 
     /// No stage runs any more, and none will.
     pub fn close(mut self, interrupted: bool) -> Outcome {
-        let left = self.waiting.keys().chain(&self.ready).chain(&self.elsewhere);
+        let left = self.waiting.keys().chain(&self.ready).chain(self.queued.keys()).chain(&self.elsewhere);
         for &at in left {
             self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
         }

@@ -8,6 +8,7 @@ use std::time::Duration;
 use compute::Device;
 use stages::Source;
 
+use super::budget::Budget;
 use super::{Outcome, Scheduler};
 use crate::explain::History;
 use crate::pipeline::graph::{Graph, Node};
@@ -61,6 +62,7 @@ fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) -> Done {
         view: &view,
         cancelled: &cancelled,
         checkpoint_every: Duration::ZERO,
+        budget: Budget { threads: 2, memory: u64::MAX, one_on_device: false },
     };
     let outcome = scheduler.run(&mut ear).unwrap();
     let stages = outcome.stages.iter().map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone())).collect();

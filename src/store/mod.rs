@@ -11,6 +11,7 @@ pub mod lease;
 pub mod link;
 pub mod result;
 pub mod runs;
+pub mod state;
 pub mod view;
 pub mod work;
 

@@ -84,6 +84,12 @@ impl Work<'_> {
         Ok(folder)
     }
 
+    /// Keeps the last checkpoint, if there is one, for longer runs to go on from.
+    pub fn keep_state(&self, extension: &Digest) -> Result<(), StoreError> {
+        let checkpoint = self.scratch().join(stages::keeper::FILE);
+        if checkpoint.exists() { self.store.put_state(extension, &self.key, &checkpoint) } else { Ok(()) }
+    }
+
     /// Removes what runs that were killed, and those that lost their lease, have left or still write to.
     fn sweep(&self) -> Result<(), StoreError> {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::convert;
 use crate::error::StageError;
 use crate::model::Model;
-use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Decodes refined latents z + h by the prior's VAE, D.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -138,6 +138,10 @@ impl Stage for Decode {
 
     fn locations(&self) -> &'static [&'static str] {
         &["model"]
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        Estimate::reading(inputs).computing(self.model.memory(), 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

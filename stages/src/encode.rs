@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::convert;
 use crate::error::StageError;
 use crate::model::Model;
-use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper section 2.1).
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -53,6 +53,10 @@ impl Stage for Encode {
 
     fn locations(&self) -> &'static [&'static str] {
         &["model"]
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        Estimate::reading(inputs).computing(self.model.memory(), 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 
 /// Measures a field on views that no other stage saw, beside two baselines of the low-resolution field.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -154,6 +154,10 @@ impl Stage for Evaluate {
             OutputPort { name: "metrics", kind: ArtifactKind::Metrics },
             OutputPort { name: "figures", kind: ArtifactKind::Figures },
         ]
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        Estimate::reading(inputs).computing(64 << 20, 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

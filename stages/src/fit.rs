@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
 use crate::training;
 
 /// Fits a hash-grid field to posed photos.
@@ -21,6 +21,8 @@ pub struct Fit {
     pub samples: u32,
     /// Learning rate at its highest.
     pub rate: f64,
+    /// Learning rate of the last step, as a part of `rate`. At 1 it does not fall, and a finished result can be extended.
+    pub final_rate: f64,
     /// Sub-rays per pixel and axis: a pixel is the mean over its area.
     pub supersample: u32,
     /// The shape of the field.
@@ -35,6 +37,7 @@ impl Default for Fit {
             steps: 2000,
             samples: options.samples,
             rate: options.rate,
+            final_rate: options.final_rate,
             supersample: 2,
             field: FieldConfig::default(),
         }
@@ -52,7 +55,7 @@ impl Stage for Fit {
 
     fn check(&self) -> Result<(), StageError> {
         convert::in_range("supersample", self.supersample, 1, 16)?;
-        training::check(self.steps, self.samples, self.rate)?;
+        training::check(self.steps, self.samples, self.rate, self.final_rate)?;
         self.field.check().map_err(|problem| StageError::parameter("field", problem))
     }
 
@@ -67,12 +70,22 @@ impl Stage for Fit {
         ]
     }
 
+    fn extension(&self) -> Extension {
+        training::extension(self.final_rate)
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let levels = u64::from(self.field.levels) << self.field.log2_table;
+        training::estimate(inputs, 8 * levels, self.steps, self.samples)
+    }
+
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images: ImageSet = io.read("images")?;
         let views = images.views.iter().map(|view| convert::train_view(view, 1.0, self.supersample)).collect();
         let bounds = images.bounds.map(|corner| corner.map(|x| x as f32));
         let field = Field::new(&self.field, bounds, io.seed);
-        let options = TrainOptions { steps: self.steps, samples: self.samples, rate: self.rate, ..Default::default() };
+        let Self { steps, samples, rate, final_rate, .. } = *self;
+        let options = TrainOptions { steps, samples, rate, final_rate, ..Default::default() };
         training::train(field, views, &options, io)
     }
 }

@@ -3,7 +3,7 @@
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residuals};
 use compute::Device;
 use compute::elementwise::add;
-use diffusion::guidance::{Guidance, Loss};
+use diffusion::guidance::{Guidance, Loss, Timesteps};
 use diffusion::optimize::{Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents};
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ use crate::keeper::Keeper;
 use crate::model::Model;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Input, InputPort, Io, OutputPort, Source, Stage};
+use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Refines latents: one residual latent per view, guided by the prior.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -159,6 +159,18 @@ impl Stage for Optimize {
         shard::parts(self.shards, self.shard, |shard| AnyStage::Optimize(Self { shard, ..self.clone() }))
     }
 
+    fn extension(&self) -> Extension {
+        match self.guidance.timesteps() {
+            Timesteps::Annealed { .. } => Extension::Impossible("steps", "its timesteps fall over all steps"),
+            Timesteps::Uniform { .. } => Extension::Possible("steps"),
+        }
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
+        Estimate::reading(inputs).computing(self.model.memory(), 0.1 * images)
+    }
+
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let (mut latents, low): (Latents, ImageSet) = (io.read("latents")?, io.read("low")?);
         let mut options = self.options();
@@ -186,6 +198,10 @@ impl Stage for Optimize {
             log.push(step);
             let state = optimization.state();
             keeper.after(state.step, &figures(&step), || convert::optimization_checkpoint(state, &log))?;
+        }
+        if matches!(self.extension(), Extension::Possible(_)) {
+            let state = optimization.state();
+            keeper.keep(state.step, || convert::optimization_checkpoint(state, &log));
         }
         write(&latents, &views, optimization.finish(log), io)
     }

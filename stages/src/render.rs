@@ -7,7 +7,7 @@ use crate::convert;
 use crate::error::StageError;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 
 /// Renders a field from the cameras of an image set.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -66,6 +66,10 @@ impl Stage for Render {
 
     fn shards(&self) -> Vec<AnyStage> {
         shard::parts(self.shards, self.shard, |shard| AnyStage::Render(Self { shard, ..self.clone() }))
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        Estimate::reading(inputs).computing(64 << 20, 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

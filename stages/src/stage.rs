@@ -89,6 +89,21 @@ pub struct Estimate {
     pub memory: u64,
     /// Seconds on two cores.
     pub seconds: f64,
+    /// Whether it computes on the device, which one stage holds at a time where that is a GPU.
+    pub device: bool,
+}
+
+impl Estimate {
+    /// Of a stage that reads all of its inputs and does little with them.
+    pub fn reading(inputs: &Sizes) -> Self {
+        let bytes: u64 = inputs.values().sum();
+        Self { memory: (64 << 20) + 6 * bytes, seconds: 1.0 + bytes as f64 / 1e7, device: false }
+    }
+
+    /// The same, if it computes on the device as well, in so many more bytes and seconds.
+    pub fn computing(self, memory: u64, seconds: f64) -> Self {
+        Self { memory: self.memory + memory, seconds: self.seconds + seconds, device: true }
+    }
 }
 
 /// Bytes of input artifacts by input name, as far as they are known.
@@ -125,8 +140,7 @@ pub trait Stage: Send + Sync {
     }
     /// Memory and time that it will take. By default those of a stage that reads all of its inputs and does little with them.
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        let bytes: u64 = inputs.values().sum();
-        Estimate { memory: (64 << 20) + 6 * bytes, seconds: 1.0 + bytes as f64 / 1e7 }
+        Estimate::reading(inputs)
     }
     /// The stages that compute it part by part, each some of the views; none where it is computed as a whole.
     /// [`crate::Merge`] joins what they leave.

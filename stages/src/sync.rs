@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
 use crate::training;
 
 /// Trains a field on enlarged views, and on the low-resolution photos so that rounds cannot drift from them.
@@ -29,6 +29,8 @@ pub struct Sync {
     pub samples: u32,
     /// Learning rate at its highest.
     pub rate: f64,
+    /// Learning rate of the last step, as a part of `rate`. At 1 it does not fall, and a finished result can be extended.
+    pub final_rate: f64,
 }
 
 impl Default for Sync {
@@ -43,6 +45,7 @@ impl Default for Sync {
             steps: 1000,
             samples: options.samples,
             rate: options.rate,
+            final_rate: options.final_rate,
         }
     }
 }
@@ -61,7 +64,7 @@ impl Stage for Sync {
             return Err(StageError::parameter("low_weight", format!("is {}; it must be 0 to 1000", self.low_weight)));
         }
         convert::in_range("low_supersample", self.low_supersample, 1, 16)?;
-        training::check(self.steps, self.samples, self.rate)
+        training::check(self.steps, self.samples, self.rate, self.final_rate)
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -79,6 +82,14 @@ impl Stage for Sync {
         ]
     }
 
+    fn extension(&self) -> Extension {
+        training::extension(self.final_rate)
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        training::estimate(inputs, inputs.get("field").copied().unwrap_or(16 << 20), self.steps, self.samples)
+    }
+
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read("field")?)?;
         let images: ImageSet = io.read("images")?;
@@ -88,7 +99,8 @@ impl Stage for Sync {
             let weight = self.low_weight as f32;
             views.extend(low.views.iter().map(|view| convert::train_view(view, weight, self.low_supersample)));
         }
-        let options = TrainOptions { steps: self.steps, samples: self.samples, rate: self.rate, ..Default::default() };
+        let Self { steps, samples, rate, final_rate, .. } = *self;
+        let options = TrainOptions { steps, samples, rate, final_rate, ..Default::default() };
         training::train(field, views, &options, io)
     }
 }

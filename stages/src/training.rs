@@ -9,19 +9,35 @@ use crate::checkpoint::Checkpoint;
 use crate::convert;
 use crate::error::StageError;
 use crate::keeper::Keeper;
-use crate::stage::Io;
+use crate::stage::{Estimate, Extension, Io, Sizes};
 
 /// A log line is written every so many steps.
 const LOG_EVERY: u32 = 50;
 
 /// Refuses training parameters that make no sense.
-pub fn check(steps: u32, samples: u32, rate: f64) -> Result<(), StageError> {
+pub fn check(steps: u32, samples: u32, rate: f64, final_rate: f64) -> Result<(), StageError> {
     convert::in_range("steps", steps, 1, 10_000_000)?;
     convert::in_range("samples", samples, 256, 1 << 24)?;
-    if rate > 0.0 && rate <= 1.0 {
-        return Ok(());
+    for (field, value) in [("rate", rate), ("final_rate", final_rate)] {
+        if !(value > 0.0 && value <= 1.0) {
+            return Err(StageError::parameter(field, format!("is {value}; it must be above 0 and at most 1")));
+        }
     }
-    Err(StageError::parameter("rate", format!("is {rate}; it must be above 0 and at most 1")))
+    Ok(())
+}
+
+/// Whether more steps may go on from fewer: only where the learning rate does not fall over all of them.
+pub fn extension(final_rate: f64) -> Extension {
+    if final_rate == 1.0 {
+        return Extension::Possible("steps");
+    }
+    Extension::Impossible("steps", "the learning rate falls over all steps (unless `final_rate` is 1)")
+}
+
+/// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments and a checkpoint multiply.
+pub fn estimate(inputs: &Sizes, table: u64, steps: u32, samples: u32) -> Estimate {
+    let seconds = f64::from(steps) * f64::from(samples) * 6e-7;
+    Estimate::reading(inputs).computing(8 * table + 1024 * u64::from(samples), seconds)
 }
 
 /// Trains `field` on `views` and writes the outputs `field` and `log`. Goes on from a checkpoint where there is one.
@@ -43,6 +59,9 @@ pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &I
         }
         diary.note(trainer.steps_taken(), &stats);
         keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || checkpoint(&trainer, &diary))?;
+    }
+    if matches!(extension(options.final_rate), Extension::Possible(_)) {
+        keeper.keep(options.steps.into(), || checkpoint(&trainer, &diary));
     }
     io.metric("training psnr (running mean)", diary.psnr);
     io.write("field", &convert::disk_field(&trainer.into_field())?)?;

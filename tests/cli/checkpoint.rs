@@ -124,3 +124,30 @@ fn people_are_told_from_which_step_a_stage_goes_on() {
     let said = space.ok(&text(&arguments.collect::<Vec<_>>()));
     assert!(said.err.contains("fit: going on from step "), "{}", said.err);
 }
+
+#[test]
+fn more_steps_go_on_from_a_finished_result_where_they_can() {
+    let space = training();
+    let more = ["--set=fit.steps=170", "--set=fit.final_rate=1"];
+    space.ok(&text(&run("straight", &more)));
+    space.ok(&text(&run("grown", &["--set=fit.final_rate=1"])));
+    let said = space.ok(&text(&run("grown", &more)));
+    assert_eq!(resumed(&said), [("fit".to_owned(), 120, "result".to_owned())]);
+    assert!(space.files("straight/out") == space.files("grown/out"));
+    assert_eq!(space.files("grown/store/states").len(), 1);
+    let said = space.ok(&text(&run("grown", &[&more[..], &["--force=fit"]].concat())));
+    assert_eq!(resumed(&said), [], "who forces a stage wants all of it computed");
+}
+
+#[test]
+fn where_a_step_depends_on_their_number_more_steps_begin_at_the_first_and_it_is_said_why() {
+    let space = training();
+    space.ok(&text(&run("grown", &["--target=fit"])));
+    let said = space.ok(&text(&run("grown", &["--target=fit", "--set=fit.steps=170"])));
+    assert!(
+        said.out.contains("`steps` 120 -> 170; from the first step, since the learning rate falls"),
+        "{}",
+        said.out
+    );
+    assert_eq!(resumed(&said), []);
+}

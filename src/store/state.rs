@@ -1,0 +1,62 @@
+//! The last states of finished results, from which longer runs go on. Knows nothing of what is in them.
+//!
+//! `states/<extension key>/<key>` was left by the result of that key. There is one for an extension key, the latest.
+
+use std::fs;
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+use artifacts_schema::Digest;
+
+use super::Store;
+use super::error::{At, StoreError};
+
+impl Store {
+    /// The state that the latest result of an extension key has left.
+    pub fn state(&self, extension: &Digest) -> Option<PathBuf> {
+        let age =
+            |path: &PathBuf| fs::metadata(path).and_then(|data| data.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
+        self.states(extension).into_iter().max_by_key(age)
+    }
+
+    /// Keeps a file as the state of a result, in place of the one before.
+    pub(super) fn put_state(&self, extension: &Digest, key: &Digest, file: &PathBuf) -> Result<(), StoreError> {
+        let path = self.states_folder(extension).join(key.to_string());
+        let folder = super::parent(&path);
+        self.disk.create_folders(folder).at("create", folder)?;
+        self.disk.rename(file, &path).at("write", &path)?;
+        for other in self.states(extension).iter().filter(|other| **other != path) {
+            self.disk.remove_file(other).at("remove", other)?;
+        }
+        Ok(())
+    }
+
+    fn states_folder(&self, extension: &Digest) -> PathBuf {
+        self.root.join("states").join(extension.to_string())
+    }
+
+    fn states(&self, extension: &Digest) -> Vec<PathBuf> {
+        fs::read_dir(self.states_folder(extension)).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::key;
+    use super::*;
+
+    #[test]
+    fn the_latest_result_of_an_extension_key_leaves_its_state() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::create(folder.path()).unwrap();
+        assert_eq!(store.state(&key("e")), None);
+        for result in ["a", "b"] {
+            let file = folder.path().join("checkpoint");
+            fs::write(&file, result).unwrap();
+            store.put_state(&key("e"), &key(result), &file).unwrap();
+            assert_eq!(fs::read_to_string(store.state(&key("e")).unwrap()).unwrap(), result);
+        }
+        assert_eq!(store.states(&key("e")).len(), 1);
+        assert_eq!(store.state(&key("other")), None);
+    }
+}
