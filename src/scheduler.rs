@@ -157,7 +157,7 @@ impl Scheduler<'_> {
     fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
         let node = &self.context.graph.nodes[at];
         let bytes = |wire: &crate::pipeline::graph::Wire| {
-            let output = records.get(&wire.from)?.outputs.get(wire.output)?;
+            let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
             Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
         };
         node.stage.estimate(&node.wires.iter().filter_map(bytes).collect())
@@ -303,7 +303,7 @@ impl Scheduler<'_> {
                 board.outcome.stages.insert(at, run(End::Stopped));
             }
             Err(failure) => {
-                board.progress.event(&Event::Failed { stage, error: &failure.to_string() });
+                board.progress.event(&Event::Failed { stage, error: &failure.text() });
                 board.outcome.stages.insert(at, run(End::Failed));
                 board.outcome.failures.push(failure);
                 board.block(at);
