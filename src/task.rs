@@ -3,12 +3,12 @@
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use artifacts_schema::{ArtifactKind, Digest, Provenance};
+use artifacts_schema::{ArtifactKind, Digest, Provenance, SchemaError};
 use compute::Device;
 use stages::{Io, Message, StageError};
 
@@ -36,6 +36,16 @@ pub enum Failure {
     /// The run is being stopped.
     #[error("stopped")]
     Stopped,
+}
+
+impl Failure {
+    /// What to tell people: what happened, and how to mend it where that is known.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Store(StoreError::Io { help: Some(help), .. }) => format!("{self}; {help}"),
+            _ => self.to_string(),
+        }
+    }
 }
 
 /// A stage about to run.
@@ -80,8 +90,9 @@ impl Task<'_> {
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }
             Ok(Err(error)) => {
+                let outputs = self.work.outputs();
                 self.work.abandon()?;
-                Err(if matches!(error, StageError::Cancelled) { Failure::Stopped } else { Failure::Stage(error) })
+                Err(failure(error, &outputs))
             }
             Err(panic) => {
                 self.work.abandon()?;
@@ -115,6 +126,17 @@ impl Task<'_> {
             params: self.node.params.clone(),
             inputs: self.inputs.iter().map(|(name, (_, digest))| (name.clone(), digest.to_string())).collect(),
         }
+    }
+}
+
+/// What the error of a stage is to the run. That its outputs cannot be written is the store's.
+fn failure(error: StageError, outputs: &Path) -> Failure {
+    match error {
+        StageError::Cancelled => Failure::Stopped,
+        StageError::Artifact(SchemaError::Io { path, source }) if path.starts_with(outputs) => {
+            Failure::Store(StoreError::io("write", &path, source))
+        }
+        other => Failure::Stage(other),
     }
 }
 

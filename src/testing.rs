@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use artifacts_schema::{ArtifactKind, Metrics, Row};
+use artifacts_schema::{ArtifactKind, Metrics, Row, SchemaError};
 use stages::{Input, InputPort, Io, OutputPort, Stage, StageError};
 
 use crate::pipeline::graph::{Graph, Node, Wire};
@@ -37,6 +37,8 @@ pub enum Act {
     Panic,
     /// It goes on until it is stopped.
     Endless,
+    /// The disk is full when it writes its output.
+    NoRoom,
     /// It leaves no output.
     Nothing,
 }
@@ -78,6 +80,10 @@ impl Stage for Sum {
                 std::thread::sleep(Duration::from_millis(5));
             },
             Act::Nothing => return Ok(()),
+            Act::NoRoom => {
+                let (path, source) = (io.outputs.join("sum"), std::io::ErrorKind::StorageFull.into());
+                return Err(StageError::Artifact(SchemaError::Io { path, source }));
+            }
             Act::Well => {}
         }
         let mean = BTreeMap::from([("value".to_owned(), sum % f64::from(self.modulo))]);

@@ -187,6 +187,7 @@ fn a_failure_stops_what_depends_on_it_and_nothing_else() {
         (Act::Fail, "these do not fit"),
         (Act::Panic, "internal error: a bug of a test"),
         (Act::Nothing, "cannot be kept"),
+        (Act::NoRoom, "the disk is full: free some space"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let (graph, _) = diamond(|name, stage| stage.act = if name == "b" { act } else { Act::Well });
@@ -194,7 +195,7 @@ fn a_failure_stops_what_depends_on_it_and_nothing_else() {
         assert_eq!(done.ends(&graph, End::Ran), ["a", "c"]);
         assert_eq!(done.ends(&graph, End::Failed), ["b"]);
         assert_eq!(done.ends(&graph, End::Stopped), ["d"]);
-        let text = done.outcome.failures[0].to_string();
+        let text = done.outcome.failures[0].text();
         assert!(text.contains(words), "{text}");
         assert_eq!(matches!(done.outcome.failures[0], Failure::Bug(_)), act == Act::Panic);
         let (graph, stages) = diamond(|_, _| {});

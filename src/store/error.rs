@@ -61,10 +61,15 @@ pub trait At<T> {
 
 impl<T> At<T> for io::Result<T> {
     fn at(self, action: &'static str, path: &Path) -> Result<T, StoreError> {
-        self.map_err(|error| {
-            let help = advice(error.kind());
-            StoreError::Io { action, path: path.to_owned(), error, help }
-        })
+        self.map_err(|error| StoreError::io(action, path, error))
+    }
+}
+
+impl StoreError {
+    /// `action`, a verb, could not be done to a file.
+    pub fn io(action: &'static str, path: &Path, error: io::Error) -> Self {
+        let help = advice(error.kind());
+        Self::Io { action, path: path.to_owned(), error, help }
     }
 }
 

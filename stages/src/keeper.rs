@@ -27,12 +27,14 @@ pub struct Keeper<'a> {
     since: Instant,
     /// How long to wait until the next one.
     pause: Duration,
+    /// Whether it was said that none can be kept.
+    complained: bool,
 }
 
 impl<'a> Keeper<'a> {
     /// Before the first step of `total`.
     pub fn new(io: &'a Io<'a>, total: u64) -> Self {
-        Self { io, total, kept: 0, since: Instant::now(), pause: io.checkpoint_every }
+        Self { io, total, kept: 0, since: Instant::now(), pause: io.checkpoint_every, complained: false }
     }
 
     /// Goes on from an interrupted run, or from a finished result of fewer steps, if there is one that `rebuild` can make
@@ -107,7 +109,12 @@ impl<'a> Keeper<'a> {
         let begun = Instant::now();
         match state().write(&self.io.scratch.join(FILE)) {
             Ok(()) => self.kept = step,
-            Err(error) => self.io.warn(format!("cannot keep a checkpoint in {}: {error}", self.io.scratch.display())),
+            Err(_) if self.complained => {}
+            Err(error) => {
+                self.complained = true;
+                let scratch = self.io.scratch.display();
+                self.io.warn(format!("cannot keep a checkpoint in {scratch}: {error}; going on without"));
+            }
         }
         self.since = Instant::now();
         let every = self.io.checkpoint_every;
@@ -193,8 +200,10 @@ mod tests {
     fn a_checkpoint_that_cannot_be_written_does_not_end_the_stage() {
         let folder = tempfile::tempdir().unwrap();
         let said = with_io(&folder.path().join("gone"), None, false, |io| {
-            Keeper::new(io, 9).keep(1, || checkpoint(1));
+            let mut keeper = Keeper::new(io, 9);
+            (1..4).for_each(|step| keeper.keep(step, || checkpoint(step)));
         });
+        assert_eq!(said.len(), 1);
         let Message::Warning(text) = &said[0] else { panic!("{said:?}") };
         assert!(text.contains("cannot keep a checkpoint in"), "{text}");
     }

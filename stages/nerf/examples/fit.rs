@@ -14,6 +14,7 @@ struct Settings {
     options: TrainOptions,
     supersample: u32,
     factor: u32,
+    size: (u32, u32),
     render: RenderOptions,
 }
 
@@ -25,6 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         options: TrainOptions::default(),
         supersample: 1,
         factor: 4,
+        size: (252, 189),
         render: RenderOptions::default(),
     };
     for argument in arguments {
@@ -34,13 +36,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     settings.config.check()?;
     let scene = match source.as_str() {
         "still_life" => still_life(24, (256, 192), 4, 0),
-        folder => llff(Path::new(folder), Some("images_4"), Some((252, 189)))?,
+        folder => llff(Path::new(folder), Some("images_4"), Some(settings.size))?,
     };
     fit(scene, &settings)
 }
 
 fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn Error>> {
-    let Settings { config, options, supersample, factor, render } = settings;
+    let Settings { config, options, supersample, factor, size, render } = settings;
     match name {
         "levels" => config.levels = value.parse()?,
         "table" => config.log2_table = value.parse()?,
@@ -60,6 +62,7 @@ fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn E
         "background" => options.random_background = value.parse()?,
         "supersample" => *supersample = value.parse()?,
         "factor" => *factor = value.parse()?,
+        "width" => *size = (value.parse()?, value.parse::<u32>()? * 3 / 4),
         "render_supersample" => render.supersample = value.parse()?,
         _ => return Err(format!("no setting is called {name}").into()),
     }
