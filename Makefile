@@ -5,7 +5,7 @@ CARGO ?= cargo
 ARGS ?=
 PYTHON ?=
 
-.PHONY: run test test-full test-slurm lint doc bench setup clean
+.PHONY: run test test-full test-slurm golden lint doc bench setup clean
 
 run: setup
 	$(CARGO) run --release --quiet -- run $(PIPELINE) $(ARGS)
@@ -34,6 +34,10 @@ test-tools: setup
 test-slurm: setup
 	$(CARGO) build --release --quiet
 	tests/slurm/one_node.sh tests/slurm/export.sh $(TARGET)/release/srnerf-dag
+
+# Writes the digests of tests/cli/golden.json anew, for this processor; refuses an output that changed under the same version.
+golden: setup
+	SRNERF_GOLDEN=1 $(CARGO) test --release --test cli --quiet golden
 
 lint: setup
 	$(CARGO) fmt --all --check

@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use artifacts_schema::Provenance;
 use exr::prelude::{AttributeValue, FlatSamples, read_all_flat_layers_from_file};
 use safetensors::{Dtype, SafeTensors};
 use serde_json::{Value, json};
@@ -118,9 +119,6 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
     let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
     let mut content = Content::default();
     for (name, tensor) in tensors.tensors() {
-        let floats = |bytes: &[u8]| {
-            bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect::<Vec<_>>()
-        };
         let range = (tensor.dtype() == Dtype::F32).then(|| range(floats(tensor.data()).into_iter())).flatten();
         content.arrays.push(Array {
             name,
@@ -142,6 +140,93 @@ fn read_json(path: &Path) -> Result<Content, String> {
         other => BTreeMap::from([("value".to_owned(), other)]),
     };
     Ok(Content { arrays: Vec::new(), facts })
+}
+
+/// Numbers of one precision.
+#[derive(Debug)]
+pub enum Values {
+    /// Of a picture's channel, or a tensor.
+    Single(Vec<f32>),
+    /// Of JSON.
+    Double(Vec<f64>),
+}
+
+/// All numbers in a file, by the name of their channel, tensor or field.
+pub fn values(path: &Path) -> Result<BTreeMap<String, Values>, String> {
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("exr") => {
+            let image = read_all_flat_layers_from_file(path).map_err(|error| error.to_string())?;
+            let channels = image.layer_data.iter().flat_map(|layer| &layer.channel_data.list);
+            Ok(channels
+                .map(|channel| {
+                    (channel.name.to_string(), Values::Single(channel.sample_data.values_as_f32().collect()))
+                })
+                .collect())
+        }
+        Some("safetensors" | "latent") => {
+            let bytes = read_whole(path)?;
+            let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
+            let single = tensors.tensors().into_iter().filter(|(_, tensor)| tensor.dtype() == Dtype::F32);
+            Ok(single.map(|(name, tensor)| (name, Values::Single(floats(tensor.data())))).collect())
+        }
+        Some("json") => {
+            let value: Value = serde_json::from_slice(&read_whole(path)?).map_err(|error| error.to_string())?;
+            let mut numbers = BTreeMap::new();
+            collect_numbers("", &value, &mut numbers);
+            Ok(numbers)
+        }
+        _ => Err("a file of an unknown type".into()),
+    }
+}
+
+fn collect_numbers(path: &str, value: &Value, numbers: &mut BTreeMap<String, Values>) {
+    let below = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+    match value {
+        Value::Number(number) => {
+            numbers.insert(path.to_owned(), Values::Double(number.as_f64().into_iter().collect()));
+        }
+        Value::Object(fields) => fields.iter().for_each(|(name, value)| collect_numbers(&below(name), value, numbers)),
+        Value::Array(items) => {
+            items.iter().enumerate().for_each(|(at, value)| collect_numbers(&below(&at.to_string()), value, numbers));
+        }
+        _ => {}
+    }
+}
+
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+/// Where a file of ours says that it comes from; `None` if it says nothing, or is none of ours.
+pub fn provenance(path: &Path) -> Option<Provenance> {
+    let facts = match path.extension()?.to_str()? {
+        "png" => read_png_text(&read_whole(path).ok()?)?,
+        _ => Content::read(path).ok()?.facts.into_iter().collect(),
+    };
+    find_provenance(&Value::Object(facts), 3)
+}
+
+/// The first object that says all that provenance does, at most `depth` objects down.
+fn find_provenance(value: &Value, depth: usize) -> Option<Provenance> {
+    let fields = value.as_object()?;
+    if fields.contains_key("key") && fields.contains_key("kind") {
+        return serde_json::from_value(value.clone()).ok();
+    }
+    fields.values().filter(|_| depth > 0).find_map(|value| find_provenance(value, depth - 1))
+}
+
+/// Our text chunk of a PNG.
+fn read_png_text(bytes: &[u8]) -> Option<serde_json::Map<String, Value>> {
+    let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
+    loop {
+        let (head, after) = rest.split_at_checked(8)?;
+        let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
+        let (data, after) = after.split_at_checked(length)?;
+        if let Some(text) = data.strip_prefix(b"srnerf\0").filter(|_| &head[4..] == b"tEXt") {
+            return serde_json::from_slice(text).ok();
+        }
+        rest = after.get(4..)?;
+    }
 }
 
 fn read_whole(path: &Path) -> Result<Vec<u8>, String> {

@@ -20,6 +20,8 @@ pub const USAGE: u8 = 2;
 pub const PIPELINE: u8 = 3;
 /// The store or the output folder cannot be used.
 pub const STORE: u8 = 4;
+/// A check found something: damage, a difference, stages to run.
+pub const FOUND: u8 = 5;
 /// The run was interrupted; the same command goes on where it stopped.
 pub const INTERRUPTED: u8 = 75;
 /// A bug in the program.
@@ -33,6 +35,7 @@ Exit codes:
   2    the command line makes no sense
   3    the pipeline, or something it names, is not as it should be; nothing was run
   4    the store or the output folder cannot be used
+  5    a check found something: damage, a difference, stages to run
   75   interrupted by a signal, with checkpoints kept; the same command goes on
   101  a bug in the program";
 
@@ -101,6 +104,15 @@ pub enum Error {
     /// A stage has a bug, as was said when it happened.
     #[error("{0}")]
     Bug(String),
+    /// A check found something, and has said what.
+    #[error("{message}")]
+    Found {
+        /// How much.
+        message: String,
+        /// What it means, or how to mend it.
+        #[help]
+        help: Option<String>,
+    },
     /// The run was interrupted.
     #[error("interrupted; the same command goes on where this one stopped")]
     Interrupted,
@@ -125,6 +137,7 @@ impl Error {
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
             Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::NoInput { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } => STORE,
+            Self::Found { .. } => FOUND,
             Self::Interrupted => INTERRUPTED,
             Self::Bug(_) => BUG,
         }

@@ -48,8 +48,32 @@ impl Sink for Manifest {
     }
 }
 
+impl Manifest {
+    /// The key that belongs to what it says: its entries, hashed in the order of [`walk`].
+    pub fn key(&self) -> Digest {
+        let mut entries: Vec<(&String, &String)> = self.0.iter().collect();
+        entries.sort_by_key(|(path, _)| place(path));
+        let mut hash = Hash::new();
+        entries.into_iter().for_each(|(path, text)| hash.entry(path, text));
+        hash.0.finalize().into()
+    }
+}
+
+/// Where in the walk an entry comes.
+fn place(path: &str) -> (usize, Vec<&str>) {
+    const ORDER: [&str; 8] = ["kind", "version", "seed", "device", "salt", "params", "inputs", "sources"];
+    let steps: Vec<&str> = path.split('.').collect();
+    (ORDER.iter().position(|name| *name == steps[0]).unwrap_or(ORDER.len()), steps)
+}
+
 /// Hashes entries, each text behind its length.
 struct Hash(blake3::Hasher);
+
+impl Hash {
+    fn new() -> Self {
+        Self(blake3::Hasher::new_derive_key(DOMAIN))
+    }
+}
 
 impl Sink for Hash {
     fn entry(&mut self, path: &str, text: &str) {
@@ -62,7 +86,7 @@ impl Sink for Hash {
 impl Recipe<'_> {
     /// The digest of all entries.
     pub fn key(&self) -> Digest {
-        let mut hash = Hash(blake3::Hasher::new_derive_key(DOMAIN));
+        let mut hash = Hash::new();
         walk(self, &mut hash);
         hash.0.finalize().into()
     }
@@ -96,7 +120,9 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
     for (name, digest) in *inputs {
         sink.entry(&format!("inputs.{name}"), &digest.to_string());
     }
-    for source in *sources {
+    let mut sources: Vec<&Source> = sources.iter().collect();
+    sources.sort_by(|a, b| a.name.split('.').cmp(b.name.split('.')));
+    for source in sources {
         sink.entry(&format!("sources.{}", source.name), &source.digest.to_string());
     }
 }
@@ -125,113 +151,4 @@ fn walk_fields(path: &str, fields: &serde_json::Map<String, Value>, locations: &
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-    use serde_json::json;
-    use stages::registry::AnyStage;
-
-    use super::*;
-    use crate::pipeline::text::Tree;
-    use crate::testing::sum;
-
-    fn recipe_of(node: &Node, check: impl Fn(&Recipe)) {
-        check(&Recipe { node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None });
-    }
-
-    /// The key of an `Optimize` stage with these parameters in RON.
-    fn key_of(fields: &str) -> Digest {
-        let params = Tree::read(fields).unwrap().json();
-        let stage = AnyStage::from_parameters("Optimize", params).unwrap();
-        let params = stage.parameters().unwrap();
-        let node = Node { name: "x".into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() };
-        Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None }.key()
-    }
-
-    #[test]
-    fn the_manifest_is_what_is_hashed() {
-        let (node, _) = sum("s", 1, &[]);
-        recipe_of(&node, |recipe| {
-            let mut hash = Hash(blake3::Hasher::new_derive_key(DOMAIN));
-            let Manifest(entries) = recipe.manifest();
-            let order = ["kind", "version", "seed", "device", "params.modulo", "params.number"];
-            assert_eq!(entries.len(), order.len());
-            order.iter().for_each(|path| hash.entry(path, &entries[*path]));
-            assert_eq!(Digest::from(hash.0.finalize()), recipe.key());
-        });
-    }
-
-    #[test]
-    fn one_value_has_one_text() {
-        let key = key_of("(steps: 100, guidance: Vsd(lora_every: 3))");
-        assert_eq!(key, key_of("(guidance: Vsd(lora_every: 0x3,),\n /* first */ steps: 1_00)"));
-        assert_ne!(key, key_of("(steps: 101, guidance: Vsd(lora_every: 3))"));
-        assert_ne!(key, key_of("(steps: 100, guidance: Vsd(lora_every: 1))"));
-        assert_ne!(key, key_of("(steps: 100, guidance: Rsd())"));
-    }
-
-    #[test]
-    fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
-        let params = |from: &str| json!({"images": from});
-        let node = |from: &str| {
-            let stage = AnyStage::from_parameters("Fit", params(from)).unwrap();
-            let params = stage.parameters().unwrap();
-            Node { name: from.into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() }
-        };
-        let (a, b) = (node("a"), node("b"));
-        let inputs = |text: &str| BTreeMap::from([("images", Digest::from(blake3::hash(text.as_bytes())))]);
-        let (one, two) = (inputs("1"), inputs("2"));
-        let key = |node, inputs, salt| Recipe { node, inputs, sources: &[], device: "cpu", salt }.key();
-        assert_eq!(key(&a, &one, None), key(&b, &one, None));
-        assert_ne!(key(&a, &one, None), key(&a, &two, None));
-        assert_ne!(key(&a, &one, None), key(&a, &one, Some("s")));
-    }
-
-    /// Numbers in spellings that mean the same.
-    fn spellings(number: f64) -> [String; 3] {
-        [format!("{number:?}"), format!("{number:e}"), format!("+{number:?}")]
-    }
-
-    proptest! {
-        #[test]
-        fn equal_numbers_give_equal_keys(number in 1e-6f64..1e6) {
-            let key = |text: &str| {
-                let (mut node, _) = sum("s", 1, &[]);
-                node.params = json!({"rate": Tree::read(text).unwrap().json().as_f64()});
-                Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None }.key()
-            };
-            let [plain, power, plus] = spellings(number);
-            prop_assert_eq!(key(&plain), key(&power));
-            prop_assert_eq!(key(&plain), key(&plus));
-            prop_assert_ne!(key(&plain), key(&format!("{:?}", f64::from_bits(number.to_bits() + 1))));
-        }
-
-        #[test]
-        fn different_params_give_different_keys(a in params(), b in params()) {
-            let key = |params: &Value| {
-                let (mut node, _) = sum("s", 1, &[]);
-                node.params = params.clone();
-                Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None }.key()
-            };
-            prop_assert_eq!(a == b, key(&a) == key(&b));
-        }
-    }
-
-    /// Parameters as stages have them: numbers, texts, lists, variants, nested structs.
-    fn params() -> impl Strategy<Value = Value> {
-        let leaf = prop_oneof![
-            Just(Value::Null),
-            any::<bool>().prop_map(Value::from),
-            (0u8..4).prop_map(Value::from),
-            "[a-c.]{0,2}".prop_map(Value::from),
-            "[A-B]{1}".prop_map(Value::from),
-        ];
-        let nested = leaf.prop_recursive(3, 12, 3, |inner| {
-            prop_oneof![
-                prop::collection::vec(inner.clone(), 0..3).prop_map(Value::from),
-                prop::collection::btree_map("[a-b]{1,2}", inner.clone(), 0..3).prop_map(|fields| json!(fields)),
-                ("[A-B]{1}", inner).prop_map(|(name, content)| json!({ name: content })),
-            ]
-        });
-        prop::collection::btree_map("[a-c]", nested, 0..4).prop_map(|fields| json!(fields))
-    }
-}
+mod tests;

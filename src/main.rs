@@ -1,7 +1,9 @@
 //! The command `srnerf-dag`: reads the command line, does it, and turns what went wrong into one message and an exit code.
 
 mod cli;
+mod compare;
 mod content;
+mod diff;
 mod error;
 mod explain;
 mod export;

@@ -7,7 +7,7 @@ use stages::{Source, StageError};
 
 use crate::explain::{Change, History, Reason, diff};
 use crate::key::{Manifest, Recipe};
-use crate::pipeline::graph::{Graph, Node};
+use crate::pipeline::graph::{Graph, Node, Wire};
 use crate::remote::Remote;
 use crate::store::Store;
 use crate::store::error::StoreError;
@@ -41,8 +41,8 @@ pub struct Context<'a> {
 pub struct Assessment {
     /// Its key.
     pub key: Digest,
-    /// What is in the key.
-    pub manifest: Manifest,
+    /// The digests of its inputs.
+    pub inputs: Inputs,
     /// Its result, or why it must be computed.
     pub verdict: Result<Record, Reason>,
     /// Whether its result has yet to be fetched from the remote.
@@ -102,16 +102,18 @@ impl Context<'_> {
     }
 
     /// Looks for the result of a stage, given the digests of all its inputs.
-    pub fn assess(&self, at: usize, inputs: &Inputs) -> Result<Assessment, StoreError> {
-        let recipe = self.recipe(at, inputs);
-        let (key, manifest) = (recipe.key(), recipe.manifest());
+    pub fn assess(&self, at: usize, inputs: Inputs) -> Result<Assessment, StoreError> {
+        let key = self.recipe(at, &inputs).key();
         let verdict = match self.store.lookup(&key)? {
             _ if self.forced.contains(&at) => Err(Reason::Forced),
             Lookup::Sound(record) => Ok(record),
             Lookup::Broken(breakage) => Err(Reason::Broken(breakage)),
-            Lookup::Absent => Err(self.reason(at, &manifest, &BTreeSet::new())?.unwrap_or(Reason::Lost)),
+            Lookup::Absent => {
+                let manifest = self.manifest(at, &inputs);
+                Err(self.reason(at, &manifest, &BTreeSet::new())?.unwrap_or(Reason::Lost))
+            }
         };
-        Ok(Assessment { key, manifest, verdict, is_remote: false })
+        Ok(Assessment { key, inputs, verdict, is_remote: false })
     }
 
     /// The same, with a result that can be fetched counted as there.
@@ -123,6 +125,34 @@ impl Context<'_> {
             },
             _ => assessment,
         }
+    }
+
+    /// The stages whose results are all there without any being computed or fetched, each after those that it reads.
+    pub fn cached(&self) -> Result<Vec<(usize, Assessment)>, StoreError> {
+        self.store.look_ahead(self.needed.len());
+        let (mut cached, mut digests) = (Vec::new(), BTreeMap::new());
+        for (&at, record) in &self.given {
+            digests.extend(record.outputs.iter().map(|(name, output)| ((at, name.clone()), output.digest)));
+        }
+        for &at in &self.needed {
+            let node = &self.graph.nodes[at];
+            let digest = |wire: &Wire| Some((wire.input, *digests.get(&(wire.from, wire.output.to_owned()))?));
+            let inputs: Inputs = node.wires.iter().filter_map(digest).collect();
+            if inputs.len() < node.wires.len() || self.forced.contains(&at) {
+                continue;
+            }
+            let key = self.recipe(at, &inputs).key();
+            if let Lookup::Sound(record) = self.store.lookup(&key)? {
+                digests.extend(record.outputs.iter().map(|(name, output)| ((at, name.clone()), output.digest)));
+                cached.push((at, Assessment { key, inputs, verdict: Ok(record), is_remote: false }));
+            }
+        }
+        Ok(cached)
+    }
+
+    /// What is in the key of a stage with these inputs.
+    pub fn manifest(&self, at: usize, inputs: &Inputs) -> Manifest {
+        self.recipe(at, inputs).manifest()
     }
 
     /// What tells a stage from its nearest past; `None` if nothing does.
@@ -142,8 +172,18 @@ impl Context<'_> {
         }
     }
 
+    /// What is in the keys of all stages that are needed: of those whose inputs are not all known, what is known of it.
+    pub fn manifests(&self, forecasts: &BTreeMap<usize, Forecast>) -> Vec<(usize, Manifest)> {
+        let manifest = |&at: &usize| match forecasts.get(&at).and_then(Forecast::assessment) {
+            Some(known) => (at, self.manifest(at, &known.inputs)),
+            None => (at, self.manifest(at, &known_inputs(&self.graph.nodes[at], forecasts).0)),
+        };
+        self.needed.iter().map(manifest).collect()
+    }
+
     /// Foretells what becomes of every stage that is needed.
     pub fn forecast(&self) -> Result<BTreeMap<usize, Forecast>, StoreError> {
+        self.store.look_ahead(self.needed.len());
         let mut forecasts = BTreeMap::new();
         for &at in &self.needed {
             let forecast = self.forecast_one(at, &forecasts)?;
@@ -156,7 +196,7 @@ impl Context<'_> {
         let node = &self.graph.nodes[at];
         let (inputs, unknown) = known_inputs(node, upstream);
         if unknown.is_empty() {
-            let assessment = self.with_remote(self.assess(at, &inputs)?);
+            let assessment = self.with_remote(self.assess(at, inputs)?);
             return Ok(match &assessment.verdict {
                 Ok(_) => Forecast::Cached(Box::new(assessment)),
                 Err(reason) => Forecast::Run(reason.clone(), Some(Box::new(assessment))),
@@ -165,7 +205,7 @@ impl Context<'_> {
         if self.forced.contains(&at) {
             return Ok(Forecast::Run(Reason::Forced, None));
         }
-        let manifest = self.recipe(at, &inputs).manifest();
+        let manifest = self.manifest(at, &inputs);
         match self.reason(at, &manifest, &unknown.keys().copied().collect())? {
             Some(reason) => Ok(Forecast::Run(reason, None)),
             None => {
@@ -192,15 +232,24 @@ fn known_inputs<'n>(node: &'n Node, upstream: &BTreeMap<usize, Forecast>) -> (In
     (known, unknown)
 }
 
-/// What the stages that are needed read beside their inputs; stages of one kind with the same parameters read the same.
-pub fn sources(graph: &Graph, needed: &BTreeSet<usize>) -> Result<Vec<Vec<Source>>, SourceError> {
-    let mut known: BTreeMap<(&str, String), Vec<Source>> = BTreeMap::new();
+/// What the stages that are needed read beside their inputs; stages of one kind with the same parameters read the same. What a store
+/// remembers of files that have not changed is not read again.
+pub fn sources(graph: &Graph, needed: &BTreeSet<usize>, store: &Store) -> Result<Vec<Vec<Source>>, SourceError> {
+    let mut known: BTreeMap<String, Vec<Source>> = BTreeMap::new();
     let mut all = vec![Vec::new(); graph.nodes.len()];
     for &at in needed {
         let node = &graph.nodes[at];
-        let what = (node.stage.kind(), node.params.to_string());
+        // What names no place reads nothing; most stages are such, and there may be thousands.
+        if node.stage.locations().is_empty() {
+            continue;
+        }
+        let what = format!("{} {} {}", node.stage.kind(), node.stage.version(), node.params);
         if !known.contains_key(&what) {
-            let read = node.stage.sources().map_err(|error| SourceError { stage: node.name.clone(), error })?;
+            let ask = || node.stage.sources().map_err(|error| SourceError { stage: node.name.clone(), error });
+            let read = match node.stage.source_files() {
+                Some(files) => store.while_unchanged(&what, &files, ask)?,
+                None => ask()?,
+            };
             known.insert(what.clone(), read);
         }
         all[at].clone_from(&known[&what]);

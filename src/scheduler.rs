@@ -5,6 +5,8 @@
 
 mod board;
 #[cfg(test)]
+mod laws;
+#[cfg(test)]
 mod tests;
 
 use std::collections::BTreeMap;
@@ -15,6 +17,7 @@ use std::time::{Duration, Instant};
 
 use artifacts_schema::Digest;
 use compute::Device;
+use rayon::prelude::*;
 use stages::Message;
 
 use crate::explain::Reason;
@@ -73,6 +76,7 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
         news: &Receiver<News>,
     ) -> Result<(), StoreError> {
+        self.adopt(board)?;
         let mut ticked = Instant::now();
         loop {
             self.begin_all(board, scope, sender)?;
@@ -87,6 +91,22 @@ impl Scheduler<'_> {
                 ticked = Instant::now();
             }
         }
+    }
+
+    /// Takes over, all at once, the results that are there already: with thousands of them, one by one would take long.
+    fn adopt(&self, board: &mut Board) -> Result<(), StoreError> {
+        let cached = self.pool.install(|| self.context.cached())?;
+        let show = |(at, found): &(usize, Assessment)| {
+            self.context.store.mend_manifest(&found.key, || self.context.manifest(*at, &found.inputs));
+            found.verdict.iter().try_for_each(|record| self.view.show(self.context.store, self.name(*at), record))
+        };
+        self.pool.install(|| cached.par_iter().try_for_each(show))?;
+        for (at, Assessment { key, verdict, .. }) in cached {
+            if let Ok(record) = verdict {
+                board.adopt(at, key, record);
+            }
+        }
+        Ok(())
     }
 
     fn stopped(&self) -> bool {
@@ -107,8 +127,8 @@ impl Scheduler<'_> {
         while !self.stopped() {
             let Some(at) = board.next(self.pool.current_num_threads()) else { return Ok(()) };
             let inputs = self.inputs(at, &board.outcome.records);
-            let assessment = self.pool.install(|| self.context.assess(at, &inputs))?;
-            let Assessment { key, manifest, verdict, .. } = assessment;
+            let assessment = self.pool.install(|| self.context.assess(at, inputs))?;
+            let Assessment { key, inputs, verdict, .. } = assessment;
             match verdict {
                 Ok(record) => self.reuse(board, at, key, record)?,
                 Err(reason) => {
@@ -116,7 +136,7 @@ impl Scheduler<'_> {
                         continue;
                     }
                     let Some(work) = self.claim(board, at, key, &reason)? else { continue };
-                    self.context.store.put_manifest(&key, &manifest)?;
+                    self.context.store.put_manifest(&key, &self.context.manifest(at, &inputs))?;
                     let task = self.task(at, key, work, &board.outcome.records, reason == Reason::Forced)?;
                     board.begin(at, key, reason);
                     let sender = sender.clone();
@@ -142,8 +162,7 @@ impl Scheduler<'_> {
 
     fn reuse(&self, board: &mut Board, at: usize, key: Digest, record: Record) -> Result<(), StoreError> {
         self.view.show(self.context.store, self.name(at), &record)?;
-        board.progress.event(&Event::Cached { stage: self.name(at), key });
-        board.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
+        board.adopt(at, key, record);
         Ok(())
     }
 

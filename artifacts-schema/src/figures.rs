@@ -1,4 +1,4 @@
-//! Pictures for people: one PNG each, with the provenance in a file beside them.
+//! Pictures for people: one PNG each. The provenance is a text chunk of each, and in a file beside them.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -61,13 +61,29 @@ impl Picture {
     }
 }
 
+/// The keyword of our text chunk.
+const KEYWORD: &[u8] = b"srnerf\0";
+
+/// Where a PNG's first chunk, its header, ends.
+const HEADER_END: usize = 8 + 4 + 4 + 13 + 4;
+
+/// A PNG with a text chunk after its header. `text` is ASCII.
+fn with_text(mut png: Vec<u8>, text: &str) -> Vec<u8> {
+    let named = [b"tEXt", KEYWORD, text.as_bytes()].concat();
+    let length = (named.len() - 4) as u32;
+    let chunk = [&length.to_be_bytes()[..], &named, &crc32fast::hash(&named).to_be_bytes()].concat();
+    png.splice(HEADER_END..HEADER_END, chunk);
+    png
+}
+
 impl Artifact for Figures {
     const KIND: ArtifactKind = ArtifactKind::Figures;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         canonical::check_names(self.images.keys().map(String::as_str))?;
+        let text = canonical::line(provenance)?;
         for (name, picture) in &self.images {
-            canonical::write(folder, &format!("{name}.png"), &picture.encode(name)?)?;
+            canonical::write(folder, &format!("{name}.png"), &with_text(picture.encode(name)?, &text))?;
         }
         canonical::write(folder, provenance::FILE, canonical::page(provenance)?.as_bytes())
     }

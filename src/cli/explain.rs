@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use artifacts_schema::Digest;
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -10,7 +11,8 @@ use super::output::{print, print_json, table};
 use super::session::Session;
 use crate::error::Error;
 use crate::explain::{Change, Past, diff};
-use crate::plan::{Assessment, Context, Forecast};
+use crate::key::Manifest;
+use crate::plan::{Context, Forecast};
 use crate::store::Store;
 
 /// Options of `explain`.
@@ -27,10 +29,11 @@ struct Account<'a> {
     name: &'a str,
     forecast: &'a Forecast,
     /// Its key and manifest; without a key where inputs are not known yet.
-    now: Option<&'a Assessment>,
+    now: Option<(Digest, Manifest)>,
     past: Option<Past>,
     changes: Vec<Change>,
-    cause: Option<(String, Vec<Change>)>,
+    /// The first stage upstream that is not as it was, and how.
+    cause: Option<(String, String)>,
 }
 
 impl Explain {
@@ -60,18 +63,27 @@ fn account<'a>(
 ) -> Result<Option<Account<'a>>, Error> {
     let name = &context.graph.nodes[at].name;
     let Some(forecast) = forecasts.get(&at) else { return Ok(None) };
-    let now = forecast.assessment();
-    let past = match now {
-        Some(now) => context.history.nearest_other(name, &now.key, &now.manifest)?,
+    let now = forecast.assessment().map(|now| (now.key, context.manifest(at, &now.inputs)));
+    let past = match &now {
+        Some((key, manifest)) => context.history.nearest_other(name, key, manifest)?,
         None => None,
     };
-    let (mut changes, mut cause) = (Vec::new(), None);
-    if let (Some(now), Some(past)) = (now, &past) {
-        changes = diff(&past.manifest, &now.manifest, &BTreeSet::new());
+    let (mut changes, mut cause) = (Vec::new(), first_to_run(context, forecasts));
+    if let (Some((_, manifest)), Some(past)) = (&now, &past) {
+        changes = diff(&past.manifest, manifest, &BTreeSet::new());
         context.name_origins(&context.graph.nodes[at], &mut changes);
-        cause = first_cause(context, forecasts, &past.started)?;
+        cause = first_cause(context, forecasts, &past.started)?.or(cause);
     }
+    cause = cause.filter(|(stage, _)| stage != name);
     Ok(Some(Account { name, forecast, now, past, changes, cause }))
+}
+
+/// The first stage that will run for a reason of its own.
+fn first_to_run(context: &Context, forecasts: &BTreeMap<usize, Forecast>) -> Option<(String, String)> {
+    forecasts.iter().find_map(|(&at, forecast)| match forecast {
+        Forecast::Run(reason, _) => Some((context.graph.nodes[at].name.clone(), reason.to_string())),
+        _ => None,
+    })
 }
 
 /// The first stage upstream that differs from an earlier run by more than its inputs.
@@ -79,14 +91,14 @@ fn first_cause(
     context: &Context,
     forecasts: &BTreeMap<usize, Forecast>,
     started: &str,
-) -> Result<Option<(String, Vec<Change>)>, Error> {
+) -> Result<Option<(String, String)>, Error> {
     for (&at, forecast) in forecasts {
         let name = &context.graph.nodes[at].name;
         let (Some(now), Some(past)) = (forecast.assessment(), context.history.at(started, name)?) else { continue };
-        let mut changes = diff(&past.manifest, &now.manifest, &BTreeSet::new());
+        let mut changes = diff(&past.manifest, &context.manifest(at, &now.inputs), &BTreeSet::new());
         changes.retain(|change| change.input().is_none());
         if !changes.is_empty() {
-            return Ok(Some((name.clone(), changes)));
+            return Ok(Some((name.clone(), changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))));
         }
     }
     Ok(None)
@@ -107,29 +119,31 @@ impl Account<'_> {
         json!({
             "stage": self.name,
             "state": self.state(),
-            "key": self.now.map(|now| now.key),
-            "manifest": self.now.map(|now| &now.manifest),
+            "key": self.now.as_ref().map(|(key, _)| key),
+            "manifest": self.now.as_ref().map(|(_, manifest)| manifest),
             "compared_with": self.past.as_ref().map(|past| json!({"run": past.started, "key": past.key})),
             "changes": self.changes,
-            "first_cause": self.cause.as_ref().map(|(stage, changes)| json!({"stage": stage, "changes": changes})),
+            "first_cause": self.cause.as_ref().map(|(stage, why)| json!({"stage": stage, "why": why})),
         })
     }
 
     fn print(&self) {
         print(&format_args!("{}: {}", self.name, self.state()));
-        let Some(now) = self.now else {
-            return print(&"its key is not known before the stages that it reads have run");
-        };
-        print(&format_args!("key {}\n", now.key));
-        let rows: Vec<Vec<String>> =
-            now.manifest.0.iter().map(|(path, text)| vec![path.clone(), text.clone()]).collect();
+        match &self.now {
+            Some((key, manifest)) => self.print_key(key, manifest),
+            None => print(&"its key is not known before the stages that it reads have run"),
+        }
+        if let Some((stage, why)) = &self.cause {
+            print(&format_args!("first cause: {stage}: {why}"));
+        }
+    }
+
+    fn print_key(&self, key: &Digest, manifest: &Manifest) {
+        print(&format_args!("key {key}\n"));
+        let rows: Vec<Vec<String>> = manifest.0.iter().map(|(path, text)| vec![path.clone(), text.clone()]).collect();
         print(&table(&rows, false));
         let Some(past) = &self.past else { return print(&"\nno earlier run differs") };
         print(&format_args!("\ncompared with the run of {}:", past.started));
         self.changes.iter().for_each(|change| print(&format_args!("  {change}")));
-        if let Some((stage, changes)) = self.cause.as_ref().filter(|(stage, _)| stage != self.name) {
-            let list: Vec<String> = changes.iter().map(ToString::to_string).collect();
-            print(&format_args!("first cause: {stage}: {}", list.join(", ")));
-        }
     }
 }

@@ -1,16 +1,21 @@
 //! The command line: one file per subcommand. Knows how to print, and leaves deciding to others.
 
+mod diff;
 mod explain;
 mod export;
+mod gc;
 mod inspect;
 mod metrics;
 mod only;
 mod options;
 pub mod output;
+mod pin;
 mod plan;
 mod run;
 mod session;
 mod store;
+mod verify;
+mod whence;
 
 use clap::{Parser, Subcommand};
 
@@ -43,6 +48,18 @@ enum Command {
     /// Write a pipeline down as jobs for Snakemake or Slurm
     #[command(subcommand)]
     Export(export::Export),
+    /// Compare two runs, two results or two pipelines, and name what differs by itself
+    Diff(diff::Diff),
+    /// Compute stages once more, in a private place, and compare
+    Verify(verify::Verify),
+    /// Say which stage made a file, with what
+    Whence(whence::Whence),
+    /// Say which results nobody needs any more, and remove them with --delete
+    Gc(gc::Gc),
+    /// Keep the results of a run whatever `gc` does; without a name, list all pins
+    Pin(pin::Pin),
+    /// Let `gc` decide again
+    Unpin(pin::Unpin),
     /// Look after the store
     #[command(subcommand)]
     Store(store::Store),
@@ -58,6 +75,12 @@ impl Cli {
             Command::Inspect(inspect) => inspect.run(self.json),
             Command::Metrics(metrics) => metrics.run(self.json),
             Command::Export(export) => export.run(),
+            Command::Diff(diff) => diff.run(self.json),
+            Command::Verify(verify) => verify.run(self.json),
+            Command::Whence(whence) => whence.run(self.json),
+            Command::Gc(gc) => gc.run(self.json),
+            Command::Pin(pin) => pin.run(self.json),
+            Command::Unpin(unpin) => unpin.run(),
             Command::Store(store) => store.run(self.json),
         };
         match done {

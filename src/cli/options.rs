@@ -16,7 +16,7 @@ pub struct PipelineOptions {
 }
 
 /// Changes to a pipeline, and where its results lie.
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct Changes {
     /// Override one value, in RON: --set scene.downscale=2 (repeatable)
     #[arg(long, value_name = "PATH=VALUE")]
@@ -56,7 +56,7 @@ pub struct Choice {
     pub force: Vec<String>,
 }
 
-/// A time as people write it: `30s`, `5min`, `1h`, or a number of seconds.
+/// A time as people write it: `30s`, `5min`, `1h`, `7d`, or a number of seconds.
 pub fn time(text: &str) -> Result<Duration, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match &text[number.len()..] {
@@ -64,10 +64,28 @@ pub fn time(text: &str) -> Result<Duration, String> {
         "ms" => 0.001,
         "min" => 60.0,
         "h" => 3600.0,
-        other => return Err(format!("`{other}` is no unit of time; the units are ms, s, min and h")),
+        "d" => 86_400.0,
+        other => return Err(format!("`{other}` is no unit of time; the units are ms, s, min, h and d")),
     };
     let seconds = number.parse::<f64>().map_err(|error| error.to_string())?;
     Duration::try_from_secs_f64(seconds * unit).map_err(|error| error.to_string())
+}
+
+/// A size as people write it: `500MB`, `20GB`, or a number of bytes.
+pub fn bytes(text: &str) -> Result<u64, String> {
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match &text[number.len()..] {
+        "" | "B" => 1.0,
+        "kB" => 1e3,
+        "MB" => 1e6,
+        "GB" => 1e9,
+        "TB" => 1e12,
+        other => return Err(format!("`{other}` is no unit of size; the units are B, kB, MB, GB and TB")),
+    };
+    match number.parse::<f64>().map_err(|error| error.to_string())? {
+        size if size.is_finite() && size >= 0.0 => Ok((size * unit) as u64),
+        _ => Err("a size is not negative".into()),
+    }
 }
 
 #[cfg(test)]
@@ -75,8 +93,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn sizes_have_units() {
+        for (text, size) in [("0", 0), ("12B", 12), ("1.5kB", 1500), ("20GB", 20_000_000_000)] {
+            assert_eq!(bytes(text), Ok(size), "{text}");
+        }
+        for text in ["", "GB", "-1MB", "5 MB", "inf", "1gb"] {
+            assert!(bytes(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
     fn times_have_units() {
-        for (text, seconds) in [("0", 0.0), ("30s", 30.0), ("1.5min", 90.0), ("2h", 7200.0), ("250ms", 0.25)] {
+        for (text, seconds) in
+            [("0", 0.0), ("30s", 30.0), ("1.5min", 90.0), ("2h", 7200.0), ("250ms", 0.25), ("2d", 172_800.0)]
+        {
             assert_eq!(time(text), Ok(Duration::from_secs_f64(seconds)), "{text}");
         }
         for text in ["", "s", "-1s", "5 days", "1e99h", "NaN"] {

@@ -38,3 +38,13 @@ pub fn size(bytes: u64) -> String {
         _ => format!("{:.1} GB", bytes as f64 / 1e9),
     }
 }
+
+/// Nested fields as one path and one text each: `params.guidance.lora_every`, `3`.
+pub fn flatten(path: &str, value: &serde_json::Value) -> Vec<(String, String)> {
+    match value {
+        serde_json::Value::Object(fields) if !fields.is_empty() => {
+            fields.iter().flat_map(|(name, value)| flatten(&format!("{path}.{name}"), value)).collect()
+        }
+        other => vec![(path.to_owned(), other.to_string())],
+    }
+}

@@ -18,6 +18,9 @@ pub struct Plan {
     pipeline: PipelineOptions,
     #[command(flatten)]
     choice: Choice,
+    /// Exit with 5 if there is something to run
+    #[arg(long)]
+    exit_code: bool,
 }
 
 impl Plan {
@@ -29,15 +32,19 @@ impl Plan {
         let forecasts = session.context(&store).forecast()?;
         let stages: Vec<(&str, &Forecast)> =
             forecasts.iter().map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast)).collect();
+        let cached = stages.iter().filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_))).count();
+        let (all, to_run) = (stages.len(), stages.len() - cached);
         if json {
             let stages: Vec<Value> = stages.iter().map(|(name, forecast)| forecast_json(name, forecast)).collect();
             print_json(&json!({ "pipeline": session.graph.pipeline, "stages": stages }));
-            return Ok(());
+        } else {
+            let rows: Vec<Vec<String>> = stages.iter().map(|(name, forecast)| row(name, forecast)).collect();
+            print(&table(&rows, false));
+            print(&format_args!("\n{all} stages: {cached} cached, {to_run} to run"));
         }
-        let rows: Vec<Vec<String>> = stages.iter().map(|(name, forecast)| row(name, forecast)).collect();
-        print(&table(&rows, false));
-        let cached = stages.iter().filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_))).count();
-        print(&format_args!("\n{} stages: {cached} cached, {} to run", stages.len(), stages.len() - cached));
+        if self.exit_code && to_run > 0 {
+            return Err(Error::Found { message: format!("{to_run} of {all} stages to run"), help: None });
+        }
         Ok(())
     }
 }

@@ -82,9 +82,7 @@ impl Run {
     }
 
     fn compute(&self, context: &Context, session: &Session, view: &View, json: bool) -> Result<Outcome, Error> {
-        let builder = rayon::ThreadPoolBuilder::new().num_threads(self.threads).stack_size(STACK);
-        let pool = builder.build().map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
-        let cancelled = stop_on_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))?;
+        let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
         let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
         let scheduler = Scheduler { context, pool: &pool, device, view, cancelled: &cancelled, checkpoint_every };
@@ -148,9 +146,19 @@ fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -
     Record { pipeline: context.graph.pipeline.clone(), started, seconds, stages }
 }
 
+/// The threads that stages share; as many as there are cores where `threads` is 0.
+pub(super) fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
+    let builder = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(STACK);
+    builder.build().map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))
+}
+
 /// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing caught it. SIGUSR1 is what Slurm sends
 /// ahead of the end of a job's time.
-fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
+pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>, Error> {
+    catch_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))
+}
+
+fn catch_signals() -> std::io::Result<Arc<AtomicBool>> {
     let cancelled = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGUSR1] {
         signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, cancelled.clone())?;

@@ -27,6 +27,8 @@ pub struct Session {
     needed: BTreeSet<usize>,
     sources: Vec<Vec<Source>>,
     remote: Option<Remote>,
+    /// The store, for reading: what was found in it and about files elsewhere.
+    store: Store,
 }
 
 impl Session {
@@ -40,13 +42,15 @@ impl Session {
         let (targets, forced) = (find(&graph, &choice.target)?, find(&graph, &choice.force)?);
         let all = || (0..graph.nodes.len()).collect();
         let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
-        let sources = plan::sources(&graph, &needed)?;
+        let store = Store::open(&changes.folders.store)?;
+        let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
-        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources, remote })
+        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources, remote, store })
     }
 
     /// The context for planning and running.
     pub fn context<'s>(&'s self, store: &'s Store) -> Context<'s> {
+        store.take_findings(&self.store);
         Context {
             graph: &self.graph,
             store,

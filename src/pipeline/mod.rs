@@ -12,6 +12,8 @@ pub mod text;
 pub mod unroll;
 
 #[cfg(test)]
+mod laws;
+#[cfg(test)]
 mod tests;
 
 use ron::error::SpannedError;

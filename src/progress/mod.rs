@@ -98,7 +98,7 @@ pub enum Event<'a> {
 }
 
 /// Tells what happens.
-pub trait Progress {
+pub trait Progress: Send {
     /// Tells one event.
     fn event(&mut self, event: &Event);
 }

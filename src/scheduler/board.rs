@@ -95,6 +95,13 @@ impl<'p> Board<'p> {
         }
     }
 
+    /// A stage's result is there already.
+    pub fn adopt(&mut self, at: usize, key: Digest, record: Record) {
+        self.ready.remove(&at);
+        self.progress.event(&Event::Cached { stage: &self.graph.nodes[at].name, key });
+        self.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
+    }
+
     /// A stage has its result: those that read it may have become ready.
     pub fn done(&mut self, at: usize, run: StageRun, record: Record) {
         self.outcome.stages.insert(at, run);

@@ -36,19 +36,19 @@ impl Progress for Ear<'_> {
     }
 }
 
-struct Done {
+pub(super) struct Done {
     outcome: Outcome,
     started: Vec<String>,
 }
 
 impl Done {
-    fn ends(&self, graph: &Graph, end: End) -> Vec<String> {
+    pub(super) fn ends(&self, graph: &Graph, end: End) -> Vec<String> {
         let of_end = self.outcome.stages.iter().filter(|(_, stage)| stage.end == end);
         of_end.map(|(&at, _)| graph.nodes[at].name.clone()).collect()
     }
 }
 
-fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) -> Done {
+pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) -> Done {
     let store = Store::create(&folder.join("store")).unwrap();
     let context = context(&store, graph, forced);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
@@ -84,10 +84,10 @@ fn context<'a>(store: &'a Store, graph: &'a Graph, forced: &[usize]) -> Context<
 }
 
 /// No stage here reads anything beside its inputs.
-static NO_SOURCES: [Vec<Source>; 4] = [const { Vec::new() }; 4];
+static NO_SOURCES: [Vec<Source>; 8] = [const { Vec::new() }; 8];
 
 /// What the plan says of each stage, in its first letter: cached, will run, spared if nothing changes.
-fn plan(folder: &Path, graph: &Graph) -> String {
+pub(super) fn plan(folder: &Path, graph: &Graph) -> String {
     let store = Store::open(&folder.join("store")).unwrap();
     let letter = |forecast: &Forecast| match forecast {
         Forecast::Cached(_) => 'c',

@@ -78,11 +78,16 @@ impl Disk {
         tempfile::TempPath::try_from_path(from)?.persist_noclobber(to).map_err(|error| error.error)
     }
 
-    /// A second name for a file, or a copy where the file system has none.
+    /// A second name for a file. There is none on another file system, for a file that has too many, or for another user's: then a copy
+    /// is made, one that shares its blocks if it can, under a name of its own until it is whole.
     pub fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("link", to, true)?;
         match fs::hard_link(from, to) {
-            Err(error) if error.kind() != io::ErrorKind::StorageFull => fs::copy(from, to).map(drop),
+            Err(error) if !matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::NotFound) => {
+                let half = to.with_extension("half");
+                let copied = reflink_copy::reflink_or_copy(from, &half).and_then(|_| fs::rename(&half, to));
+                copied.inspect_err(|_| drop(fs::remove_file(&half)))
+            }
             other => other,
         }
     }

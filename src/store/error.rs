@@ -28,6 +28,13 @@ pub enum StoreError {
         /// Its version.
         found: String,
     },
+    /// Someone else uses a store that must be had alone.
+    #[error("another process uses {}", .root.display())]
+    #[diagnostic(help("try again when it has ended; nothing was removed"))]
+    InUse {
+        /// The store.
+        root: PathBuf,
+    },
     /// A stage that did not leave an output that it declares, or left something else.
     #[error("the stage's output `{output}` cannot be kept: {problem}")]
     Output {
@@ -36,6 +43,14 @@ pub enum StoreError {
         /// What is wrong with it.
         problem: String,
     },
+}
+
+impl StoreError {
+    /// Whether the system does not let anything be written here.
+    pub fn is_refusal(&self) -> bool {
+        use io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
+        matches!(self, Self::Io { error, .. } if matches!(error.kind(), PermissionDenied | ReadOnlyFilesystem))
+    }
 }
 
 /// Says what was tried on which file when it fails.

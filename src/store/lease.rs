@@ -107,7 +107,7 @@ impl Store {
     }
 
     /// Whether a lease's holder is dead: the system says so, or nobody has touched it for too long.
-    fn is_stale(&self, path: &Path) -> Result<bool, StoreError> {
+    pub(super) fn is_stale(&self, path: &Path) -> Result<bool, StoreError> {
         let holder: Holder = read_json(path)?.unwrap_or_default();
         let touched = match fs::metadata(path).and_then(|data| data.modified()) {
             Ok(touched) => touched,

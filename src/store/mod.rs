@@ -4,13 +4,21 @@
 //! Knows nothing of pipelines; a stage is a name, a key and a folder of outputs to it.
 
 pub mod blob;
+pub mod census;
 mod disk;
 pub mod error;
+pub mod fault;
+pub mod fsck;
+pub mod gc;
 pub mod holder;
+mod index;
 pub mod lease;
 pub mod link;
+mod memo;
+pub mod pins;
 pub mod result;
 pub mod runs;
+pub mod usage;
 pub mod view;
 pub mod work;
 
@@ -20,7 +28,7 @@ mod crash;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -33,10 +41,18 @@ use serde::de::DeserializeOwned;
 use crate::key::Manifest;
 use disk::Disk;
 use error::{At, StoreError};
+use index::Index;
 use lease::Patience;
+use result::Record;
 
 /// The layout's version.
 const VERSION: &str = "1";
+
+/// The folders of a store.
+const FOLDERS: [&str; 9] = ["cas", "results", "manifests", "work", "leases", "runs", "pins", "quarantine", "tmp"];
+
+/// The files in a store's root.
+const FILES: [&str; 4] = ["CACHEDIR.TAG", "version", "lock", "index"];
 
 /// What tools that make backups look for.
 const CACHEDIR_TAG: &str =
@@ -48,6 +64,14 @@ const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 /// A store in a folder.
 pub struct Store {
     root: PathBuf,
+    /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it when the process dies.
+    lock: Option<File>,
+    /// Whether the system lets nothing be written.
+    read_only: bool,
+    /// What earlier processes have found sound.
+    index: Index,
+    /// Results that were looked up ahead, each until it is asked for.
+    known: Mutex<BTreeMap<Digest, Record>>,
     /// Blobs that this process has found sound, so that each is read once.
     sound: Mutex<BTreeSet<Digest>>,
     disk: Disk,
@@ -63,8 +87,10 @@ impl Store {
     }
 
     fn open_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
-        let (sound, seen) = Default::default();
-        let store = Self { root: root.to_owned(), sound, disk, patience: Patience::default(), seen };
+        let (index, known, sound, seen) =
+            (Index::new(root.join("index")), Mutex::default(), Mutex::default(), Mutex::default());
+        let (lock, read_only, patience) = (None, false, Patience::default());
+        let store = Self { root: root.to_owned(), lock, read_only, index, known, sound, disk, patience, seen };
         match fs::read_to_string(store.root.join("version")) {
             Ok(version) if version.trim() == VERSION => Ok(store),
             Ok(version) => Err(StoreError::Version { root: store.root, found: version.trim().to_owned() }),
@@ -73,25 +99,64 @@ impl Store {
         }
     }
 
-    /// A store for writing; its folders are made where they are missing.
+    /// A store for writing; its folders are made where they are missing. One that is there and can only be read will do for a run that
+    /// has nothing to compute.
     pub fn create(root: &Path) -> Result<Self, StoreError> {
         Self::create_on(Disk::default(), root)
     }
 
     fn create_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
-        let store = Self::open_on(disk, root)?;
-        for folder in ["cas", "results", "manifests", "work", "leases", "runs", "quarantine", "tmp"] {
-            let folder = store.root.join(folder);
-            store.disk.create_folders(&folder).at("create", &folder)?;
+        let mut store = Self::open_on(disk, root)?;
+        match store.prepare() {
+            Err(error) if error.is_refusal() && root.join("version").exists() => store.read_only = true,
+            prepared => prepared?,
         }
-        for (name, text) in [("CACHEDIR.TAG", CACHEDIR_TAG), ("version", VERSION)] {
-            let path = store.root.join(name);
+        Ok(store)
+    }
+
+    fn prepare(&mut self) -> Result<(), StoreError> {
+        for folder in FOLDERS {
+            let folder = self.root.join(folder);
+            self.disk.create_folders(&folder).at("create", &folder)?;
+        }
+        for (name, text) in FILES.iter().zip([CACHEDIR_TAG, VERSION]) {
+            let path = self.root.join(name);
             if !path.exists() {
-                store.put(&path, text.as_bytes())?;
+                self.put(&path, text.as_bytes())?;
             }
         }
-        store.sweep()?;
-        Ok(store)
+        self.sweep()?;
+        self.share()
+    }
+
+    /// Keeps others from removing what this process may need. A file system without locks takes it as it is.
+    fn share(&mut self) -> Result<(), StoreError> {
+        let file = self.lock_file()?;
+        let _ = file.lock_shared();
+        self.lock = Some(file);
+        Ok(())
+    }
+
+    /// Keeps everyone else from using the store; an error if anyone does.
+    pub fn alone(&mut self) -> Result<(), StoreError> {
+        let file = self.lock_file()?;
+        match file.try_lock() {
+            Ok(()) => self.lock = Some(file),
+            Err(TryLockError::WouldBlock) => return Err(StoreError::InUse { root: self.root.clone() }),
+            Err(TryLockError::Error(error)) => return Err(error).at("lock", &self.root.join("lock")),
+        }
+        // Another host's locks may not show here, but its leases do.
+        if self.has_leases()? { Err(StoreError::InUse { root: self.root.clone() }) } else { Ok(()) }
+    }
+
+    /// Keeps what was found for later processes.
+    fn keep_index(&self) {
+        self.index.keep(|path, bytes| drop(self.put(path, bytes)));
+    }
+
+    fn lock_file(&self) -> Result<File, StoreError> {
+        let path = self.root.join("lock");
+        File::options().create(true).append(true).open(&path).at("open", &path)
     }
 
     /// Where a blob lies.
@@ -103,15 +168,26 @@ impl Store {
         self.fanned("results", key, ".json")
     }
 
+    fn manifest_path(&self, key: &Digest) -> PathBuf {
+        self.fanned("manifests", key, ".json")
+    }
+
     /// The manifest that belongs to a key, if the stage ever ran here.
     pub fn manifest(&self, key: &Digest) -> Option<Manifest> {
-        read_json(&self.fanned("manifests", key, ".json")).ok().flatten()
+        read_json(&self.manifest_path(key)).ok().flatten()
     }
 
     /// Keeps the manifest of a key.
     pub fn put_manifest(&self, key: &Digest, manifest: &Manifest) -> Result<(), StoreError> {
-        let path = self.fanned("manifests", key, ".json");
+        let path = self.manifest_path(key);
         if path.exists() { Ok(()) } else { self.put(&path, &json(&path, manifest)?) }
+    }
+
+    /// Keeps the manifest of a result that has lost it. Only explanations need it: where that cannot be done, nothing else fails.
+    pub fn mend_manifest(&self, key: &Digest, manifest: impl FnOnce() -> Manifest) {
+        if !self.manifest_path(key).exists() {
+            let _ = self.put_manifest(key, &manifest());
+        }
     }
 
     /// Writes a whole file: in `tmp/`, flushed, then renamed. Replaces what was there.
@@ -174,12 +250,12 @@ fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, StoreError> {
     serde_json::to_vec_pretty(value).map_err(io::Error::from).at("write", path)
 }
 
-/// A JSON file's content; `None` where there is no such file or its content is not what it should be.
+/// A JSON file's content; `None` where there is no such file, or something that is not what it should be.
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, StoreError> {
     match fs::read(path) {
         Ok(bytes) => Ok(serde_json::from_slice(&bytes).ok()),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(error).at("read", path),
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(error).at("read", path),
+        Err(_) => Ok(None),
     }
 }
 

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::fs;
 use std::path::{Component, Path};
+use std::time::SystemTime;
 
 use artifacts_schema::{ArtifactKind, Digest};
 use rayon::prelude::*;
@@ -10,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::blob::Damage;
 use super::error::{At, StoreError};
+use super::index::Signature;
 use super::{Store, json, read_json};
 
 /// What a stage produced.
@@ -86,23 +89,76 @@ impl fmt::Display for Breakage {
     }
 }
 
+/// So many times what is wanted may be looked up ahead.
+const AHEAD: usize = 4;
+
+/// A sound result, as the index remembers it.
+#[derive(Serialize, Deserialize)]
+struct Seen {
+    /// Of the record's file.
+    result: Signature,
+    /// Of the blobs, in the order of the files.
+    blobs: Vec<Signature>,
+    record: Record,
+}
+
 impl Store {
-    /// Looks a key up and reads all blobs of its result through. Changes nothing.
+    /// Looks a key up and reads all blobs of its result through, unless that was done and nothing has changed since.
     pub fn lookup(&self, key: &Digest) -> Result<Lookup, StoreError> {
-        let path = self.result_path(key);
+        let known = self.known.lock().ok().and_then(|mut known| known.remove(key));
+        if let Some(record) = known.or_else(|| self.unchanged(key)) {
+            return Ok(Lookup::Sound(record));
+        }
+        let (now, path) = (SystemTime::now(), self.result_path(key));
+        let result = Signature::at(&path);
         let Some(record) = read_json::<Record>(&path)? else {
-            return Ok(if path.exists() { Lookup::Broken(Breakage::Record) } else { Lookup::Absent });
+            let there = fs::symlink_metadata(&path).is_ok();
+            return Ok(if there { Lookup::Broken(Breakage::Record) } else { Lookup::Absent });
         };
         if !record.is_of(key) {
             return Ok(Lookup::Broken(Breakage::Record));
         }
         let files: Vec<_> = record.files().collect();
+        let blobs = files.iter().map(|(_, file)| Signature::at(&self.blob_path(&file.blob))).collect();
         let broken = files.par_iter().map(|(output, file)| {
             let damage = self.check_blob(&file.blob)?;
             Ok(damage.map(|damage| Breakage::Blob { file: format!("{output}/{}", file.path), blob: file.blob, damage }))
         });
         let first = broken.collect::<Result<Vec<_>, StoreError>>()?.into_iter().flatten().next();
-        Ok(first.map_or(Lookup::Sound(record), Lookup::Broken))
+        if let Some(breakage) = first {
+            return Ok(Lookup::Broken(breakage));
+        }
+        if let (Some(result), Some(blobs)) = (result, blobs) {
+            self.remember(now, Seen { result, blobs, record: record.clone() });
+        }
+        Ok(Lookup::Sound(record))
+    }
+
+    /// Looks up at once what the index remembers, if that is not much more than the `wanted` results: all threads together are
+    /// faster than one key after the other.
+    pub fn look_ahead(&self, wanted: usize) {
+        let names = self.index.names();
+        if names.len() <= AHEAD * wanted
+            && let Ok(mut known) = self.known.lock()
+        {
+            let found: Vec<_> = names.par_iter().filter_map(|key| Some((*key, self.unchanged(key)?))).collect();
+            *known = found.into_iter().collect();
+        }
+    }
+
+    /// A result that was found sound at an earlier time, if neither its record nor any of its blobs has changed since.
+    fn unchanged(&self, key: &Digest) -> Option<Record> {
+        let Seen { result, blobs, record } = self.index.get(key)?;
+        let is_same = |path: &Path, signature: &Signature| Signature::at(path).as_ref() == Some(signature);
+        let are_same = record.files().count() == blobs.len()
+            && record.files().zip(&blobs).all(|((_, file), blob)| is_same(&self.blob_path(&file.blob), blob));
+        (are_same && record.key == *key && is_same(&self.result_path(key), &result)).then_some(record)
+    }
+
+    fn remember(&self, now: SystemTime, seen: Seen) {
+        if seen.blobs.iter().chain([&seen.result]).all(|signature| signature.is_settled(now)) {
+            self.index.put(&seen.record.key, &seen);
+        }
     }
 
     /// The keys of all results, in order.
@@ -121,10 +177,9 @@ impl Store {
 
     /// Takes a result that cannot be used any more out of the store, its record first.
     pub fn discard(&self, key: &Digest, breakage: &Breakage) -> Result<(), StoreError> {
-        let path = self.result_path(key);
-        self.disk.remove_file(&path).at("remove", &path)?;
+        self.set_aside(&self.result_path(key))?;
         match breakage {
-            Breakage::Blob { blob, damage: Damage::Changed, .. } => self.quarantine(blob),
+            Breakage::Blob { blob, damage: Damage::Changed, .. } => self.set_aside(&self.blob_path(blob)),
             _ => Ok(()),
         }
     }
@@ -167,6 +222,6 @@ impl Record {
 }
 
 /// Whether a path stays inside the folder that it is relative to.
-fn is_inside(path: &str) -> bool {
+pub(super) fn is_inside(path: &str) -> bool {
     !path.is_empty() && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
 }

@@ -51,8 +51,12 @@ pub enum End {
 }
 
 impl Store {
-    /// Keeps a run's record.
+    /// Keeps a run's record. A store that can only be read goes without.
     pub fn put_run(&self, run: &Run) -> Result<(), StoreError> {
+        if self.read_only {
+            return Ok(());
+        }
+        self.keep_index();
         let folder = self.root.join("runs");
         for number in 0.. {
             let again = if number == 0 { String::new() } else { format!("-{number}") };

@@ -36,7 +36,7 @@ impl View {
     pub fn retain(&self, store: &Store, stages: BTreeSet<String>) -> Result<(), StoreError> {
         let list = self.folder.join(LIST);
         let before: BTreeSet<String> = read_json(&list)?.unwrap_or_default();
-        for gone in before.difference(&stages).filter(|name| !name.contains(['/', '\\']) && !name.starts_with('.')) {
+        for gone in before.difference(&stages).filter(|name| is_ours(name)) {
             store.clear(&self.folder.join(gone))?;
         }
         if before != stages {
@@ -45,4 +45,9 @@ impl View {
         }
         Ok(())
     }
+}
+
+/// Whether a name in the list can be that of a stage's folder.
+fn is_ours(name: &str) -> bool {
+    !name.contains(['/', '\\']) && !name.starts_with('.')
 }

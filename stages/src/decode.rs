@@ -1,5 +1,7 @@
 //! `Decode`: refined latents back to images. Knows nothing of how they were refined.
 
+use std::path::PathBuf;
+
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Residuals, View};
 use compute::Array;
 use compute::elementwise::{add, clamp, sub};
@@ -134,6 +136,10 @@ impl Stage for Decode {
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         self.model.sources()
+    }
+
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        self.model.files()
     }
 
     fn locations(&self) -> &'static [&'static str] {

@@ -1,5 +1,7 @@
 //! `Encode`: images to latents by the prior's VAE, in f32. Knows nothing of guidance.
 
+use std::path::PathBuf;
+
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents};
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +51,10 @@ impl Stage for Encode {
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         self.model.sources()
+    }
+
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        self.model.files()
     }
 
     fn locations(&self) -> &'static [&'static str] {

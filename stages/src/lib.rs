@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod convert;
 pub mod error;
+pub mod files;
 pub mod keeper;
 pub mod merge;
 pub mod model;

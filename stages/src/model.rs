@@ -7,6 +7,7 @@ use diffusion::{ModelSource, Prior};
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
+use crate::files;
 use crate::stage::{Io, Source};
 
 /// Which diffusion prior a stage uses.
@@ -28,6 +29,14 @@ impl Model {
     /// The digest of its weights and configuration, for the key.
     pub fn sources(&self) -> Result<Vec<Source>, StageError> {
         Ok(vec![Source { name: "model".into(), digest: Digest::new(self.source().digest()?) }])
+    }
+
+    /// The files that it consists of.
+    pub fn files(&self) -> Option<Vec<PathBuf>> {
+        match self {
+            Self::Embedded => None,
+            Self::Folder(folder) => files::tree(folder),
+        }
     }
 
     fn source(&self) -> ModelSource {

@@ -1,5 +1,7 @@
 //! `Optimize`: residual latents by score distillation (paper section 2.2, algorithm 1). Knows nothing of images.
 
+use std::path::PathBuf;
+
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residuals};
 use compute::Device;
 use compute::elementwise::add;
@@ -149,6 +151,10 @@ impl Stage for Optimize {
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         self.model.sources()
+    }
+
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        self.model.files()
     }
 
     fn locations(&self) -> &'static [&'static str] {

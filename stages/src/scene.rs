@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
+use crate::files;
 use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
@@ -154,6 +155,17 @@ impl Stage for Scene {
             Origin::Llff { path, images, size } => {
                 let digest = Digest::new(scene::llff_digest(path, images.as_deref(), *size)?);
                 Ok(vec![Source { name: "photos and poses".into(), digest }])
+            }
+        }
+    }
+
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        match &self.source {
+            Origin::Procedural { .. } => None,
+            // Another folder of photos may lie beside that of the poses.
+            Origin::Llff { path, images, .. } => {
+                let photos = images.as_ref().map_or(Some(Vec::new()), |images| files::tree(&path.join(images)))?;
+                Some([files::tree(path)?, photos].concat())
             }
         }
     }

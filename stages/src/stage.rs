@@ -53,7 +53,7 @@ pub struct OutputPort {
 }
 
 /// Something that a stage reads beside its inputs, photos or model weights: it belongs to the stage's key.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
     /// What it is, in words that `explain` prints (never a path: moving a folder changes nothing).
     pub name: String,
@@ -114,6 +114,11 @@ pub trait Stage: Send + Sync {
     /// What it reads beside its inputs.
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         Ok(Vec::new())
+    }
+    /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its answer stands. `None` where that
+    /// cannot be said, or where asking costs nothing.
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        None
     }
     /// How far equal inputs give equal bits.
     fn determinism(&self) -> Determinism {

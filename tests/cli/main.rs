@@ -5,7 +5,10 @@
 mod checkpoint;
 mod concurrent;
 mod damage;
+mod damage_store;
+mod explain;
 mod export;
+mod golden;
 mod mistakes;
 mod remote;
 mod runs;
@@ -13,4 +16,6 @@ mod s3;
 mod shards;
 mod soak;
 mod space;
+mod space_kept;
+mod trust;
 mod whole;

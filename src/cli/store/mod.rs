@@ -1,5 +1,7 @@
 //! `store`: commands about the store as a whole, one file each.
 
+mod du;
+mod fsck;
 mod transfer;
 
 use clap::Subcommand;
@@ -13,6 +15,10 @@ pub enum Store {
     Push(transfer::Transfer),
     /// Fetch results from a remote that the store lacks
     Pull(transfer::Transfer),
+    /// Find damage, name it and put it out of reach, so that the next run computes what is lost
+    Fsck(fsck::Fsck),
+    /// Print what takes the space, by pipeline and stage
+    Du(du::Du),
 }
 
 impl Store {
@@ -21,6 +27,8 @@ impl Store {
         match self {
             Self::Push(transfer) => transfer.push(json),
             Self::Pull(transfer) => transfer.pull(json),
+            Self::Fsck(fsck) => fsck.run(json),
+            Self::Du(du) => du.run(json),
         }
     }
 }

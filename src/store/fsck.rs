@@ -1,0 +1,301 @@
+//! Looks through a whole store for everything that is not as the program left it, and puts damage out of reach.
+//!
+//! Other processes may use the store meanwhile: what they have replaced since it was looked at is left alone, and so is all that
+//! a running stage may still need. Results that are sound are never touched.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use artifacts_schema::Digest;
+use rayon::prelude::*;
+use serde::de::DeserializeOwned;
+use walkdir::WalkDir;
+
+use super::Store;
+use super::blob::digest_file;
+use super::census::{Entry, References, label, references};
+use super::error::{At, StoreError};
+use super::fault::{Fault, Finding, Remedy};
+use super::link::same_entry;
+use super::result::{Record, is_inside};
+use super::runs::Run;
+use super::view::View;
+use crate::key::Manifest;
+
+/// What a look through a store came to.
+#[derive(Debug, Default)]
+pub struct Report {
+    /// What is not as it should be, damage first.
+    pub findings: Vec<Finding>,
+    /// How many blobs are sound, and their bytes.
+    pub blobs: (usize, u64),
+    /// How many results are sound.
+    pub results: usize,
+}
+
+/// One look through a store.
+struct Fsck<'s> {
+    store: &'s Store,
+    /// Whether to put damage out of reach.
+    mend: bool,
+    report: Report,
+    /// Sound blobs.
+    sound: BTreeSet<Digest>,
+}
+
+impl Store {
+    /// Reads everything through and names what is wrong. With `mend`, damage is moved to `quarantine/`, so that the next run
+    /// computes what is lost.
+    /// Files under `out` that show something else than sound blobs are named too; runs show them again.
+    pub fn fsck(&self, out: &Path, mend: bool) -> Result<Report, StoreError> {
+        let mut fsck = Fsck { store: self, mend, report: Report::default(), sound: BTreeSet::new() };
+        let records = fsck.records()?;
+        fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
+        let records = fsck.whole(records)?;
+        fsck.manifests(&records)?;
+        fsck.runs()?;
+        fsck.shown(out, &records)?;
+        fsck.leftovers()?;
+        fsck.report.results = records.len();
+        fsck.report.findings.sort_by_key(|finding| !finding.fault.is_damage());
+        Ok(fsck.report)
+    }
+
+    /// Puts something out of reach, for whoever wants to look into it. It may be gone already.
+    pub(super) fn set_aside(&self, path: &Path) -> Result<(), StoreError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let place = |number: u32| {
+            let name = if number == 0 { name.to_string() } else { format!("{name}-{number}") };
+            self.root.join("quarantine").join(name)
+        };
+        let free = (0..).map(place).find(|place| fs::symlink_metadata(place).is_err());
+        match self.disk.rename(path, &free.unwrap_or_else(|| place(0))) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error).at("move to quarantine", path),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Fsck<'_> {
+    fn note(&mut self, path: &Path, fault: Fault, of: Option<String>, remedy: Remedy) {
+        let path = self.store.relative(path);
+        self.report.findings.push(Finding { path, fault, of, remedy });
+    }
+
+    /// Names damage and moves it away, unless another process has replaced it meanwhile.
+    fn remove(&mut self, entry: &Entry, fault: Fault, of: Option<String>) -> Result<(), StoreError> {
+        let remedy = match self.mend {
+            _ if !same_entry(&entry.path, &entry.data) => return Ok(()),
+            true => Remedy::Quarantined,
+            false => Remedy::None,
+        };
+        if self.mend {
+            self.store.set_aside(&entry.path)?;
+        }
+        self.note(&entry.path, fault, of, remedy);
+        Ok(())
+    }
+
+    /// The files in the folders `00` to `ff` of a folder; everything else there is damage.
+    fn files(&mut self, folder: &str) -> Result<Vec<Entry>, StoreError> {
+        let (files, strays) = self.store.fanned_entries(folder)?;
+        for stray in &strays {
+            self.remove(stray, Fault::WrongType { found: stray.wrong_type().unwrap_or("file") }, None)?;
+        }
+        let (files, others): (Vec<_>, Vec<_>) = files.into_iter().partition(|entry| entry.wrong_type().is_none());
+        for other in &others {
+            self.remove(other, Fault::WrongType { found: other.wrong_type().unwrap_or("file") }, None)?;
+        }
+        Ok(files)
+    }
+
+    /// A file's content, or what is wrong with it.
+    fn parse<T: DeserializeOwned>(&mut self, entry: &Entry) -> Result<Option<T>, StoreError> {
+        let fault = match fs::read(&entry.path) {
+            Ok(bytes) => match serde_json::from_slice(&bytes) {
+                Ok(content) => return Ok(Some(content)),
+                Err(error) => Fault::Garbled { problem: error.to_string() },
+            },
+            Err(error) => Fault::Unreadable { problem: error.to_string() },
+        };
+        self.remove(entry, fault, None)?;
+        Ok(None)
+    }
+
+    /// All records that can be understood and lie where they should.
+    fn records(&mut self) -> Result<BTreeMap<Digest, (Entry, Record)>, StoreError> {
+        let mut records = BTreeMap::new();
+        for entry in self.files("results")? {
+            let Some(record) = self.parse::<Record>(&entry)? else { continue };
+            let of = Some(record.stage.clone());
+            if entry.path != self.store.result_path(&record.key) {
+                self.remove(&entry, Fault::OtherKey { key: record.key }, of)?;
+            } else if let Some((_, file)) = record.files().find(|(_, file)| !is_inside(&file.path)) {
+                let problem = format!("the path {:?} leads out of its folder", file.path);
+                self.remove(&entry, Fault::Garbled { problem }, of)?;
+            } else {
+                records.insert(record.key, (entry, record));
+            }
+        }
+        Ok(records)
+    }
+
+    /// Reads all blobs through.
+    fn blobs(&mut self, references: &References) -> Result<(), StoreError> {
+        let files = self.files("cas")?;
+        let digests: Vec<_> = files.par_iter().map(|entry| digest_file(&entry.path)).collect();
+        for (entry, digest) in files.iter().zip(digests) {
+            match digest {
+                Ok((digest, bytes)) if entry.path == self.store.blob_path(&digest) => {
+                    self.sound_blob(entry, digest, bytes, references)?;
+                }
+                Ok((digest, bytes)) => self.wrong_blob(entry, digest, bytes, references)?,
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => {
+                    let of = entry.digest().and_then(|name| references.get(&name)).map(|(_, of)| of.clone());
+                    self.remove(entry, Fault::Unreadable { problem: error.to_string() }, of)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn sound_blob(
+        &mut self,
+        entry: &Entry,
+        digest: Digest,
+        bytes: u64,
+        references: &References,
+    ) -> Result<(), StoreError> {
+        self.sound.insert(digest);
+        self.report.blobs.0 += 1;
+        self.report.blobs.1 += bytes;
+        let of = references.get(&digest).map(|(_, of)| of.clone());
+        if of.is_none() {
+            self.note(&entry.path, Fault::Orphan { bytes }, None, Remedy::None);
+        }
+        if !entry.data.permissions().readonly() {
+            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
+            if self.mend {
+                self.store.disk.protect(&entry.path).at("protect", &entry.path)?;
+            }
+            self.note(&entry.path, Fault::Writable, of, remedy);
+        }
+        Ok(())
+    }
+
+    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is missed, it goes there.
+    fn wrong_blob(
+        &mut self,
+        entry: &Entry,
+        found: Digest,
+        bytes: u64,
+        references: &References,
+    ) -> Result<(), StoreError> {
+        let place = self.store.blob_path(&found);
+        if let Some((_, of)) = references.get(&found)
+            && fs::symlink_metadata(&place).is_err()
+        {
+            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
+            if self.mend {
+                let disk = &self.store.disk;
+                disk.create_folders(super::parent(&place)).at("create", super::parent(&place))?;
+                disk.rename(&entry.path, &place).at("move", &entry.path)?;
+                disk.protect(&place).at("protect", &place)?;
+                self.sound.insert(found);
+            }
+            self.note(&entry.path, Fault::Misnamed { blob: found }, Some(of.clone()), remedy);
+            return Ok(());
+        }
+        let known = entry.digest().and_then(|name| references.get(&name));
+        let fault = match known {
+            Some((expected, _)) if bytes < *expected => Fault::Truncated { bytes, expected: *expected },
+            Some((expected, _)) if bytes > *expected => Fault::Grown { bytes, expected: *expected },
+            _ if entry.digest().is_none() => Fault::Misnamed { blob: found },
+            _ => Fault::Changed,
+        };
+        self.remove(entry, fault, known.map(|(_, of)| of.clone()))
+    }
+
+    /// The results whose blobs are all sound; those of the others that are there still are damage.
+    fn whole(&mut self, records: BTreeMap<Digest, (Entry, Record)>) -> Result<BTreeMap<Digest, Record>, StoreError> {
+        let mut whole = BTreeMap::new();
+        for (key, (entry, record)) in records {
+            let lost = record.files().find(|(_, file)| !self.sound.contains(&file.blob));
+            match lost.map(|(output, file)| label(&record, output, file)) {
+                Some(file) => self.remove(&entry, Fault::WithoutBlob { file }, Some(record.stage))?,
+                None => drop(whole.insert(key, record)),
+            }
+        }
+        Ok(whole)
+    }
+
+    fn manifests(&mut self, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
+        let mut missing: BTreeSet<&Digest> = records.keys().collect();
+        for entry in self.files("manifests")? {
+            let Some(manifest) = self.parse::<Manifest>(&entry)? else { continue };
+            let key = manifest.key();
+            if entry.path == self.store.manifest_path(&key) {
+                missing.remove(&key);
+            } else {
+                self.remove(&entry, Fault::OtherKey { key }, None)?;
+            }
+        }
+        for key in missing {
+            let of = Some(records[key].stage.clone());
+            self.note(&self.store.result_path(key), Fault::WithoutManifest, of, Remedy::None);
+        }
+        Ok(())
+    }
+
+    fn runs(&mut self) -> Result<(), StoreError> {
+        for entry in self.store.entries("runs")? {
+            match entry.wrong_type() {
+                Some(found) => self.remove(&entry, Fault::WrongType { found }, None)?,
+                None => drop(self.parse::<Run>(&entry)?),
+            }
+        }
+        Ok(())
+    }
+
+    /// What people see of the last run of each pipeline, where the store still has it.
+    fn shown(&mut self, out: &Path, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
+        let mut pipelines = BTreeSet::new();
+        for run in self.store.runs(None)?.filter(|run| pipelines.insert(run.pipeline.clone())) {
+            let view = View::new(out, &run.pipeline);
+            for (stage, record) in run.stages.iter().filter_map(|(name, stage)| Some((name, records.get(&stage.key?)?)))
+            {
+                record.outputs.keys().for_each(|output| self.shown_output(&view.output(stage, output)));
+            }
+        }
+        Ok(())
+    }
+
+    /// A file that shows another sound blob is right as well: that of a run which was killed before it could tell.
+    fn shown_output(&mut self, folder: &Path) {
+        for entry in WalkDir::new(folder).sort_by_file_name().into_iter().flatten() {
+            let is_sound = || digest_file(entry.path()).is_ok_and(|(digest, _)| self.sound.contains(&digest));
+            if !entry.file_type().is_dir() && (entry.path_is_symlink() || !is_sound()) {
+                self.note(entry.path(), Fault::Shown, None, Remedy::None);
+            }
+        }
+    }
+
+    /// What interrupted runs leave, and what is not ours: named, but never touched.
+    fn leftovers(&mut self) -> Result<(), StoreError> {
+        for (folder, fault) in [("work", Fault::Interrupted), ("leases", Fault::Lease), ("tmp", Fault::Temporary)] {
+            for entry in self.store.entries(folder)? {
+                self.note(&entry.path, fault.clone(), None, Remedy::None);
+            }
+        }
+        for entry in self.store.entries("")? {
+            let name = entry.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if !super::FOLDERS.contains(&&*name) && !super::FILES.contains(&&*name) {
+                self.note(&entry.path, Fault::Stray, None, Remedy::None);
+            }
+        }
+        Ok(())
+    }
+}

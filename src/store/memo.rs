@@ -1,0 +1,92 @@
+//! Answers about files elsewhere that stand while these do not change. Knows nothing of what is asked.
+
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+use artifacts_schema::Digest;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::Store;
+use super::index::Signature;
+
+impl Store {
+    /// The answer to a question about files: the one that the index remembers, if none of them has changed since; else it is asked.
+    pub fn while_unchanged<T: Serialize + DeserializeOwned, E>(
+        &self,
+        question: &str,
+        files: &[PathBuf],
+        ask: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, E> {
+        let now = SystemTime::now();
+        let Some(signatures) = files.iter().map(|path| Signature::at(path)).collect::<Option<Vec<_>>>() else {
+            return ask();
+        };
+        let (name, state) = (name(question, files), digest(&signatures));
+        if let Some((seen, answer)) = self.index.get::<(Digest, T)>(&name)
+            && seen == state
+        {
+            return Ok(answer);
+        }
+        let answer = ask()?;
+        if signatures.iter().all(|signature| signature.is_settled(now)) {
+            self.index.put(&name, &(state, &answer));
+        }
+        Ok(answer)
+    }
+
+    /// Takes over what another store object on the same folder has found.
+    pub fn take_findings(&self, other: &Self) {
+        self.index.take(&other.index);
+    }
+}
+
+fn name(question: &str, files: &[PathBuf]) -> Digest {
+    let whole: Vec<PathBuf> = files.iter().filter_map(|path| std::path::absolute(path).ok()).collect();
+    digest(&(question, whole))
+}
+
+fn digest(content: &impl Serialize) -> Digest {
+    blake3::hash(&serde_json::to_vec(content).unwrap_or_default()).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+    use std::fs::{self, File};
+    use std::path::Path;
+    use std::time::Duration;
+
+    use super::*;
+
+    fn ask(root: &Path, files: &[PathBuf], answer: u32) -> u32 {
+        let store = Store::create(root).unwrap();
+        let answer = store.while_unchanged("q", files, || Ok::<_, Infallible>(answer)).unwrap();
+        store.keep_index();
+        answer
+    }
+
+    /// Changed long ago, as far as its own time tells; when its inode changed, nobody can pretend.
+    fn write(path: &Path, text: &str) {
+        fs::write(path, text).unwrap();
+        let long_ago = SystemTime::now() - Duration::from_secs(1000);
+        File::options().write(true).open(path).unwrap().set_modified(long_ago).unwrap();
+    }
+
+    #[test]
+    fn an_answer_stands_until_a_file_changes() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["a", "b"].map(|name| folder.path().join(name));
+        files.iter().for_each(|path| write(path, "1"));
+        let root = folder.path().join("store");
+        assert_eq!(ask(&root, &files, 1), 1);
+        assert_eq!(ask(&root, &files, 2), 2, "the files changed just now: another change would not show");
+        std::thread::sleep(Duration::from_millis(2100));
+        assert_eq!((ask(&root, &files, 3), ask(&root, &files, 4)), (3, 3));
+        write(&files[1], "2");
+        assert_eq!(ask(&root, &files, 5), 5, "its time and size are as before, but not when its inode changed");
+        assert_eq!(ask(&root, &files[..1], 6), 6, "another set of files is another question");
+        fs::remove_file(&files[0]).unwrap();
+        assert_eq!(ask(&root, &files, 7), 7);
+    }
+}
