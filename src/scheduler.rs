@@ -177,7 +177,7 @@ impl Scheduler<'_> {
     fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
         let node = &self.context.graph.nodes[at];
         let bytes = |wire: &crate::pipeline::graph::Wire| {
-            let output = records.get(&wire.from)?.outputs.get(wire.output)?;
+            let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
             Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
         };
         node.stage.estimate(&node.wires.iter().filter_map(bytes).collect())

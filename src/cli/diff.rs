@@ -105,7 +105,7 @@ impl Known {
     }
 
     fn find_key(&self, word: &str) -> Result<Option<Digest>, Error> {
-        let keys: Vec<Digest> = self.store.keys(word)?;
+        let keys: Vec<Digest> = self.store.keys_like(word)?;
         match keys[..] {
             [] => Ok(None),
             [key] => Ok(Some(key)),

@@ -81,7 +81,7 @@ impl Store {
     }
 
     /// The keys with a manifest that begin with these digits, at least six.
-    pub fn keys(&self, beginning: &str) -> Result<Vec<Digest>, StoreError> {
+    pub fn keys_like(&self, beginning: &str) -> Result<Vec<Digest>, StoreError> {
         if beginning.len() < 6 || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Ok(Vec::new());
         }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::blob::Damage;
-use super::error::StoreError;
+use super::error::{At, StoreError};
 use super::index::Signature;
 use super::{Store, json, read_json};
 

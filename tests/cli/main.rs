@@ -14,7 +14,6 @@ mod mistakes;
 mod model;
 mod remote;
 mod runs;
-mod scenes;
 mod s3;
 mod scenes;
 mod shards;
