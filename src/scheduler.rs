@@ -322,7 +322,7 @@ impl Scheduler<'_> {
                 board.outcome.stages.insert(at, run(End::Stopped));
             }
             Err(failure) => {
-                board.progress.event(&Event::Failed { stage, error: &failure.to_string() });
+                board.progress.event(&Event::Failed { stage, error: &failure.text() });
                 board.outcome.stages.insert(at, run(End::Failed));
                 board.outcome.failures.push(failure);
                 board.block(at);

@@ -13,6 +13,9 @@ use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::{self, Provenance};
 
+/// The keyword of the text that holds the provenance.
+const PROVENANCE: &str = "srnerf";
+
 /// Pictures for people.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Figures {
@@ -34,24 +37,25 @@ pub struct Picture {
 }
 
 impl Picture {
-    fn encode(&self, name: &str) -> Result<Vec<u8>, SchemaError> {
+    fn encode(&self, name: &str, provenance: &str) -> Result<Vec<u8>, SchemaError> {
         let refuse = |problem: String| SchemaError::content(format!("picture {name:?}"), problem);
         let (count, expected) = (self.rgb8.len() as u64, 3 * u64::from(self.width) * u64::from(self.height));
         if count != expected {
             return Err(refuse(format!("has {count} bytes; expected {expected}")));
         }
         let mut bytes = Vec::new();
-        self.write_to(&mut bytes).map_err(|error| refuse(error.to_string()))?;
+        self.write_to(&mut bytes, provenance).map_err(|error| refuse(error.to_string()))?;
         Ok(bytes)
     }
 
     /// The settings are part of the file's bytes: equal pictures are equal files.
-    fn write_to(&self, bytes: &mut Vec<u8>) -> Result<(), png::EncodingError> {
+    fn write_to(&self, bytes: &mut Vec<u8>, provenance: &str) -> Result<(), png::EncodingError> {
         let mut encoder = Encoder::new(bytes, self.width, self.height);
         encoder.set_color(ColorType::Rgb);
         encoder.set_depth(BitDepth::Eight);
         encoder.set_compression(Compression::Balanced);
         encoder.set_filter(Filter::Adaptive);
+        encoder.add_text_chunk(PROVENANCE.into(), provenance.into())?;
         for (keyword, text) in &self.legend {
             encoder.add_text_chunk(keyword.clone(), text.clone())?;
         }
@@ -74,43 +78,13 @@ impl Picture {
         if (info.color_type, info.bit_depth) != (ColorType::Rgb, BitDepth::Eight) {
             return Err(format!("is {:?}, {:?} bits; expected Rgb, Eight", info.color_type, info.bit_depth));
         }
-        let texts = info.uncompressed_latin1_text.iter();
+        let texts = info.uncompressed_latin1_text.iter().filter(|chunk| chunk.keyword != PROVENANCE);
         let legend = texts.map(|chunk| (chunk.keyword.clone(), chunk.text.clone())).collect();
         let size = reader.output_buffer_size().filter(|size| *size <= most);
         let mut rgb8 = vec![0; size.ok_or("is larger than its bytes can hold")?];
         reader.next_frame(&mut rgb8).map_err(|error| error.to_string())?;
         Ok(Self { width, height, rgb8, legend })
     }
-}
-
-/// The keyword of our text chunk.
-const KEYWORD: &[u8] = b"srnerf\0";
-
-/// Where a PNG's first chunk, its header, ends.
-const HEADER_END: usize = 8 + 4 + 4 + 13 + 4;
-
-/// A PNG with a text chunk after its header. `text` is ASCII.
-fn with_text(mut png: Vec<u8>, text: &str) -> Vec<u8> {
-    let named = [b"tEXt", KEYWORD, text.as_bytes()].concat();
-    let length = (named.len() - 4) as u32;
-    let chunk = [&length.to_be_bytes()[..], &named, &crc32fast::hash(&named).to_be_bytes()].concat();
-    png.splice(HEADER_END..HEADER_END, chunk);
-    png
-}
-
-/// The keyword of our text chunk.
-const KEYWORD: &[u8] = b"srnerf\0";
-
-/// Where a PNG's first chunk, its header, ends.
-const HEADER_END: usize = 8 + 4 + 4 + 13 + 4;
-
-/// A PNG with a text chunk after its header. `text` is ASCII.
-fn with_text(mut png: Vec<u8>, text: &str) -> Vec<u8> {
-    let named = [b"tEXt", KEYWORD, text.as_bytes()].concat();
-    let length = (named.len() - 4) as u32;
-    let chunk = [&length.to_be_bytes()[..], &named, &crc32fast::hash(&named).to_be_bytes()].concat();
-    png.splice(HEADER_END..HEADER_END, chunk);
-    png
 }
 
 impl Artifact for Figures {
@@ -120,7 +94,7 @@ impl Artifact for Figures {
         canonical::check_names(self.images.keys().map(String::as_str))?;
         let text = canonical::line(provenance)?;
         for (name, picture) in &self.images {
-            canonical::write(folder, &format!("{name}.png"), &with_text(picture.encode(name)?, &text))?;
+            canonical::write(folder, &format!("{name}.png"), &picture.encode(name, &text)?)?;
         }
         canonical::write(folder, provenance::FILE, canonical::page(provenance)?.as_bytes())
     }

@@ -222,17 +222,6 @@ impl Stage for Scene {
         }
     }
 
-    fn source_files(&self) -> Option<Vec<PathBuf>> {
-        match &self.source {
-            Origin::Procedural { .. } => None,
-            // Another folder of photos may lie beside that of the poses.
-            Origin::Llff { path, images, .. } => {
-                let photos = images.as_ref().map_or(Some(Vec::new()), |images| files::tree(&path.join(images)))?;
-                Some([files::tree(path)?, photos].concat())
-            }
-        }
-    }
-
     fn locations(&self) -> &'static [&'static str] {
         &["source.path", "source.images"]
     }
