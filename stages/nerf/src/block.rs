@@ -44,20 +44,25 @@ pub struct Regularizer {
     pub fog_range: f32,
 }
 
-/// What backward passes leave for the hash table: positions, and per level one gradient pair each.
+/// What backward passes leave: the gradient to the networks' weights, and for the hash table positions with one gradient
+/// pair per level each.
 #[derive(Default)]
-pub struct EncodingGradient {
+pub struct FieldGradient {
+    /// Summed, in the layout of the networks' weights.
+    pub weights: Vec<f32>,
     /// Sample positions, padded.
     pub positions: Positions,
     /// `[level][position]`; zero for padding.
     pub levels: Vec<Vec<[f32; FEATURES]>>,
 }
 
-impl EncodingGradient {
-    /// Forgets everything, and makes room for so many levels.
-    pub fn clear(&mut self, levels: usize) {
+impl FieldGradient {
+    /// Forgets everything, and makes room for a field.
+    pub fn clear(&mut self, field: &Field) {
+        self.weights.clear();
+        self.weights.resize(field.network.weights.len(), 0.0);
         self.positions.clear();
-        self.levels.resize(levels, vec![]);
+        self.levels.resize(field.levels.len(), vec![]);
         self.levels.iter_mut().for_each(Vec::clear);
     }
 }
@@ -180,8 +185,7 @@ impl Block {
         segments: &[Segment],
         d_seen: &[SeenGradient],
         regularizer: Regularizer,
-        d_weights: &mut [f32],
-        d_encoding: &mut EncodingGradient,
+        gradient: &mut FieldGradient,
     ) -> f32 {
         let mut d_raw = vec![0.0; self.t.len()];
         let mut distortion = 0.0;
@@ -189,7 +193,7 @@ impl Block {
             distortion += self.ray_backward(self.rays[r].clone(), self.seen[r], segment, d, regularizer, &mut d_raw);
         }
         self.activations.color[self.t.len() * COLOR_OUTPUT..].fill(0.0);
-        field.network.color_backward(transposed, &mut self.activations, d_weights);
+        field.network.color_backward(transposed, &mut self.activations, &mut gradient.weights);
         let Activations { geometry, color_input, .. } = &mut self.activations;
         geometry.fill(0.0);
         let rows = geometry.chunks_exact_mut(GEOMETRY).zip(color_input.chunks_exact(COLOR_INPUT));
@@ -197,8 +201,8 @@ impl Block {
             row.copy_from_slice(&d_input[..GEOMETRY]);
             row[0] += d_raw;
         }
-        field.network.density_backward(transposed, &mut self.activations, d_weights);
-        self.append(field.encoding_width(), d_encoding);
+        field.network.density_backward(transposed, &mut self.activations, &mut gradient.weights);
+        self.append(field.encoding_width(), gradient);
         distortion
     }
 
@@ -241,7 +245,7 @@ impl Block {
         distortion
     }
 
-    fn append(&self, width: usize, to: &mut EncodingGradient) {
+    fn append(&self, width: usize, to: &mut FieldGradient) {
         to.positions.extend(&self.positions);
         for (l, level) in to.levels.iter_mut().enumerate() {
             let rows = self.activations.encoding.chunks_exact(width);

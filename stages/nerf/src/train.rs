@@ -3,7 +3,7 @@
 
 use crate::adam::{Moments, Rates, SparseMoments, update_dense, update_sparse};
 use crate::batch::{Pixel, Sampler, TrainView};
-use crate::block::{Block, EncodingGradient, Regularizer, Seen, SeenGradient};
+use crate::block::{Block, FieldGradient, Regularizer, Seen, SeenGradient};
 use crate::config::FEATURES;
 use crate::field::Field;
 use crate::kernels::hash::encode_backward;
@@ -104,8 +104,7 @@ pub struct Trainer {
 /// What one part of a batch adds to a step.
 #[derive(Default)]
 struct Contribution {
-    d_weights: Vec<f32>,
-    encoding: EncodingGradient,
+    gradient: FieldGradient,
     loss: f64,
     squared_error: f64,
     rays: usize,
@@ -235,8 +234,7 @@ impl Trainer {
         let seen = block.forward(&self.field, &segments, &jitter);
         let (d_seen, loss, squared_error) = self.compare(pixels, seen);
         let regularizer = self.regularizer(segments.len() as f32 / pixels.len() as f32);
-        let Contribution { d_weights, encoding, .. } = part;
-        block.backward(&self.field, transposed, &segments, &d_seen, regularizer, d_weights, encoding);
+        block.backward(&self.field, transposed, &segments, &d_seen, regularizer, &mut part.gradient);
         part.loss += loss;
         part.squared_error += squared_error;
         part.rays += segments.len();
@@ -295,7 +293,7 @@ impl Trainer {
         let tasks: Vec<_> = tables.zip(moments).enumerate().collect();
         tasks.into_par_iter().with_max_len(1).for_each(|(l, ((table, d_table), moments))| {
             for part in parts {
-                encode_backward(&levels[l], &part.encoding.positions, &part.encoding.levels[l], d_table);
+                encode_backward(&levels[l], &part.gradient.positions, &part.gradient.levels[l], d_table);
             }
             update_sparse(table, d_table, moments, &rates);
         });
@@ -312,19 +310,17 @@ impl Trainer {
 
 impl Contribution {
     fn clear(&mut self, field: &Field) {
-        let Self { mut d_weights, mut encoding, .. } = std::mem::take(self);
-        d_weights.clear();
-        d_weights.resize(field.network.weights.len(), 0.0);
-        encoding.clear(field.levels.len());
-        *self = Self { d_weights, encoding, ..Self::default() };
+        let mut gradient = std::mem::take(&mut self.gradient);
+        gradient.clear(field);
+        *self = Self { gradient, ..Self::default() };
     }
 }
 
 /// The gradient to the networks' weights: a sum over parts in their order.
 fn sum_weights(parts: &[Contribution]) -> Vec<f32> {
-    let mut sum = vec![0.0; parts.first().map_or(0, |part| part.d_weights.len())];
+    let mut sum = vec![0.0; parts.first().map_or(0, |part| part.gradient.weights.len())];
     for part in parts {
-        sum.iter_mut().zip(&part.d_weights).for_each(|(sum, d)| *sum += d);
+        sum.iter_mut().zip(&part.gradient.weights).for_each(|(sum, d)| *sum += d);
     }
     sum
 }

@@ -1,6 +1,6 @@
 //! Hands a task to `reference.py` as files and reads its answer. Knows file formats, and nothing of either renderer.
 
-use crate::{Mark, Task};
+use crate::{Outcome, Task};
 use nerf::{Field, Space, TrainView, Trainer};
 use scene::Photo;
 use serde_json::json;
@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 const SCRIPT: &str = include_str!("reference.py");
 
 /// Runs the reference on a task; what it measured, and its images of the held-out views.
-pub fn reference(python: &OsStr, task: &Task) -> Result<(Vec<Mark>, Vec<Vec<f32>>), Box<dyn Error>> {
+pub fn reference(python: &OsStr, task: &Task) -> Result<Outcome, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     write(folder.path(), task)?;
     let script = folder.path().join("reference.py");

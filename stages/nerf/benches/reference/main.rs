@@ -31,6 +31,9 @@ pub struct Mark {
     pub samples_a_second: f64,
 }
 
+/// What was measured along the way, and the last images of the held-out views.
+pub type Outcome = (Vec<Mark>, Vec<Vec<f32>>);
+
 /// The photos of a run, and how the field is trained on them.
 pub struct Task {
     /// Photos to train on.
@@ -85,7 +88,7 @@ fn task(mut arguments: impl Iterator<Item = String>) -> Result<Task, Box<dyn Err
 }
 
 /// Trains, stopping the clock at every mark to look at the held-out views; returns the last of those looks too.
-fn train(task: &Task) -> (Vec<Mark>, Vec<Vec<f32>>) {
+fn train(task: &Task) -> Outcome {
     let view = |photo: &Photo| TrainView {
         camera: photo.camera.clone(),
         rgb: photo.rgb.clone(),

@@ -55,18 +55,16 @@ fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient)
         colors + f64::from(seen.transmittance * d.transmittance)
     };
     let seen: f64 = block.forward(field, &segments, &jitter).iter().zip(&d_seen).map(linear).sum();
-    let mut gradient =
-        Gradient { table: vec![[0.0; 2]; field.table.len()], weights: vec![0.0; field.network.weights.len()] };
+    let mut passed = FieldGradient::default();
+    passed.clear(field);
     let transposed = field.network.transposed();
-    let mut encoding = EncodingGradient::default();
-    encoding.clear(field.levels.len());
-    let distortion =
-        block.backward(field, &transposed, &segments, &d_seen, regularizer, &mut gradient.weights, &mut encoding);
-    for (level, d) in field.levels.iter().zip(&encoding.levels) {
-        let table = &mut gradient.table[level.offset..level.offset + level.entries];
-        encode_backward(level, &encoding.positions, d, table);
+    let distortion = block.backward(field, &transposed, &segments, &d_seen, regularizer, &mut passed);
+    let mut table = vec![[0.0; 2]; field.table.len()];
+    for (level, d) in field.levels.iter().zip(&passed.levels) {
+        let table = &mut table[level.offset..level.offset + level.entries];
+        encode_backward(level, &passed.positions, d, table);
     }
-    (seen + f64::from(regularizer.distortion * distortion), gradient)
+    (seen + f64::from(regularizer.distortion * distortion), Gradient { table, weights: passed.weights })
 }
 
 /// Compares gradients with central differences of the loss. A step that carries a unit across the kink of its ReLU gives a

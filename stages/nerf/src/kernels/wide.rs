@@ -84,7 +84,12 @@ impl Kernel for Avx512 {
     fn corners(self, level: &Level, positions: [&[f32; LANES]; 3]) -> Corners {
         let (entry, weight) = self.vertices(level, positions);
         // SAFETY: a vector of sixteen numbers and an array of them are the same bytes.
-        unsafe { Corners { entry: std::mem::transmute(entry), weight: std::mem::transmute(weight) } }
+        unsafe {
+            Corners {
+                entry: std::mem::transmute::<[__m512i; CORNERS], [[u32; LANES]; CORNERS]>(entry),
+                weight: std::mem::transmute::<[__m512; CORNERS], [[f32; LANES]; CORNERS]>(weight),
+            }
+        }
     }
 
     #[inline(always)]
@@ -107,7 +112,7 @@ impl Kernel for Avx512 {
             // Each 128-bit part of `low` and `high` holds two pairs of lanes 4k, 4k + 1 and 4k + 2, 4k + 3.
             let first = _mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11);
             let second = _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15);
-            std::mem::transmute([
+            std::mem::transmute::<[__m512i; 2], [[f32; FEATURES]; LANES]>([
                 _mm512_permutex2var_epi64(low, first, high),
                 _mm512_permutex2var_epi64(low, second, high),
             ])
