@@ -58,13 +58,19 @@ impl Scores {
     }
 }
 
-/// Where people find the pictures of a result.
+/// The most pictures of an output that are named one by one: a film has hundreds.
+const NAMED: usize = 12;
+
+/// Where people find the pictures of a result: the files, or, of many, their folder.
 pub fn figures(view: &View, stage: &str, record: &Record) -> Vec<String> {
     let of_kind = record.outputs.iter().filter(|(_, output)| output.kind == ArtifactKind::Figures);
     let pictures = |(name, output): (&String, &Output)| {
         let folder = view.output(stage, name);
-        let files = output.files.iter().filter(|file| file.path.ends_with(".png"));
-        files.map(|file| folder.join(&file.path).display().to_string()).collect::<Vec<_>>()
+        let files: Vec<_> = output.files.iter().filter(|file| file.path.ends_with(".png")).collect();
+        match files.len() {
+            0..=NAMED => files.iter().map(|file| folder.join(&file.path).display().to_string()).collect(),
+            _ => vec![folder.display().to_string()],
+        }
     };
     of_kind.flat_map(pictures).collect()
 }

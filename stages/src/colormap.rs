@@ -55,7 +55,10 @@ mod tests {
     fn white_and_black_are_where_oklab_has_them_and_the_ends_hold() {
         assert!(oklab_to_srgb([1.0, 0.0, 0.0]).iter().all(|value| (value - 1.0).abs() < 1e-3));
         assert_eq!(oklab_to_srgb([0.0; 3]), [0.0; 3]);
-        assert_eq!((color(-1.0), color(2.0), color(f32::NAN)), (color(0.0), color(1.0), color(0.0)));
+        for (value, end) in [(-1.0, 0.0), (2.0, 1.0), (f32::NAN, 0.0)] {
+            // A sine that the compiler evaluates may differ from the processor's in its last bit.
+            assert!(color(value).iter().zip(color(end)).all(|(a, b)| (a - b).abs() < 1e-6), "{value}");
+        }
         let [r, g, b] = color(0.0);
         assert!(b > r && b > g, "dark blue");
         let [r, g, b] = color(1.0);

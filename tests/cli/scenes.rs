@@ -13,7 +13,7 @@ const FILM: &str = r#"(
     name: "film",
     stages: {
         "scene": Scene(source: SOURCE, downscale: 2, holdout: 3),
-        "fit": Fit(images: "scene.train", steps: 8, samples: 2048, field: (levels: 4, log2_table: 10, occupancy_resolution: 16)),
+        "fit": Fit(images: "scene.train", steps: 100, samples: 2048, field: (levels: 4, log2_table: 10, occupancy_resolution: 16)),
         "fly": Render(field: "fit", cameras: "scene.train", path: Some(PATH), scale: 0.5),
         "film": Film(images: "fly", rate: 10),
     },
