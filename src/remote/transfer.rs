@@ -96,7 +96,8 @@ impl Remote {
         let send = async || match file.bytes {
             0..=PIECE => {
                 let bytes = std::fs::read(&from).at("read", &from)?;
-                Ok(drop(self.objects.put(&to, bytes.into()).await?))
+                self.objects.put(&to, bytes.into()).await?;
+                Ok(())
             }
             _ => self.send_in_pieces(&from, &to).await,
         };
@@ -119,7 +120,8 @@ impl Remote {
                 return Err(error.into());
             }
         }
-        Ok(drop(upload.complete().await?))
+        upload.complete().await?;
+        Ok(())
     }
 
     /// Puts a small object there; false if it was there and should stay.

@@ -3,7 +3,7 @@
 //! `states/<extension key>/<key>` was left by the result of that key. There is one for an extension key, the latest.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use artifacts_schema::Digest;
@@ -20,7 +20,7 @@ impl Store {
     }
 
     /// Keeps a file as the state of a result, in place of the one before.
-    pub(super) fn put_state(&self, extension: &Digest, key: &Digest, file: &PathBuf) -> Result<(), StoreError> {
+    pub(super) fn put_state(&self, extension: &Digest, key: &Digest, file: &Path) -> Result<(), StoreError> {
         let path = self.states_folder(extension).join(key.to_string());
         let folder = super::parent(&path);
         self.disk.create_folders(folder).at("create", folder)?;

@@ -1,6 +1,6 @@
 //! A stage's private state on disk: what lets a stage that was cut off go on with the same bits.
 //!
-//! Knows nothing of what a state means. The file: [`MAGIC`], the BLAKE3 digest of all that follows, the length of a JSON
+//! Knows nothing of what a state means. The file: `MAGIC`, the BLAKE3 digest of all that follows, the length of a JSON
 //! header in 8 bytes, the header, and the tensors' values in its order, everything little-endian.
 
 use std::collections::BTreeMap;
