@@ -75,6 +75,8 @@ fn soak(kills: usize) {
         number += u64::from(said.code == 0);
         killed += usize::from(said.code != 0);
         assert!(digests(&space, "wild").is_subset(&calm), "after {pause} ms and {name}");
+        let checked = space.say(&["store", "fsck", "--store=wild", "--out=wild-out"]);
+        assert_eq!(checked.code, 0, "after {pause} ms and {name}: {}{}", checked.out, checked.err);
     }
     space.ok(&life(number).iter().map(String::as_str).collect::<Vec<_>>());
     assert_eq!(digests(&space, "wild"), calm);
