@@ -1,6 +1,7 @@
 //! What is wrong with a pipeline, and where: the message, the line, and the nearest name that would do.
 
-use std::io;
+use std::fs::File;
+use std::io::{self, Read};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -20,9 +21,17 @@ impl Source {
     /// The name of arguments of `--set`.
     pub const SET: &str = "--set";
 
+    /// Bytes that a pipeline file may have, so that a device or a wrong file does not fill the memory.
+    const LARGEST: u64 = 64 << 20;
+
     /// Reads a pipeline file.
     pub fn read(path: &Path) -> io::Result<Self> {
-        Ok(Self { name: path.display().to_string(), text: std::fs::read_to_string(path)?.into() })
+        let mut text = String::new();
+        File::open(path)?.take(Self::LARGEST + 1).read_to_string(&mut text)?;
+        if text.len() as u64 > Self::LARGEST {
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "it has more than 64 MiB"));
+        }
+        Ok(Self { name: path.display().to_string(), text: text.into() })
     }
 
     /// A problem at these bytes of the text.

@@ -69,6 +69,15 @@ fn a_pipeline_that_is_not_there_is_said_to_be_so() {
 }
 
 #[test]
+fn a_pipeline_without_end_is_not_read_to_the_end() {
+    let space = Space::new();
+    fs::File::create(space.path("endless.ron")).unwrap().set_len(1 << 40).unwrap();
+    let said = space.say(&["run", "endless.ron"]);
+    assert_eq!(said.code, 3);
+    assert!(said.err.contains("cannot read the pipeline endless.ron: it has more than 64 MiB"), "{}", said.err);
+}
+
+#[test]
 fn help_lists_the_exit_codes() {
     let said = Space::new().ok(&["--help"]);
     for code in ["0 ", "1 ", "2 ", "3 ", "4 ", "75 ", "101 "] {
