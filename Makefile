@@ -6,17 +6,17 @@ ARGS ?=
 # A Python with torch, diffusers, transformers and peft: test-full and bench then put them beside our networks.
 PYTHON ?=
 
-.PHONY: run test test-full test-slurm golden lint doc bench setup clean
+.PHONY: run test test-full test-slurm golden lint doc bench setup clean vulkan
 
 run: setup
 	$(CARGO) run --release --quiet -- run $(PIPELINE) $(ARGS)
 
-test: setup
-	$(CARGO) test --release --workspace --quiet
+test: setup vulkan
+	SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --workspace --quiet
 
 # The same with sixteen times as many random cases per property, and with what takes minutes: a hundred kills, and so on.
-test-full: setup
-	PROPTEST_CASES=4096 $(CARGO) test --release --workspace --quiet -- --include-ignored
+test-full: setup vulkan
+	SRNERF_REQUIRE_GPU=1 PROPTEST_CASES=4096 $(CARGO) test --release --workspace --quiet -- --include-ignored
 	$(MAKE) --no-print-directory test-tools
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/tests/reference/compare.py $(TARGET)/release/srnerf-dag --count 20 --full
 
@@ -63,6 +63,10 @@ clean:
 setup:
 	@command -v cc >/dev/null || $(MAKE) --no-print-directory install PACKAGE=build-essential FOR='a C compiler'
 	@command -v $(CARGO) >/dev/null || $(MAKE) --no-print-directory rust
+
+# A driver of software, on which the kernels for GPUs are tested. The program runs without.
+vulkan:
+	@[ "$$(uname)" != Linux ] || ls /usr/share/vulkan/icd.d/lvp_icd*.json >/dev/null 2>&1 || $(MAKE) --no-print-directory install PACKAGE='libvulkan1 mesa-vulkan-drivers' FOR='a Vulkan driver of software'
 
 .PHONY: install rust
 install:

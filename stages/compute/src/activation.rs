@@ -5,6 +5,7 @@ use crate::cpu;
 use crate::device::Backend;
 use crate::elementwise::{binary, unary};
 use crate::function::{Binary, Unary};
+use crate::gpu;
 
 /// `x sigmoid(x)` (Elfwing et al. 2017).
 pub fn silu(x: &Array) -> Array {
@@ -51,6 +52,9 @@ pub fn geglu(x: &Array) -> Array {
     let shape = gated_shape("geglu", x);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&shape, cpu::activation::geglu(x.host(), x.last() / 2)),
+        Backend::Gpu(gpu) => {
+            Array::on_gpu(gpu, &shape, gpu::map::geglu(gpu, x.device_buffer(), x.last() / 2, x.len() / 2))
+        }
     }
 }
 
@@ -59,5 +63,9 @@ pub fn geglu_backward(x: &Array, dy: &Array) -> Array {
     assert_eq!(dy.shape(), gated_shape("geglu_backward", x), "geglu_backward: input {:?}", x.shape());
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::activation::geglu_backward(x.host(), dy.host(), dy.last())),
+        Backend::Gpu(gpu) => {
+            let (values, dy_values) = (x.device_buffer(), dy.device_buffer());
+            Array::on_gpu(gpu, x.shape(), gpu::map::geglu_backward(gpu, values, dy_values, dy.last(), x.len()))
+        }
     }
 }

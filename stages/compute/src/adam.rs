@@ -3,6 +3,7 @@
 use crate::array::{Array, same_shape};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 
 /// The constants of one optimiser.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +77,11 @@ pub fn update(adam: &Adam, parameter: &mut Array, gradient: &Array, state: &mut 
     match backend {
         Backend::Cpu => {
             cpu::adam::step(factors, parameter.host_mut(), gradient.host(), state.m.host_mut(), state.v.host_mut())
+        }
+        Backend::Gpu(gpu) => {
+            let old = [&*parameter, gradient, &state.m, &state.v].map(Array::device_buffer);
+            let new = gpu::map::adam(&gpu, factors, old, gradient.len());
+            [*parameter, state.m, state.v] = new.map(|values| Array::on_gpu(&gpu, gradient.shape(), values));
         }
     }
 }

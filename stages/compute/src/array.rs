@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use crate::cpu::buffer::Buffer;
 use crate::device::Device;
+use crate::gpu::context::Gpu;
+use crate::gpu::pool;
 
 /// An immutable `f32` array on a [`Device`], contiguous and row-major. A clone shares the values.
 #[derive(Clone)]
@@ -17,6 +19,7 @@ pub struct Array {
 #[derive(Clone)]
 enum Storage {
     Cpu(Arc<Buffer>),
+    Gpu(Arc<pool::Buffer>),
 }
 
 impl Array {
@@ -26,6 +29,11 @@ impl Array {
         let expected: usize = shape.iter().product();
         assert_eq!(values.len(), expected, "array: {} values do not fill the shape {shape:?}", values.len());
         Array { device: Device::cpu(), shape: shape.into(), storage: Storage::Cpu(Arc::new(values)) }
+    }
+
+    /// An array in the memory of a GPU.
+    pub(crate) fn on_gpu(gpu: &Arc<Gpu>, shape: &[usize], values: pool::Buffer) -> Array {
+        Array { device: Device::of(gpu), shape: shape.into(), storage: Storage::Gpu(Arc::new(values)) }
     }
 
     /// The extents of the axes, outermost first.
@@ -53,10 +61,11 @@ impl Array {
         &self.device
     }
 
-    /// Copies the values to the host.
+    /// Copies the values to the host; on a GPU, once all that they depend on is computed.
     pub fn to_vec(&self) -> Vec<f32> {
         match &self.storage {
             Storage::Cpu(values) => values.to_vec(),
+            Storage::Gpu(values) => self.device.gpu_context().read(values, self.len()),
         }
     }
 
@@ -71,6 +80,7 @@ impl Array {
     pub(crate) fn host(&self) -> &[f32] {
         match &self.storage {
             Storage::Cpu(values) => values,
+            Storage::Gpu(_) => panic!("{self:?} meets an array on the CPU"),
         }
     }
 
@@ -81,6 +91,15 @@ impl Array {
                 let buffer: &mut Buffer = Arc::make_mut(values);
                 buffer
             }
+            Storage::Gpu(_) => panic!("an array on a GPU is not changed in place"),
+        }
+    }
+
+    /// The values in the memory of a GPU, for GPU kernels only.
+    pub(crate) fn device_buffer(&self) -> &pool::Buffer {
+        match &self.storage {
+            Storage::Gpu(values) => values,
+            Storage::Cpu(_) => panic!("{self:?} meets an array on a GPU"),
         }
     }
 }

@@ -4,6 +4,7 @@
 use crate::array::{Array, same_shape};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 
 /// What attention gives, with what its backward pass needs.
 #[derive(Clone, Debug)]
@@ -48,6 +49,11 @@ pub fn attention(q: &Array, k: &Array, v: &Array, heads: usize, causal: bool) ->
             let lse = Array::on_cpu(&[extents.batch, extents.queries, heads], lse);
             Attended { out: Array::on_cpu(q.shape(), out), lse }
         }
+        Backend::Gpu(gpu) => {
+            let [out, lse] = gpu::attention::forward(gpu, [q, k, v].map(Array::device_buffer), extents);
+            let lse = Array::on_gpu(gpu, &[extents.batch, extents.queries, heads], lse);
+            Attended { out: Array::on_gpu(gpu, q.shape(), out), lse }
+        }
     }
 }
 
@@ -71,6 +77,12 @@ pub fn attention_backward(
             let outputs = [attended.out.host(), attended.lse.host(), dout.host()];
             let [dq, dk, dv] = cpu::attention::backward(inputs, outputs, extents);
             [Array::on_cpu(q.shape(), dq), Array::on_cpu(k.shape(), dk), Array::on_cpu(v.shape(), dv)]
+        }
+        Backend::Gpu(gpu) => {
+            let inputs = [q, k, v].map(Array::device_buffer);
+            let outputs = [&attended.out, &attended.lse, dout].map(Array::device_buffer);
+            let [dq, dk, dv] = gpu::attention::backward(gpu, inputs, outputs, extents);
+            [(q, dq), (k, dk), (v, dv)].map(|(x, values)| Array::on_gpu(gpu, x.shape(), values))
         }
     }
 }

@@ -4,6 +4,7 @@
 use crate::array::{Array, nchw, vector};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 use crate::weight::{Weight, kernels};
 
 /// How a convolution walks over its input.
@@ -79,6 +80,11 @@ pub fn conv2d(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>, conv: 
                 cpu::conv::forward(x.host(), (weight.host(), weight.precision()), bias.map(Array::host), &geometry);
             Array::on_cpu(&[geometry.batch, o, geometry.out_height, geometry.out_width], values)
         }
+        Backend::Gpu(gpu) => {
+            let bias = bias.map(Array::device_buffer);
+            let values = gpu::conv::forward(gpu, x.device_buffer(), weight.factor(gpu), bias, &geometry);
+            Array::on_gpu(gpu, &[geometry.batch, o, geometry.out_height, geometry.out_width], values)
+        }
     }
 }
 
@@ -93,6 +99,10 @@ pub fn conv2d_backward_input(dy: &Array, weight: impl Into<Weight>, conv: Conv, 
             let values = cpu::conv::backward_input(dy.host(), (weight.host(), weight.precision()), &geometry);
             Array::on_cpu(&[n, c, size[0], size[1]], values)
         }
+        Backend::Gpu(gpu) => {
+            let values = gpu::conv::backward_input(gpu, dy.device_buffer(), weight.factor(gpu), &geometry);
+            Array::on_gpu(gpu, &[n, c, size[0], size[1]], values)
+        }
     }
 }
 
@@ -105,6 +115,10 @@ pub fn conv2d_backward_weight(x: &Array, dy: &Array, conv: Conv, kernel: [usize;
     match x.device().backend() {
         Backend::Cpu => {
             Array::on_cpu(&[o, c, kernel[0], kernel[1]], cpu::conv::backward_weight(x.host(), dy.host(), &geometry))
+        }
+        Backend::Gpu(gpu) => {
+            let values = gpu::conv::backward_weight(gpu, x.device_buffer(), dy.device_buffer(), &geometry);
+            Array::on_gpu(gpu, &[o, c, kernel[0], kernel[1]], values)
         }
     }
 }

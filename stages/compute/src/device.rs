@@ -1,7 +1,16 @@
 //! Where arrays live and operators run. It knows which back ends exist, not what they compute.
 
+use std::sync::Arc;
+
 use crate::array::Array;
 use crate::cpu;
+use crate::gpu;
+use crate::gpu::context::Gpu;
+
+pub use crate::gpu::adapter::Report;
+pub use crate::gpu::context::attempt;
+pub use crate::gpu::counts::Counts;
+pub use crate::gpu::error::GpuError;
 
 /// A place for arrays. Cheap to clone.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -10,11 +19,26 @@ pub struct Device {
 }
 
 /// The back ends that operators dispatch on, by `match`, in one place per operator.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub(crate) enum Backend {
     /// Host memory and rayon's current thread pool.
     Cpu,
+    /// The memory and the processors of one adapter.
+    Gpu(Arc<Gpu>),
 }
+
+impl PartialEq for Backend {
+    /// Arrays of two openings of one adapter cannot meet.
+    fn eq(&self, other: &Backend) -> bool {
+        match (self, other) {
+            (Backend::Cpu, Backend::Cpu) => true,
+            (Backend::Gpu(a), Backend::Gpu(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        }
+    }
+}
+
+impl Eq for Backend {}
 
 impl Device {
     /// The processor this program runs on.
@@ -22,17 +46,55 @@ impl Device {
         Device { backend: Backend::Cpu }
     }
 
-    /// A short name of the kind of device: `"cpu"`.
-    pub fn kind(&self) -> &'static str {
-        match self.backend {
+    /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU in
+    /// use, such as full memory, unwinds to the nearest [`attempt`].
+    pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
+        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index)?)) })
+    }
+
+    pub(crate) fn of(gpu: &Arc<Gpu>) -> Device {
+        Device { backend: Backend::Gpu(gpu.clone()) }
+    }
+
+    /// The GPUs of this machine, hardware first; or why there are none.
+    pub fn adapters() -> Result<Vec<Report>, GpuError> {
+        Ok(gpu::adapter::find()?.into_iter().map(|found| found.report).collect())
+    }
+
+    /// What results depend on: `"cpu"`, or a GPU's name and driver.
+    pub fn kind(&self) -> &str {
+        match &self.backend {
             Backend::Cpu => "cpu",
+            Backend::Gpu(gpu) => gpu.kind(),
         }
     }
 
-    /// The vector instructions that kernels use: `"portable"`, `"avx2"` or `"avx512"`.
+    /// Whether this is a GPU, be it of software.
+    pub fn is_gpu(&self) -> bool {
+        matches!(self.backend, Backend::Gpu(_))
+    }
+
+    /// What a GPU was given to do since it was opened.
+    pub fn counts(&self) -> Option<Counts> {
+        match &self.backend {
+            Backend::Cpu => None,
+            Backend::Gpu(gpu) => Some(gpu.counts()),
+        }
+    }
+
+    /// Returns once all that was recorded is computed.
+    pub fn finish(&self) {
+        if let Backend::Gpu(gpu) = &self.backend {
+            gpu.submit();
+            gpu.wait();
+        }
+    }
+
+    /// The vector instructions that kernels use: `"portable"`, `"avx2"` or `"avx512"`; `"wgsl"` on a GPU.
     pub fn instructions(&self) -> &'static str {
         match self.backend {
             Backend::Cpu => cpu::simd::Level::current().name(),
+            Backend::Gpu(_) => "wgsl",
         }
     }
 
@@ -40,10 +102,23 @@ impl Device {
         &self.backend
     }
 
+    /// The open adapter; only arrays on a GPU ask.
+    pub(crate) fn gpu_context(&self) -> &Gpu {
+        match &self.backend {
+            Backend::Gpu(gpu) => gpu,
+            Backend::Cpu => panic!("the CPU has no device memory"),
+        }
+    }
+
     /// Moves `values` (row-major) to this device. Panics if their number is not the product of `shape`.
     pub fn array(&self, shape: &[usize], values: Vec<f32>) -> Array {
-        match self.backend {
+        match &self.backend {
             Backend::Cpu => Array::on_cpu(shape, values),
+            Backend::Gpu(gpu) => {
+                let expected: usize = shape.iter().product();
+                assert_eq!(values.len(), expected, "array: {} values do not fill the shape {shape:?}", values.len());
+                Array::on_gpu(gpu, shape, gpu.upload(bytemuck::cast_slice(&values)))
+            }
         }
     }
 
@@ -54,6 +129,10 @@ impl Device {
 
     /// An array with every element equal to `value`.
     pub fn full(&self, shape: &[usize], value: f32) -> Array {
-        self.array(shape, vec![value; shape.iter().product()])
+        let len = shape.iter().product();
+        match &self.backend {
+            Backend::Cpu => Array::on_cpu(shape, vec![value; len]),
+            Backend::Gpu(gpu) => Array::on_gpu(gpu, shape, gpu::map::fill(gpu, len, value)),
+        }
     }
 }

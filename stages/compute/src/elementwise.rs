@@ -4,11 +4,13 @@ use crate::array::{Array, matrix, nchw, same_shape};
 use crate::cpu;
 use crate::device::Backend;
 use crate::function::{Binary, Unary};
+use crate::gpu;
 
 /// `function` of every element.
 pub(crate) fn unary(function: Unary, x: &Array) -> Array {
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::unary(function, x.host())),
+        Backend::Gpu(gpu) => Array::on_gpu(gpu, x.shape(), gpu::map::unary(gpu, function, x.device_buffer(), x.len())),
     }
 }
 
@@ -17,6 +19,10 @@ pub(crate) fn binary(op: &str, function: Binary, x: &Array, y: &Array) -> Array 
     same_shape(op, x, y);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::binary(function, x.host(), y.host())),
+        Backend::Gpu(gpu) => {
+            let values = gpu::map::binary(gpu, function, x.device_buffer(), y.device_buffer(), x.len());
+            Array::on_gpu(gpu, x.shape(), values)
+        }
     }
 }
 
@@ -56,6 +62,10 @@ pub fn add_channels(x: &Array, bias: &Array) -> Array {
     assert_eq!([n, c], per_image, "add_channels: input {:?}, bias {:?}", x.shape(), bias.shape());
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::add_per_plane(x.host(), bias.host(), h * w)),
+        Backend::Gpu(gpu) => {
+            let values = gpu::map::add_per_plane(gpu, x.device_buffer(), bias.device_buffer(), h * w, x.len());
+            Array::on_gpu(gpu, x.shape(), values)
+        }
     }
 }
 

@@ -25,6 +25,7 @@ mod cpu;
 pub mod device;
 pub mod elementwise;
 mod function;
+mod gpu;
 pub mod linear;
 pub mod matmul;
 pub mod norm;
@@ -35,6 +36,6 @@ pub mod shape;
 pub mod weight;
 
 pub use array::Array;
-pub use device::Device;
+pub use device::{Counts, Device, GpuError};
 pub use rng::Rng;
 pub use weight::{Format, Precision, Weight};

@@ -4,6 +4,7 @@
 use crate::array::{Array, vector};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 use crate::weight::{Weight, matrix};
 
 fn with_last(x: &Array, last: usize) -> Vec<usize> {
@@ -36,6 +37,11 @@ pub fn linear(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>) -> Arr
             );
             Array::on_cpu(&with_last(x, m), values)
         }
+        Backend::Gpu(gpu) => {
+            let bias = bias.map(Array::device_buffer);
+            let values = gpu::linear::linear(gpu, x.device_buffer(), weight.factor(gpu), bias, [rows(x), k, m]);
+            Array::on_gpu(gpu, &with_last(x, m), values)
+        }
     }
 }
 
@@ -49,6 +55,10 @@ pub fn linear_backward_input(dy: &Array, weight: impl Into<Weight>) -> Array {
             let values = cpu::linear::backward_input(dy.host(), (weight.host(), weight.precision()), [rows(dy), k, m]);
             Array::on_cpu(&with_last(dy, k), values)
         }
+        Backend::Gpu(gpu) => {
+            let values = gpu::linear::backward_input(gpu, dy.device_buffer(), weight.factor(gpu), [rows(dy), k, m]);
+            Array::on_gpu(gpu, &with_last(dy, k), values)
+        }
     }
 }
 
@@ -58,5 +68,9 @@ pub fn linear_backward_weight(x: &Array, dy: &Array) -> Array {
     let (m, k) = (dy.last(), x.last());
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&[m, k], cpu::linear::backward_weight(x.host(), dy.host(), [rows(x), k, m])),
+        Backend::Gpu(gpu) => {
+            let values = gpu::linear::backward_weight(gpu, x.device_buffer(), dy.device_buffer(), [rows(x), k, m]);
+            Array::on_gpu(gpu, &[m, k], values)
+        }
     }
 }

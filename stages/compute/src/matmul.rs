@@ -3,6 +3,7 @@
 use crate::array::{Array, matrix};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 
 /// `a b` for `a [M, K]` and `b [K, N]`, giving `[M, N]`.
 pub fn matmul(a: &Array, b: &Array) -> Array {
@@ -10,5 +11,9 @@ pub fn matmul(a: &Array, b: &Array) -> Array {
     assert_eq!(k, k2, "matmul: {:?} times {:?}", a.shape(), b.shape());
     match a.device().backend() {
         Backend::Cpu => Array::on_cpu(&[m, n], cpu::linear::matmul(a.host(), b.host(), [m, k, n])),
+        Backend::Gpu(gpu) => {
+            let values = gpu::linear::matmul(gpu, a.device_buffer(), b.device_buffer(), [m, k, n]);
+            Array::on_gpu(gpu, &[m, n], values)
+        }
     }
 }

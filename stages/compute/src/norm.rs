@@ -4,6 +4,7 @@
 use crate::array::{Array, same_shape, vector};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 
 /// What follows a group normalisation in the same pass over memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +43,10 @@ pub fn group_norm(x: &Array, gamma: &Array, beta: &Array, groups: usize, eps: f3
         Backend::Cpu => {
             Array::on_cpu(x.shape(), cpu::norm::group(x.host(), gamma.host(), beta.host(), extents, activation))
         }
+        Backend::Gpu(gpu) => {
+            let (values, weights) = (x.device_buffer(), [gamma, beta].map(Array::device_buffer));
+            Array::on_gpu(gpu, x.shape(), gpu::norm::group(gpu, values, weights, x.len(), extents, activation))
+        }
     }
 }
 
@@ -63,6 +68,10 @@ pub fn group_norm_backward(
             let (gamma, beta) = (gamma.host(), beta.host());
             Array::on_cpu(x.shape(), cpu::norm::group_backward(x.host(), gamma, beta, extents, activation, dy.host()))
         }
+        Backend::Gpu(gpu) => {
+            let [inputs, weights] = [[x, dy], [gamma, beta]].map(|pair| pair.map(Array::device_buffer));
+            Array::on_gpu(gpu, x.shape(), gpu::norm::group_backward(gpu, inputs, weights, x.len(), extents, activation))
+        }
     }
 }
 
@@ -73,6 +82,10 @@ pub fn layer_norm(x: &Array, gamma: &Array, beta: &Array, eps: f32) -> Array {
     vector("layer_norm", "beta", beta, x.last());
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::norm::layer(x.host(), gamma.host(), beta.host(), eps)),
+        Backend::Gpu(gpu) => {
+            let (values, weights) = (x.device_buffer(), [gamma, beta].map(Array::device_buffer));
+            Array::on_gpu(gpu, x.shape(), gpu::norm::layer(gpu, values, weights, x.len(), x.last(), eps))
+        }
     }
 }
 
@@ -82,5 +95,9 @@ pub fn layer_norm_backward(x: &Array, gamma: &Array, eps: f32, dy: &Array) -> Ar
     same_shape("layer_norm_backward", x, dy);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::norm::layer_backward(x.host(), gamma.host(), eps, dy.host())),
+        Backend::Gpu(gpu) => {
+            let (inputs, gamma) = ([x, dy].map(Array::device_buffer), gamma.device_buffer());
+            Array::on_gpu(gpu, x.shape(), gpu::norm::layer_backward(gpu, inputs, gamma, x.len(), x.last(), eps))
+        }
     }
 }

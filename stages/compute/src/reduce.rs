@@ -4,10 +4,12 @@ use crate::array::Array;
 use crate::cpu;
 use crate::device::Backend;
 use crate::function::Reduction;
+use crate::gpu;
 
 fn reduce(reduction: Reduction, x: &Array) -> f64 {
     match x.device().backend() {
         Backend::Cpu => cpu::map::reduce(reduction, x.host()),
+        Backend::Gpu(gpu) => gpu::map::reduce(gpu, reduction, x.device_buffer(), x.len()),
     }
 }
 

@@ -6,6 +6,7 @@ use std::f64::consts::PI;
 use crate::array::{Array, nchw};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 
 /// The interpolation kernel, named after the library whose numbers it reproduces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +47,10 @@ pub fn resize(x: &Array, height: usize, width: usize, filter: Filter, antialias:
             let values = cpu::resize::separable(x.host(), [h, w], &vertical, &horizontal);
             Array::on_cpu(&[n, c, height, width], values)
         }
+        Backend::Gpu(gpu) => {
+            let values = gpu::resize::separable(gpu, x.device_buffer(), [h, w], x.len(), &vertical, &horizontal);
+            Array::on_gpu(gpu, &[n, c, height, width], values)
+        }
     }
 }
 
@@ -59,6 +64,10 @@ pub fn resize_backward(dy: &Array, h_in: usize, w_in: usize, filter: Filter, ant
         Backend::Cpu => {
             let values = cpu::resize::separable(dy.host(), [h, w], &vertical, &horizontal);
             Array::on_cpu(&[n, c, h_in, w_in], values)
+        }
+        Backend::Gpu(gpu) => {
+            let values = gpu::resize::separable(gpu, dy.device_buffer(), [h, w], dy.len(), &vertical, &horizontal);
+            Array::on_gpu(gpu, &[n, c, h_in, w_in], values)
         }
     }
 }

@@ -3,6 +3,7 @@
 use crate::array::{Array, nchw};
 use crate::cpu;
 use crate::device::Backend;
+use crate::gpu;
 use crate::weight::{Weight, matrix};
 
 /// The extents before, at and after an axis.
@@ -27,6 +28,10 @@ pub fn concat(parts: &[&Array], axis: usize) -> Array {
             let rows: Vec<_> = parts.iter().map(|part| (part.host(), part.shape()[axis] * inner)).collect();
             Array::on_cpu(&shape, cpu::shape::concat(&rows, outer))
         }
+        Backend::Gpu(gpu) => {
+            let rows: Vec<_> = parts.iter().map(|part| (part.device_buffer(), part.shape()[axis] * inner)).collect();
+            Array::on_gpu(gpu, &shape, gpu::shape::concat(gpu, &rows, outer))
+        }
     }
 }
 
@@ -41,6 +46,10 @@ pub fn slice(x: &Array, axis: usize, start: usize, len: usize) -> Array {
             let rows = (start * inner)..((start + len) * inner);
             Array::on_cpu(&shape, cpu::shape::slice(x.host(), outer, extent * inner, rows))
         }
+        Backend::Gpu(gpu) => {
+            let rows = (start * inner)..((start + len) * inner);
+            Array::on_gpu(gpu, &shape, gpu::shape::slice(gpu, x.device_buffer(), outer, extent * inner, rows))
+        }
     }
 }
 
@@ -49,6 +58,9 @@ pub fn nchw_to_tokens(x: &Array) -> Array {
     let [n, c, h, w] = nchw("nchw_to_tokens", x);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&[n, h * w, c], cpu::shape::transpose(x.host(), n, c, h * w)),
+        Backend::Gpu(gpu) => {
+            Array::on_gpu(gpu, &[n, h * w, c], gpu::shape::transpose(gpu, x.device_buffer(), n, c, h * w))
+        }
     }
 }
 
@@ -58,6 +70,9 @@ pub fn tokens_to_nchw(x: &Array, h: usize, w: usize) -> Array {
     assert_eq!(tokens, h * w, "tokens_to_nchw: {:?} is no {h}x{w} image", x.shape());
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&[n, c, h, w], cpu::shape::transpose(x.host(), n, tokens, c)),
+        Backend::Gpu(gpu) => {
+            Array::on_gpu(gpu, &[n, c, h, w], gpu::shape::transpose(gpu, x.device_buffer(), n, tokens, c))
+        }
     }
 }
 
@@ -68,6 +83,10 @@ pub fn upsample_nearest(x: &Array, factor: usize) -> Array {
     match x.device().backend() {
         Backend::Cpu => {
             Array::on_cpu(&[n, c, h * factor, w * factor], cpu::shape::upsample(x.host(), [n * c, h, w], factor))
+        }
+        Backend::Gpu(gpu) => {
+            let values = gpu::shape::upsample(gpu, x.device_buffer(), [n * c, h, w], factor);
+            Array::on_gpu(gpu, &[n, c, h * factor, w * factor], values)
         }
     }
 }
@@ -80,6 +99,10 @@ pub fn upsample_nearest_backward(dy: &Array, factor: usize) -> Array {
     let (h, w) = (h / factor, w / factor);
     match dy.device().backend() {
         Backend::Cpu => Array::on_cpu(&[n, c, h, w], cpu::shape::upsample_backward(dy.host(), [n * c, h, w], factor)),
+        Backend::Gpu(gpu) => {
+            let values = gpu::shape::upsample_backward(gpu, dy.device_buffer(), [n * c, h, w], factor);
+            Array::on_gpu(gpu, &[n, c, h, w], values)
+        }
     }
 }
 
@@ -95,6 +118,10 @@ pub fn pad_reflect(x: &Array, pad: [usize; 4]) -> Array {
             &[n, c, h + top + bottom, w + left + right],
             cpu::shape::pad_reflect(x.host(), [n * c, h, w], pad),
         ),
+        Backend::Gpu(gpu) => {
+            let values = gpu::shape::pad_reflect(gpu, x.device_buffer(), [n * c, h, w], pad);
+            Array::on_gpu(gpu, &[n, c, h + top + bottom, w + left + right], values)
+        }
     }
 }
 
@@ -111,5 +138,6 @@ pub fn gather_rows(table: impl Into<Weight>, ids: &[u32]) -> Array {
     assert!(ids.iter().all(|&id| (id as usize) < rows), "gather_rows: an id is beyond the {rows} rows");
     match table.device().backend() {
         Backend::Cpu => Array::on_cpu(&[ids.len(), depth], cpu::shape::gather_rows(table.host(), depth, ids)),
+        Backend::Gpu(gpu) => Array::on_gpu(gpu, &[ids.len(), depth], table.rows_on(gpu, depth, ids)),
     }
 }

@@ -3,11 +3,13 @@
 
 use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::array::Array;
 use crate::cpu;
 use crate::device::{Backend, Device};
+use crate::gpu;
+use crate::gpu::context::Gpu;
 
 /// How the bytes of a weight encode numbers; all are little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,12 +69,18 @@ pub(crate) struct Encoded {
     format: Format,
     owner: SharedBytes,
     range: Range<usize>,
+    /// The same bytes in the memory of a GPU, once a kernel has asked for them.
+    copy: Arc<OnceLock<gpu::pool::Buffer>>,
 }
 
 impl Encoded {
+    fn bytes(&self) -> &[u8] {
+        &(*self.owner).as_ref()[self.range.clone()]
+    }
+
     /// The values as the CPU's kernels read them.
     fn values(&self) -> cpu::weight::Values<'_> {
-        cpu::weight::Values::new(self.format, &(*self.owner).as_ref()[self.range.clone()])
+        cpu::weight::Values::new(self.format, self.bytes())
     }
 }
 
@@ -91,7 +99,7 @@ impl Weight {
         assert_eq!(range.len(), expected, "weight: {range:?} does not fill the shape {shape:?} of {format:?}");
         assert!(range.end <= held, "weight: {range:?} lies beyond {held} bytes");
         let device = device.clone();
-        let storage = Storage::Bytes(Encoded { device, format, owner, range });
+        let storage = Storage::Bytes(Encoded { device, format, owner, range, copy: Arc::default() });
         Weight { shape: shape.into(), storage, precision: Precision::default() }
     }
 
@@ -132,6 +140,7 @@ impl Weight {
             Storage::Array(array) => array.clone(),
             Storage::Bytes(encoded) => match encoded.device.backend() {
                 Backend::Cpu => Array::on_cpu(&self.shape, encoded.values().to_buffer()),
+                Backend::Gpu(_) => encoded.device.array(&self.shape, encoded.values().to_buffer().to_vec()),
             },
         }
     }
@@ -145,8 +154,30 @@ impl Weight {
 
     /// The place and value of the first element that is infinite or not a number.
     pub fn first_not_finite(&self) -> Option<(usize, f32)> {
-        match self.device().backend() {
-            Backend::Cpu => self.host().first_not_finite(),
+        match &self.storage {
+            Storage::Array(array) => cpu::weight::Values::F32(&array.to_vec()).first_not_finite(),
+            Storage::Bytes(encoded) => encoded.values().first_not_finite(),
+        }
+    }
+
+    /// The values for GPU kernels only; at the first call, they are copied to the device in the format that they have.
+    pub(crate) fn factor(&self, gpu: &Gpu) -> gpu::product::Factor<'_> {
+        match &self.storage {
+            Storage::Array(array) => array.device_buffer().into(),
+            Storage::Bytes(encoded) => gpu::product::Factor {
+                numbers: encoded.copy.get_or_init(|| gpu.upload(encoded.bytes())),
+                format: encoded.format,
+            },
+        }
+    }
+
+    /// Rows of a table; of a mapped one, no others go to the device.
+    pub(crate) fn rows_on(&self, gpu: &Gpu, depth: usize, ids: &[u32]) -> gpu::pool::Buffer {
+        match &self.storage {
+            Storage::Array(array) => gpu::shape::gather_rows(gpu, array.device_buffer(), depth, ids),
+            Storage::Bytes(encoded) => {
+                gpu.upload(bytemuck::cast_slice(&cpu::shape::gather_rows(encoded.values(), depth, ids)))
+            }
         }
     }
 

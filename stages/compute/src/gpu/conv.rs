@@ -1,0 +1,54 @@
+//! Convolution as an implicit product, and its gradients: each reads its factors where they lie.
+
+use super::context::Gpu;
+use super::pool::Buffer;
+use super::product::{Along, Factor, Product};
+use crate::conv::Geometry;
+
+fn product<'a>(factors: &'static str, name: &'static str, a: Factor<'a>, b: Factor<'a>, g: &Geometry) -> Product<'a> {
+    let [top, _, left, _] = g.conv.pad;
+    let image = [g.channels, g.height, g.width, g.out_height, g.out_width, g.conv.stride, top, left];
+    Product { factors, name, image, kernel: g.kernel, ..Product::dense(a, b, [0; 3], [0; 4]) }
+}
+
+/// `x` convolved with `weight`, plus `bias`.
+pub fn forward(gpu: &Gpu, x: &Buffer, weight: Factor, bias: Option<&Buffer>, g: &Geometry) -> Buffer {
+    let (depth, pixels) = (g.channels * g.kernel[0] * g.kernel[1], g.out_height * g.out_width);
+    let product = Product {
+        bias: bias.map(|bias| (bias, Along::Rows)),
+        extents: [g.outputs, depth, g.batch * pixels],
+        depth_first: [true, false],
+        pixels,
+        strides: [depth, 1, 0, 0],
+        ..product(include_str!("wgsl/conv.wgsl"), "conv", weight, x.into(), g)
+    };
+    product.run(gpu)
+}
+
+/// The gradient to the input.
+pub fn backward_input(gpu: &Gpu, dy: &Buffer, weight: Factor, g: &Geometry) -> Buffer {
+    let (taps, pixels) = (g.kernel[0] * g.kernel[1], g.height * g.width);
+    let factors = include_str!("wgsl/conv_backward_input.wgsl");
+    let mut product = Product {
+        extents: [g.channels, g.outputs * taps, g.batch * pixels],
+        depth_first: [true, false],
+        pixels,
+        strides: [0, g.channels * taps, 0, 0],
+        ..product(factors, "conv_backward_input", weight, dy.into(), g)
+    };
+    product.image[0] = g.outputs;
+    product.run(gpu)
+}
+
+/// The gradient to the weight.
+pub fn backward_weight(gpu: &Gpu, x: &Buffer, dy: &Buffer, g: &Geometry) -> Buffer {
+    let columns = g.channels * g.kernel[0] * g.kernel[1];
+    let factors = include_str!("wgsl/conv_backward_weight.wgsl");
+    let product = Product {
+        extents: [g.outputs, g.batch * g.out_height * g.out_width, columns],
+        depth_first: [true, true],
+        pixels: columns,
+        ..product(factors, "conv_backward_weight", dy.into(), x.into(), g)
+    };
+    product.run(gpu)
+}

@@ -1,0 +1,60 @@
+//! Why a GPU cannot be used, or can be used no more. Each message names what to do.
+
+/// What is wrong with a GPU.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GpuError {
+    /// No driver offers an adapter.
+    #[error("no GPU was found ({0}); `--device cpu` needs none, and `srnerf-dag doctor` says what is missing")]
+    NoAdapter(String),
+    /// There are software adapters only, and none was asked for by its number.
+    #[error(
+        "there is no hardware GPU, only {0}, which computes on the CPU; to use it all the same, name it: `--device gpu:0`"
+    )]
+    OnlySoftware(String),
+    /// The number is too high.
+    #[error("there is no GPU {asked}; there are {count}, counted from 0, and `srnerf-dag doctor` lists them")]
+    NoSuchAdapter {
+        /// The number asked for.
+        asked: usize,
+        /// How many adapters there are.
+        count: usize,
+    },
+    /// An adapter that cannot run the kernels.
+    #[error("{adapter} cannot be used: {reason}; use another one or `--device cpu`")]
+    Unfit {
+        /// Its name.
+        adapter: String,
+        /// What it lacks, or what its driver said.
+        reason: String,
+    },
+    /// The memory of the device is full.
+    #[error(
+        "the GPU's memory is full: {held} MiB are in use and {asked} MiB more were needed; lower the crop, the views per step, \
+         the tile of the autoencoder or `--keep`, close what else uses the GPU, or take `--device cpu`"
+    )]
+    OutOfMemory {
+        /// MiB asked for.
+        asked: u64,
+        /// MiB that arrays hold.
+        held: u64,
+    },
+    /// One array is larger than a kernel of this adapter can see at once.
+    #[error(
+        "an array of {asked} MiB is more than {limit} MiB, the most that a kernel on this GPU sees of one array; lower the crop, \
+         the views per step or the tile of the autoencoder, or take `--device cpu`"
+    )]
+    TooLarge {
+        /// MiB asked for.
+        asked: u64,
+        /// MiB that the adapter binds at most.
+        limit: u64,
+    },
+    /// The driver gave up: a reset, a time-out, a removed device.
+    #[error(
+        "the GPU was lost ({0}); run the same command again, which goes on from the last checkpoint, or take `--device cpu`"
+    )]
+    Lost(String),
+    /// The driver refused a command: a bug in the kernels or in the driver.
+    #[error("the GPU refused a command: {0}")]
+    Refused(String),
+}

@@ -1,0 +1,23 @@
+//! The kernels of the GPU back end: device buffers in, device buffers out. They trust the shapes that the operators have checked.
+//!
+//! A kernel is WGSL expanded from a template (`wgsl/*.wgsl`) for a class of shapes and compiled once. Commands are recorded and handed
+//! over in batches, in their order; values come back only where an operator gives a number to the host. Every sum has a fixed order
+//! and no kernel uses atomics: the same adapter and driver give the same bits.
+
+pub mod adapter;
+pub mod attention;
+pub mod context;
+pub mod conv;
+pub mod counts;
+pub mod error;
+mod kernel;
+mod launch;
+pub mod linear;
+pub mod map;
+pub mod norm;
+pub mod pool;
+pub mod product;
+mod recorder;
+pub mod resize;
+pub mod shape;
+mod template;

@@ -1,0 +1,92 @@
+//! Commands that wait to be handed over together. It knows passes, parameters and copies, not what kernels compute.
+
+use super::kernel::Pipeline;
+
+/// Bytes between the parameters of two commands: the alignment that every adapter takes.
+const SLOT: usize = 256;
+/// Commands that are handed over at once: a pass through a network is a few such batches.
+const BATCH: usize = 256;
+
+/// Commands not handed over yet.
+pub struct Recorder {
+    // The order matters: the pass ends before its encoder does.
+    pass: Option<wgpu::ComputePass<'static>>,
+    encoder: Option<wgpu::CommandEncoder>,
+    /// The parameters of each command, a slot each.
+    words: Vec<u8>,
+    parameters: wgpu::Buffer,
+}
+
+impl Recorder {
+    /// Nothing recorded.
+    pub fn new(device: &wgpu::Device) -> Recorder {
+        let parameters = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("parameters"),
+            size: (SLOT * BATCH) as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        Recorder { pass: None, encoder: None, words: Vec::new(), parameters }
+    }
+
+    /// Whether no further command fits.
+    pub fn is_full(&self) -> bool {
+        self.words.len() >= SLOT * BATCH
+    }
+
+    /// Records one kernel over `groups` workgroups; `arrays` are bytes and buffers in the order of its bindings.
+    pub fn dispatch(
+        &mut self,
+        device: &wgpu::Device,
+        pipeline: &Pipeline,
+        arrays: &[(&wgpu::Buffer, u64)],
+        words: &[u32],
+        groups: [u32; 3],
+    ) {
+        let offset = self.words.len();
+        assert!(words.len() * 4 <= SLOT, "a kernel has at most {} parameters", SLOT / 4);
+        self.words.extend_from_slice(bytemuck::cast_slice(words));
+        self.words.resize(offset + SLOT, 0);
+        let group = bind(device, pipeline, &self.parameters, arrays);
+        let encoder = self.encoder.get_or_insert_with(|| device.create_command_encoder(&Default::default()));
+        let pass = self.pass.get_or_insert_with(|| encoder.begin_compute_pass(&Default::default()).forget_lifetime());
+        pass.set_pipeline(&pipeline.code);
+        pass.set_bind_group(0, &group, &[offset as u32]);
+        pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
+    }
+
+    /// Records a copy of the first `bytes` of one buffer into another.
+    pub fn copy(&mut self, device: &wgpu::Device, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: u64) {
+        self.pass = None;
+        let encoder = self.encoder.get_or_insert_with(|| device.create_command_encoder(&Default::default()));
+        encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
+    }
+
+    /// Hands all over; whether there was anything.
+    pub fn submit(&mut self, queue: &wgpu::Queue) -> bool {
+        self.pass = None;
+        let Some(encoder) = self.encoder.take() else { return false };
+        if !self.words.is_empty() {
+            queue.write_buffer(&self.parameters, 0, &self.words);
+            self.words.clear();
+        }
+        queue.submit([encoder.finish()]);
+        true
+    }
+}
+
+fn bind(
+    device: &wgpu::Device,
+    pipeline: &Pipeline,
+    parameters: &wgpu::Buffer,
+    arrays: &[(&wgpu::Buffer, u64)],
+) -> wgpu::BindGroup {
+    let entry = |binding: usize, buffer, bytes| {
+        let size = wgpu::BufferSize::new(bytes);
+        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size });
+        wgpu::BindGroupEntry { binding: binding as u32, resource }
+    };
+    let arrays = arrays.iter().enumerate().map(|(at, (buffer, bytes))| entry(1 + at, buffer, *bytes));
+    let entries: Vec<_> = std::iter::once(entry(0, parameters, SLOT as u64)).chain(arrays).collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &pipeline.group, entries: &entries })
+}

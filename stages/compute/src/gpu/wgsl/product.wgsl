@@ -1,0 +1,141 @@
+// out = A B + bias, a tile of TM rows and TN columns per workgroup, RM by RN sums per invocation, in registers. Slabs of TK of the depth
+// go through workgroup memory. What A and B are, the functions factor_a, column and factor_b say: nothing is unfolded in memory.
+struct Params {
+    rows: u32,
+    columns: u32,
+    depth: u32,
+    // The part of the depth that one workgroup along z sums.
+    chunk: u32,
+    // Columns of one image; all of them where there are no images.
+    pixels: u32,
+    // The bias of output i is number (i / bias_inner) % bias_count.
+    bias_inner: u32,
+    bias_count: u32,
+    a_row: u32,
+    a_depth: u32,
+    b_depth: u32,
+    b_column: u32,
+    channels: u32,
+    height: u32,
+    width: u32,
+    out_height: u32,
+    out_width: u32,
+    stride: u32,
+    top: u32,
+    left: u32,
+}
+
+@group(0) @binding(0) var<uniform> p: Params;
+@group(0) @binding(${OUT}) var<storage, read_write> out: array<f32>;
+
+// Rows of vectors with one left free, so that neither writing nor reading meets one bank of memory only.
+var<workgroup> tile_a: array<vec4f, ${A_TILE}>;
+var<workgroup> tile_b: array<vec4f, ${B_TILE}>;
+
+fn guarded_a(row: u32, k: u32, end: u32) -> f32 {
+    if (row < p.rows && k < end) {
+        return factor_a(row, k);
+    }
+    return 0.0;
+}
+
+fn guarded_b(k: u32, end: u32, column: u32, place: vec4i) -> f32 {
+    if (column < p.columns && k < end) {
+        return factor_b(k, place);
+    }
+    return 0.0;
+}
+
+fn put(row: u32, column: u32, part: u32, value: f32) {
+    if (row < p.rows && column < p.columns) {
+        let i = (column / p.pixels) * p.rows * p.pixels + row * p.pixels + column % p.pixels;
+        out[part * p.rows * p.columns + i] = value + start(i);
+    }
+}
+
+#define places
+#for c 4
+let place${c} = column_place(column + ${c}u);
+#end
+#end
+#define store
+#for c 4
+#for d 4
+put(row + ${c}u, column + ${d}u, group.z, c${i}_${c}_${j}[${d}]);
+#end
+#end
+#end
+
+@compute @workgroup_size(256)
+fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
+    let ty = t / (TN / RN);
+    let tx = t % (TN / RN);
+    let first = group.z * p.chunk;
+    let end = min(first + p.chunk, p.depth);
+#for i ${QM}
+#for c 4
+#for j ${QN}
+    var c${i}_${c}_${j} = vec4f();
+#end
+#end
+#end
+#for once ${B_STAYS}
+    let column = group.x * TN + (t % (TN / 4u)) * 4u;
+#use places
+#end
+    for (var k0 = first; k0 < end; k0 += TK) {
+        workgroupBarrier();
+        for (var e = t; e < TK * TM / 4u; e += 256u) {
+            let k = select(e / (TM / 4u), e % TK, A_DEPTH_FIRST == 1u);
+            let quad = select(e % (TM / 4u), e / TK, A_DEPTH_FIRST == 1u);
+            let row = group.y * TM + quad * 4u;
+            tile_a[k * A_PITCH + quad] = vec4f(
+                guarded_a(row, k0 + k, end),
+                guarded_a(row + 1u, k0 + k, end),
+                guarded_a(row + 2u, k0 + k, end),
+                guarded_a(row + 3u, k0 + k, end),
+            );
+        }
+        for (var e = t; e < TK * TN / 4u; e += 256u) {
+#for once ${B_STAYS}
+            let k = e / (TN / 4u);
+            let quad = t % (TN / 4u);
+#end
+#for once ${B_MOVES}
+            let k = e % TK;
+            let quad = e / TK;
+            let column = group.x * TN + quad * 4u;
+#use places
+#end
+            tile_b[k * B_PITCH + quad] = vec4f(
+                guarded_b(k0 + k, end, column, place0),
+                guarded_b(k0 + k, end, column + 1u, place1),
+                guarded_b(k0 + k, end, column + 2u, place2),
+                guarded_b(k0 + k, end, column + 3u, place3),
+            );
+        }
+        workgroupBarrier();
+        for (var k = 0u; k < TK; k++) {
+#for j ${QN}
+            let b${j} = tile_b[k * B_PITCH + tx + ${j}u * (TN / RN)];
+#end
+#for i ${QM}
+            let a${i} = tile_a[k * A_PITCH + ty + ${i}u * (TM / RM)];
+#for c 4
+#for j ${QN}
+            c${i}_${c}_${j} = fma(vec4f(a${i}[${c}]), b${j}, c${i}_${c}_${j});
+#end
+#end
+#end
+        }
+    }
+#for i ${QM}
+#for j ${QN}
+    {
+        let row = group.y * TM + (ty + ${i}u * (TM / RM)) * 4u;
+        let column = group.x * TN + (tx + ${j}u * (TN / RN)) * 4u;
+#use store
+    }
+#end
+#end
+}
