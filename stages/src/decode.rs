@@ -24,7 +24,8 @@ pub struct Decode {
     pub mode: Mode,
     /// For `Residual`: the residual latents, h.
     pub residuals: Input,
-    /// For `Residual`: the images that were encoded, x.
+    /// For `Residual`: the images that were encoded, x. Where there are any, their alpha is that of the result: the prior knows
+    /// colours only, and sees them before black.
     pub images: Input,
     /// Rounds of back-projection onto the low-resolution views: each adds the enlarged difference between them and the
     /// reduced image. 0 turns it off.
@@ -76,7 +77,9 @@ impl Decode {
         let size = [height as usize, width as usize];
         let refined = convert::latent_array(&parts.latent.tensor, io.device);
         let decoded = prior.vae.decode_latent(&refined, size, self.tile as usize);
-        let (Some(residual), Some(image)) = (parts.residual, parts.image) else { return clamp(&decoded, -1.0, 1.0) };
+        let (Mode::Residual, Some(residual), Some(image)) = (self.mode, parts.residual, parts.image) else {
+            return clamp(&decoded, -1.0, 1.0);
+        };
         let encoded = sub(&refined, &convert::latent_array(&residual.tensor, io.device));
         let base = prior.vae.decode_latent(&encoded, size, self.tile as usize);
         clamp(&add(&convert::signed_array(image, io.device), &sub(&decoded, &base)), -1.0, 1.0)
@@ -96,13 +99,19 @@ impl Decode {
         if let Some(low) = parts.low {
             image = self.back_project(image, low, io);
         }
+        let alpha = parts.image.and_then(|image| image.alpha.clone());
         View {
             name: parts.latent.name.clone(),
             camera: parts.latent.camera,
-            rgb: convert::linear_pixels_of_signed(&image),
-            alpha: None,
+            rgb: convert::disk_pixels_of_signed(&image, alpha.as_deref()),
+            alpha,
             depth: None,
         }
+    }
+
+    /// Whether the images that were encoded are read.
+    fn takes_images(&self) -> bool {
+        self.mode == Mode::Residual || !self.images.0.is_empty()
     }
 }
 
@@ -112,7 +121,7 @@ impl Stage for Decode {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -125,7 +134,7 @@ impl Stage for Decode {
         vec![
             InputPort::new("latents", &self.latents, ArtifactKind::Latents),
             InputPort::new("residuals", &self.residuals, ArtifactKind::Residuals).only_if(residual),
-            InputPort::new("images", &self.images, ArtifactKind::Images).only_if(residual),
+            InputPort::new("images", &self.images, ArtifactKind::Images).only_if(self.takes_images()),
             InputPort::new("low", &self.low, ArtifactKind::Images).only_if(self.back_projection > 0),
         ]
     }
@@ -154,7 +163,7 @@ impl Stage for Decode {
         let latents: Latents = io.read("latents")?;
         let residual = self.mode == Mode::Residual;
         let residuals = residual.then(|| io.read::<Residuals>("residuals")).transpose()?;
-        let images = residual.then(|| io.read::<ImageSet>("images")).transpose()?;
+        let images = self.takes_images().then(|| io.read::<ImageSet>("images")).transpose()?;
         let low = (self.back_projection > 0).then(|| io.read::<ImageSet>("low")).transpose()?;
         let prior = self.model.load(io)?;
         let mut views = Vec::new();

@@ -1,15 +1,15 @@
 //! `Interpolate`: enlarges (or reduces) images by a fixed filter. Knows nothing of fields or networks.
 
 use artifacts_schema::{ArtifactKind, ImageSet, View};
-use compute::Device;
 use compute::resize::{Filter, resize};
+use compute::{Array, Device};
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
 use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
 
-/// Enlarges the images of a set.
+/// Enlarges the images of a set; of transparent ones, what they are before black, and their alpha by itself.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Interpolate {
@@ -59,14 +59,14 @@ impl Interpolate {
             Kernel::Nearest => Filter::Nearest,
         };
         let (h, w) = (camera.height as usize, camera.width as usize);
+        let enlarged = |image: &Array| resize(image, h, w, filter, true);
+        let alpha = convert::alpha_array(view, device)
+            .map(|alpha| enlarged(&alpha).to_vec().iter().map(|x| x.clamp(0.0, 1.0)).collect::<Vec<_>>());
         let rgb = match self.values {
-            Values::Srgb => {
-                let x = resize(&convert::srgb_array(view, device), h, w, filter, true);
-                convert::linear_pixels(&x)
-            }
-            Values::Linear => convert::pixels(&resize(&convert::linear_array(view, device), h, w, filter, true)),
+            Values::Srgb => convert::disk_pixels(&enlarged(&convert::srgb_array(view, device)), alpha.as_deref()),
+            Values::Linear => convert::pixels(&enlarged(&convert::linear_array(view, device))),
         };
-        View { name: view.name.clone(), camera: convert::disk_camera(&camera), rgb, alpha: None, depth: None }
+        View { name: view.name.clone(), camera: convert::disk_camera(&camera), rgb, alpha, depth: None }
     }
 }
 
@@ -76,7 +76,7 @@ impl Stage for Interpolate {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {

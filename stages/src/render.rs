@@ -13,7 +13,8 @@ use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
-/// Renders a field from the cameras of an image set.
+/// Renders a field from the cameras of an image set. Where the images that the cameras come from have alpha, or along a path,
+/// the renders have it too.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Render {
@@ -96,7 +97,7 @@ impl Stage for Render {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -151,11 +152,13 @@ impl Stage for Render {
         let field = convert::field(io.read::<Field>("field")?)?;
         let cameras: ImageSet = io.read("cameras")?;
         let options = nerf::RenderOptions { supersample: self.supersample, ..Default::default() };
+        // Renders of an opaque scene's own views are opaque; a path may lead the camera past what the scene has.
+        let alpha = self.path.is_some() || cameras.views.iter().any(|view| view.alpha.is_some());
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         let mut views = Vec::new();
         for (done, (name, camera)) in path.iter().enumerate() {
             let camera = convert::scaled(camera, self.scale);
-            views.push(convert::rendered_view(name, &camera, nerf::render(&field, &camera, &options)));
+            views.push(convert::rendered_view(name, &camera, nerf::render(&field, &camera, &options), alpha));
             io.progress(done + 1, path.len(), &[])?;
         }
         io.write("images", &ImageSet { views, bounds: cameras.bounds })

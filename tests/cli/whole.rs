@@ -46,6 +46,27 @@ fn a_flight_finds_the_main_job_cached() {
     assert!(orbit.contains(stages), "orbit.ron holds the stages of i3ds.ron, word by word");
 }
 
+/// Before white, where its photos are transparent, an object's field is as good after synchronization as before it.
+#[test]
+fn a_transparent_scene_stays_transparent() {
+    let space = Space::new();
+    let smoke = pipeline("smoke");
+    let settings = [
+        "--set=scene.source=Procedural(world: \"object\", views: 6, size: (64, 64), samples: 1)",
+        "--set=fit.steps=150",
+        "--set=i3ds.sync.steps=60",
+        "--set=i3ds.sync.rate=0.002",
+    ];
+    space.ok(&[&short(&["run", &smoke], &[])[..], &settings].concat());
+    let metrics: Value = serde_json::from_slice(
+        &space.files("out").into_iter().find(|(path, _)| path.ends_with("metrics.json")).unwrap().1,
+    )
+    .unwrap();
+    let psnr = |row: &str| metrics["rows"][row]["mean"]["psnr_hr"].as_f64().unwrap();
+    assert!(psnr("sr_nerf") > psnr("lr_nerf") - 1.0, "{} {}", psnr("sr_nerf"), psnr("lr_nerf"));
+    assert!(psnr("lr_nerf") > 12.0, "{}", psnr("lr_nerf"));
+}
+
 #[test]
 fn the_method_runs_from_photos_to_metrics() {
     let space = Space::new();

@@ -104,23 +104,9 @@ impl TrainView {
 mod tests {
     use super::*;
     use glam::DMat4;
-    use scene::Distortion;
 
     fn view(width: u32, height: u32) -> TrainView {
-        let (fl, near) = (f64::from(width), 1.0);
-        let (cx, cy) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
-        let camera = Camera {
-            width,
-            height,
-            fl_x: fl,
-            fl_y: fl,
-            cx,
-            cy,
-            distortion: Distortion::default(),
-            camera_to_world: DMat4::IDENTITY,
-            near,
-            far: 2.0,
-        };
+        let camera = Camera::centered((width, height), f64::from(width), DMat4::IDENTITY, [1.0, 2.0]);
         TrainView { camera, rgb: vec![0.25; (3 * width * height) as usize], alpha: None, weight: 1.0, supersample: 2 }
     }
 

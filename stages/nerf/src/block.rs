@@ -6,8 +6,9 @@
 use crate::composite;
 use crate::config::FEATURES;
 use crate::exponential::sigmoid;
-use crate::field::{Field, sigma, sigma_backward};
+use crate::field::{Field, sigma_backward};
 use crate::kernels::hash::Positions;
+use crate::look::Look;
 use crate::march::{Segment, march};
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY, Transposed};
 use crate::spherical::harmonics;
@@ -72,22 +73,20 @@ impl FieldGradient {
 pub struct Block {
     positions: Positions,
     rays: Vec<Range<usize>>,
-    kept: Vec<u32>,
+    look: Look,
     t: Vec<f32>,
     dt: Vec<f32>,
-    sigma: Vec<f32>,
     weights: Vec<f32>,
     seen: Vec<Seen>,
     activations: Activations,
-    marched: usize,
 }
 
 impl Block {
     /// What each ray sees. `jitter` shifts a ray's steps by a part of a step.
     pub fn forward(&mut self, field: &Field, segments: &[Segment], jitter: &[f32]) -> &[Seen] {
         self.march(field, segments, jitter);
-        field.density(&self.positions, &mut self.activations);
-        self.cut(field.encoding_width());
+        self.look.along(field, &self.rays, &self.positions, &self.dt, &mut self.activations);
+        self.cut();
         self.color(field, segments);
         self.composite();
         &self.seen
@@ -95,12 +94,12 @@ impl Block {
 
     /// Samples that passed through both networks in the last forward pass.
     pub fn samples(&self) -> usize {
-        self.kept.len()
+        self.look.kept.len()
     }
 
     /// Samples whose density was looked at in the last forward pass.
-    pub fn marched(&self) -> usize {
-        self.marched
+    pub fn looked(&self) -> usize {
+        self.look.looked
     }
 
     fn march(&mut self, field: &Field, segments: &[Segment], jitter: &[f32]) {
@@ -118,29 +117,23 @@ impl Block {
             });
             self.rays.push(first..self.t.len());
         }
-        self.marched = self.t.len();
-        self.positions.pad();
     }
 
-    /// Drops the samples behind the point where a ray ends, and closes the gaps.
-    fn cut(&mut self, features: usize) {
-        let geometry = self.activations.geometry.chunks_exact(GEOMETRY);
-        self.sigma.clear();
-        self.sigma.extend(geometry.take(self.t.len()).map(|row| sigma(row[0])));
-        self.kept.clear();
+    /// Drops the samples that are not seen, and closes the gaps.
+    fn cut(&mut self) {
+        let kept = &self.look.kept;
+        let mut end = 0;
         for ray in &mut self.rays {
-            let first = self.kept.len();
-            let optical_depths = ray.clone().map(|i| self.sigma[i] * self.dt[i]);
-            self.kept.extend((ray.start as u32..).take(composite::visible(optical_depths)));
-            *ray = first..self.kept.len();
+            let first = end;
+            end += kept[first..].iter().take_while(|&&sample| (sample as usize) < ray.end).count();
+            *ray = first..end;
         }
         let [x, y, z] = &mut self.positions.0;
-        for values in [x, y, z, &mut self.t, &mut self.dt, &mut self.sigma] {
-            self.kept.iter().enumerate().for_each(|(to, &from)| values[to] = values[from as usize]);
-            values.truncate(self.kept.len());
+        for values in [x, y, z, &mut self.t, &mut self.dt] {
+            kept.iter().enumerate().for_each(|(to, &from)| values[to] = values[from as usize]);
+            values.truncate(kept.len());
         }
         self.positions.pad();
-        self.activations.keep(&self.kept, features);
     }
 
     fn color(&mut self, field: &Field, segments: &[Segment]) {
@@ -163,7 +156,7 @@ impl Block {
         self.seen.clear();
         for ray in self.rays.iter().cloned() {
             let weights = &mut self.weights[ray.clone()];
-            let transmittance = composite::weights(&self.sigma[ray.clone()], &self.dt[ray.clone()], weights);
+            let transmittance = composite::weights(&self.look.sigma[ray.clone()], &self.dt[ray.clone()], weights);
             let mut seen = Seen { transmittance, ..Seen::default() };
             for i in ray {
                 let weight = self.weights[i];

@@ -8,14 +8,14 @@ use crate::exponential::exp;
 /// A ray is cut where less than this of what lies behind would show.
 pub const CUT: f32 = 1e-4;
 
-/// How many of a ray's samples come before its transmittance falls below [`CUT`]. `depths` are sigma_i dt_i.
-pub fn visible(depths: impl Iterator<Item = f32>) -> usize {
-    let mut optical_depth = 0.0;
+/// How many of a ray's next samples come before its transmittance falls below [`CUT`]. `depths` are their sigma_i dt_i, and
+/// `optical_depth` is the sum over the samples before them, to which those that are seen are added.
+pub fn visible(depths: impl Iterator<Item = f32>, optical_depth: &mut f32) -> usize {
     let limit = -CUT.ln();
     depths
         .take_while(|depth| {
-            let seen = optical_depth <= limit;
-            optical_depth += depth;
+            let seen = *optical_depth <= limit;
+            *optical_depth += depth;
             seen
         })
         .count()
@@ -144,8 +144,10 @@ mod tests {
 
     #[test]
     fn a_wall_hides_what_is_behind_it() {
-        assert_eq!(visible([0.1, 20.0, 0.1, 0.1].into_iter()), 2);
-        assert_eq!(visible([0.1; 4].into_iter()), 4);
-        assert_eq!(visible([5.0; 4].into_iter()), 2, "exp(-10) is below the cut, exp(-5) is not");
+        assert_eq!(visible([0.1, 20.0, 0.1, 0.1].into_iter(), &mut 0.0), 2);
+        assert_eq!(visible([5.0; 4].into_iter(), &mut 0.0), 2, "exp(-10) is below the cut, exp(-5) is not");
+        let mut optical_depth = 0.0;
+        assert_eq!(visible([0.1; 4].into_iter(), &mut optical_depth), 4);
+        assert_eq!(visible([9.0; 4].into_iter(), &mut optical_depth), 1, "what came before counts");
     }
 }

@@ -12,6 +12,7 @@ mod config;
 mod exponential;
 mod field;
 mod kernels;
+mod look;
 mod loss;
 mod march;
 mod network;

@@ -178,16 +178,29 @@ impl Network {
 }
 
 impl Activations {
-    /// Keeps the density pass's rows `rows` (ascending), in order, and pads with zero rows to whole groups of 16.
-    pub fn keep(&mut self, rows: &[u32], features: usize) {
-        for (buffer, width) in
-            [(&mut self.encoding, features), (&mut self.density_hidden, HIDDEN), (&mut self.geometry, GEOMETRY)]
-        {
-            for (to, &from) in rows.iter().enumerate() {
-                buffer.copy_within(from as usize * width..(from as usize + 1) * width, to * width);
-            }
-            buffer.truncate(rows.len() * width);
-            buffer.resize(rows.len().next_multiple_of(16) * width, 0.0);
+    /// Buffers of the density pass and the widths of their rows.
+    fn density_pass(&mut self, features: usize) -> [(&mut Vec<f32>, usize); 3] {
+        let Self { encoding, density_hidden, geometry, .. } = self;
+        [(encoding, features), (density_hidden, HIDDEN), (geometry, GEOMETRY)]
+    }
+
+    /// Forgets a density pass.
+    pub fn clear(&mut self) {
+        self.density_pass(0).into_iter().for_each(|(buffer, _)| buffer.clear());
+    }
+
+    /// Adds rows of another's density pass.
+    pub fn append(&mut self, from: &Self, rows: &[u32], features: usize) {
+        let all = [&from.encoding, &from.density_hidden, &from.geometry];
+        for ((to, width), from) in self.density_pass(features).into_iter().zip(all) {
+            rows.iter().for_each(|&row| to.extend_from_slice(&from[row as usize * width..(row as usize + 1) * width]));
+        }
+    }
+
+    /// Adds zero rows to a density pass up to whole groups of 16.
+    pub fn pad(&mut self, features: usize) {
+        for (buffer, width) in self.density_pass(features) {
+            buffer.resize((buffer.len() / width).next_multiple_of(16) * width, 0.0);
         }
     }
 }
@@ -257,11 +270,15 @@ mod tests {
     }
 
     #[test]
-    fn keeping_rows_moves_them_together() {
-        let mut a = Activations { encoding: vec![1.0, 2.0, 3.0, 4.0], ..Default::default() };
-        a.density_hidden.resize(4 * HIDDEN, 0.0);
-        a.geometry.resize(4 * GEOMETRY, 0.0);
-        a.keep(&[1, 3], 1);
-        assert_eq!((a.encoding.len(), &a.encoding[..3]), (16, &[2.0, 4.0, 0.0][..]));
+    fn appended_rows_stay_together() {
+        let mut from = Activations { encoding: vec![1.0, 2.0, 3.0, 4.0], ..Default::default() };
+        from.density_hidden.resize(4 * HIDDEN, 0.0);
+        from.geometry.resize(4 * GEOMETRY, 0.0);
+        let mut a = Activations::default();
+        a.append(&from, &[3], 1);
+        a.append(&from, &[1, 2], 1);
+        assert_eq!((&a.encoding[..], a.geometry.len()), (&[4.0, 2.0, 3.0][..], 3 * GEOMETRY));
+        a.pad(1);
+        assert_eq!((a.encoding.len(), a.encoding[3]), (16, 0.0));
     }
 }

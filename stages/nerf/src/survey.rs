@@ -100,24 +100,9 @@ mod tests {
     use super::*;
     use crate::config::FieldConfig;
     use glam::DMat4;
-    use scene::Distortion;
 
     fn camera() -> Camera {
-        let size = (16, 12);
-        let (cx, cy) = (8.0, 6.0);
-        let camera_to_world = DMat4::IDENTITY;
-        Camera {
-            width: size.0,
-            height: size.1,
-            fl_x: 16.0,
-            fl_y: 16.0,
-            cx,
-            cy,
-            distortion: Distortion::default(),
-            camera_to_world,
-            near: 1.0,
-            far: 3.0,
-        }
+        Camera::centered((16, 12), 16.0, DMat4::IDENTITY, [1.0, 3.0])
     }
 
     fn field() -> Field {

@@ -109,7 +109,7 @@ struct Contribution {
     squared_error: f64,
     rays: usize,
     samples: usize,
-    marched: usize,
+    looked: usize,
 }
 
 impl Trainer {
@@ -162,7 +162,7 @@ impl Trainer {
         if self.step.is_multiple_of(OCCUPANCY_EVERY) {
             survey::update(&mut self.field, &self.survey_rng);
         }
-        self.pixels = self.next_pixels(stats.samples, parts.iter().map(|part| part.marched).sum());
+        self.pixels = self.next_pixels(stats.samples, parts.iter().map(|part| part.looked).sum());
         self.parts = parts;
         stats
     }
@@ -184,8 +184,8 @@ impl Trainer {
 
     /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts a
     /// quarter of one that is trained on. At most twice or half as many as before.
-    fn next_pixels(&self, samples: usize, marched: usize) -> u32 {
-        let cost = (3 * samples as u64 + marched as u64).max(1);
+    fn next_pixels(&self, samples: usize, looked: usize) -> u32 {
+        let cost = (3 * samples as u64 + looked as u64).max(1);
         let wanted = u64::from(self.pixels) * 4 * u64::from(self.options.samples) / cost;
         let near = wanted.clamp(u64::from(self.pixels / 2), u64::from(self.pixels) * 2) as u32;
         self.within_limits(near.next_multiple_of(PIXELS[1]))
@@ -239,7 +239,7 @@ impl Trainer {
         part.squared_error += squared_error;
         part.rays += segments.len();
         part.samples += block.samples();
-        part.marched += block.marched();
+        part.looked += block.looked();
     }
 
     /// The strengths per ray, so that their sum over a batch does not depend on its size.

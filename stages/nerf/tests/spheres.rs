@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use nerf::{Field, FieldConfig, RenderOptions, TrainOptions, TrainView, Trainer, render};
-use scene::{Camera, Distortion};
+use scene::Camera;
 
 const BOUNDS: [[f32; 3]; 2] = [[-1.0; 3], [1.0; 3]];
 const SPHERES: [([f64; 3], f64, [f32; 3]); 2] =
@@ -13,21 +13,7 @@ const SPHERES: [([f64; 3], f64, [f32; 3]); 2] =
 
 fn camera(angle: f64, size: u32) -> Camera {
     let position = DVec3::new(3.0 * angle.sin(), 0.8, 3.0 * angle.cos());
-    let (width, height, fl) = (size, size, 1.6 * f64::from(size));
-    let (cx, cy) = (f64::from(size) / 2.0, f64::from(size) / 2.0);
-    let camera_to_world = Camera::look_at(position, DVec3::ZERO);
-    Camera {
-        width,
-        height,
-        fl_x: fl,
-        fl_y: fl,
-        cx,
-        cy,
-        distortion: Distortion::default(),
-        camera_to_world,
-        near: 1.0,
-        far: 6.0,
-    }
+    Camera::centered((size, size), 1.6 * f64::from(size), Camera::look_at(position, DVec3::ZERO), [1.0, 6.0])
 }
 
 /// Distance and colour of the nearest sphere on a ray.

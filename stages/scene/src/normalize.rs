@@ -30,21 +30,9 @@ pub(crate) fn average_pose(cameras: &[Camera]) -> DMat4 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Distortion;
 
     fn camera(position: DVec3, target: DVec3, near: f64) -> Camera {
-        Camera {
-            width: 40,
-            height: 30,
-            fl_x: 50.0,
-            fl_y: 50.0,
-            cx: 20.0,
-            cy: 15.0,
-            distortion: Distortion::default(),
-            camera_to_world: Camera::look_at(position, target),
-            near,
-            far: 9.0 * near,
-        }
+        Camera::centered((40, 30), 50.0, Camera::look_at(position, target), [near, 9.0 * near])
     }
 
     fn arc() -> Vec<Camera> {

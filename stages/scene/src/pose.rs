@@ -100,21 +100,9 @@ pub(crate) fn hull(cameras: &[Camera]) -> [[f64; 3]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Distortion;
 
     fn looking(position: DVec3, target: DVec3) -> Camera {
-        Camera {
-            width: 40,
-            height: 30,
-            fl_x: 50.0,
-            fl_y: 50.0,
-            cx: 20.0,
-            cy: 15.0,
-            distortion: Distortion::default(),
-            camera_to_world: Camera::look_at(position, target),
-            near: 0.0,
-            far: 1.0,
-        }
+        Camera::centered((40, 30), 50.0, Camera::look_at(position, target), [0.0, 1.0])
     }
 
     #[test]

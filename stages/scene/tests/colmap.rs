@@ -126,11 +126,13 @@ fn without_points_or_some_photos_the_rest_is_read_and_noted() {
     let folder = written(&binary(), "bin");
     std::fs::remove_file(folder.path().join("sparse/0/points3D.bin")).unwrap();
     std::fs::remove_file(folder.path().join("images/photo 1.png")).unwrap();
+    std::fs::write(folder.path().join("sparse/0/rigs.bin"), "what newer versions add").unwrap();
     let scene = colmap(folder.path(), None, None).unwrap();
     assert_eq!(scene.photos.len(), 2);
     let notes = scene.notes.join("\n");
     assert!(notes.contains("1 of 3 photos are missing, such as photo 1.png"), "{notes}");
     assert!(notes.contains("no sparse points"), "{notes}");
+    assert!(notes.contains("rigs.bin: not read"), "{notes}");
 }
 
 #[test]

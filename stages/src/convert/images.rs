@@ -64,6 +64,12 @@ pub fn signed_array(view: &View, device: &Device) -> Array {
     planes(&values, view, device)
 }
 
+/// [1, 1, H, W], coverage from 0 to 1.
+pub fn alpha_array(view: &View, device: &Device) -> Option<Array> {
+    let (h, w) = (view.camera.height as usize, view.camera.width as usize);
+    view.alpha.as_ref().map(|alpha| device.array(&[1, 1, h, w], alpha.clone()))
+}
+
 fn planes(interleaved: &[f32], view: &View, device: &Device) -> Array {
     let (h, w) = (view.camera.height as usize, view.camera.width as usize);
     let values = (0..3).flat_map(|c| interleaved.iter().skip(c).step_by(3).copied()).collect();
@@ -77,14 +83,23 @@ pub fn pixels(image: &Array) -> Vec<f32> {
     (0..plane).flat_map(|i| [values[i], values[plane + i], values[2 * plane + i]]).collect()
 }
 
-/// Interleaved scene-linear colours of an sRGB-encoded array; what lies outside 0 to 1 is clipped.
-pub fn linear_pixels(image: &Array) -> Vec<f32> {
-    pixels(image).iter().map(|x| srgb_to_linear(x.clamp(0.0, 1.0))).collect()
+/// Colours for disk of an sRGB-encoded array before black, of which `alpha` is in front of it; what lies outside 0 to 1 is
+/// clipped.
+pub fn disk_pixels(image: &Array, alpha: Option<&[f32]>) -> Vec<f32> {
+    premultiplied_linear(&straight(pixels(image), alpha), alpha)
 }
 
 /// The same for an array in -1 to 1.
-pub fn linear_pixels_of_signed(image: &Array) -> Vec<f32> {
-    pixels(image).iter().map(|x| srgb_to_linear((0.5 * x + 0.5).clamp(0.0, 1.0))).collect()
+pub fn disk_pixels_of_signed(image: &Array, alpha: Option<&[f32]>) -> Vec<f32> {
+    let before_black = pixels(image).iter().map(|x| 0.5 * x + 0.5).collect();
+    premultiplied_linear(&straight(before_black, alpha), alpha)
+}
+
+/// What gives these colours when `alpha` of it is in front of black.
+fn straight(before_black: Vec<f32>, alpha: Option<&[f32]>) -> Vec<f32> {
+    let part = |i: usize| alpha.map_or(1.0, |alpha| alpha[i / 3]);
+    let straight = |(i, x): (usize, f32)| if part(i) > 0.0 { (x / part(i)).clamp(0.0, 1.0) } else { 0.0 };
+    before_black.into_iter().enumerate().map(straight).collect()
 }
 
 /// A photo for disk.
@@ -103,16 +118,14 @@ pub fn view_photo(view: &View) -> Photo {
     Photo { name: view.name.clone(), camera: camera(&view.camera), rgb: straight_srgb(view), alpha: view.alpha.clone() }
 }
 
-/// A rendered image (before black) for disk, with opacity and depth.
-pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered) -> View {
-    let part = |i: usize| rendered.opacity[i / 3];
-    let straight = |(i, x): (usize, &f32)| if part(i) > 0.0 { (x / part(i)).clamp(0.0, 1.0) } else { 0.0 };
-    let straight: Vec<f32> = rendered.rgb.iter().enumerate().map(straight).collect();
+/// A rendered image (before black) for disk, with depth; `alpha` says whether it keeps its opacity.
+pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: bool) -> View {
+    let alpha = alpha.then_some(rendered.opacity);
     View {
         name: name.to_owned(),
         camera: disk_camera(camera),
-        rgb: premultiplied_linear(&straight, Some(&rendered.opacity)),
-        alpha: Some(rendered.opacity),
+        rgb: premultiplied_linear(&straight(rendered.rgb, alpha.as_deref()), alpha.as_deref()),
+        alpha,
         depth: Some(rendered.depth),
     }
 }

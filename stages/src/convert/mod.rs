@@ -9,8 +9,8 @@ mod tests;
 
 pub use cameras::{camera, disk_camera, scaled};
 pub use images::{
-    linear_array, linear_pixels, linear_pixels_of_signed, photo_view, pixels, rendered_view, signed_array, srgb,
-    srgb_array, srgb_before, train_view, view_named, view_photo,
+    alpha_array, disk_pixels, disk_pixels_of_signed, linear_array, photo_view, pixels, rendered_view, signed_array,
+    srgb, srgb_array, srgb_before, train_view, view_named, view_photo,
 };
 pub use optimization::{optimization_checkpoint, optimization_state};
 pub use tensors::{disk_field, field, latent_array, latent_named, lora, tensor};

@@ -26,8 +26,15 @@ fn colours_come_back_from_planes_and_from_srgb() {
     let (view, device) = (view(), Device::cpu());
     assert_eq!(srgb_array(&view, &device).shape(), [1, 3, 3, 2]);
     assert_eq!(pixels(&linear_array(&view, &device)), view.rgb);
-    for back in [linear_pixels(&srgb_array(&view, &device)), linear_pixels_of_signed(&signed_array(&view, &device))] {
-        assert!(back.iter().zip(&view.rgb).all(|(a, b)| (a - b).abs() < 1e-6), "{back:?}");
+    let transparent = View { alpha: Some(vec![1.0, 0.5, 0.25, 1.0, 0.9, 1.0]), ..view.clone() };
+    // Colours are multiplied by alpha: none is brighter.
+    let rgb = view.rgb.iter().enumerate().map(|(i, x)| x * transparent.alpha.as_ref().unwrap()[i / 3]).collect();
+    for view in [view, View { rgb, ..transparent }] {
+        let alpha = view.alpha.as_deref();
+        let signed = signed_array(&view, &device);
+        for back in [disk_pixels(&srgb_array(&view, &device), alpha), disk_pixels_of_signed(&signed, alpha)] {
+            assert!(back.iter().zip(&view.rgb).all(|(a, b)| (a - b).abs() < 1e-6), "{back:?}");
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Hands a task to `reference.py` as files and reads its answer. Knows file formats, and nothing of either renderer.
 
 use crate::{Outcome, Task};
-use nerf::{Field, Space, TrainView, Trainer};
+use nerf::{Field, Space, Trainer};
 use scene::Photo;
 use serde_json::json;
 use std::error::Error;
@@ -33,7 +33,7 @@ fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
     let space = Space::new(task.bounds);
     for (name, photos) in [("train", &task.train), ("test", &task.test)] {
         floats(&folder.join(format!("{name}.rays.f32")), photos.iter().flat_map(|photo| rays(&space, photo)))?;
-        floats(&folder.join(format!("{name}.rgb.f32")), photos.iter().flat_map(|photo| photo.rgb.iter().copied()))?;
+        floats(&folder.join(format!("{name}.rgba.f32")), photos.iter().flat_map(rgba))?;
     }
     let (size, occupancy) = fresh_occupancy(task);
     floats(&folder.join("occupancy.f32"), occupancy)?;
@@ -41,7 +41,7 @@ fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
     let levels: Vec<_> = task.config.levels(space.extent).iter().map(level).collect();
     let scene = json!({
         "config": task.config, "options": task.options, "levels": levels, "occupancy_size": size,
-        "test_views": task.test.len(), "marks": task.marks,
+        "test_views": task.test.len(), "background": task.background, "marks": task.marks,
     });
     Ok(std::fs::write(folder.join("scene.json"), scene.to_string())?)
 }
@@ -60,17 +60,19 @@ fn rays(space: &Space, photo: &Photo) -> Vec<f32> {
     (0..camera.width * camera.height).flat_map(ray).collect()
 }
 
+/// Colours and coverage, pixel by pixel.
+fn rgba(photo: &Photo) -> impl Iterator<Item = f32> + '_ {
+    let pixel = |(i, rgb): (usize, &[f32; 3])| {
+        let [r, g, b] = *rgb;
+        [r, g, b, photo.alpha.as_ref().map_or(1.0, |alpha| alpha[i])]
+    };
+    photo.rgb.as_chunks().0.iter().enumerate().flat_map(pixel)
+}
+
 /// The occupancy grid before training: where no camera looks, it is negative.
 fn fresh_occupancy(task: &Task) -> (Vec<usize>, Vec<f32>) {
-    let view = |photo: &Photo| TrainView {
-        camera: photo.camera.clone(),
-        rgb: photo.rgb.clone(),
-        alpha: None,
-        weight: 1.0,
-        supersample: 1,
-    };
     let field = Field::new(&task.config, task.bounds, 0);
-    let trainer = Trainer::new(field, task.train.iter().map(view).collect(), &task.options, 0);
+    let trainer = Trainer::new(field, task.views(), &task.options, 0);
     let (shape, values) = trainer.field().tensors().remove("occupancy").unwrap_or_default();
     (shape.into_iter().rev().collect(), values)
 }

@@ -5,14 +5,19 @@
 
 mod curve;
 mod exchange;
+mod task;
 
 use metrics::Image;
-use nerf::{Field, FieldConfig, RenderOptions, TrainOptions, TrainView, Trainer, render};
-use scene::{Photo, Reduction, downscale, llff, split_holdout, still_life};
+use nerf::{Field, RenderOptions, Trainer, render};
+use rustix::time::{ClockId, clock_gettime};
+use scene::Photo;
 use serde::Deserialize;
 use std::error::Error;
-use std::path::Path;
 use std::time::Instant;
+use task::Task;
+
+/// Threads of either program.
+const THREADS: usize = 2;
 
 /// What was measured after so many steps.
 #[derive(Clone, Copy, Deserialize)]
@@ -21,6 +26,8 @@ pub struct Mark {
     pub step: u32,
     /// Seconds of training so far, without evaluations.
     pub seconds: f64,
+    /// Processor seconds of training so far, of all threads.
+    pub processor_seconds: f64,
     /// Samples trained on so far.
     pub samples: usize,
     /// Mean PSNR of the held-out views.
@@ -34,25 +41,9 @@ pub struct Mark {
 /// What was measured along the way, and the last images of the held-out views.
 pub type Outcome = (Vec<Mark>, Vec<Vec<f32>>);
 
-/// The photos of a run, and how the field is trained on them.
-pub struct Task {
-    /// Photos to train on.
-    pub train: Vec<Photo>,
-    /// Held-out photos.
-    pub test: Vec<Photo>,
-    /// The scene box.
-    pub bounds: [[f32; 3]; 2],
-    /// The shape of the field.
-    pub config: FieldConfig,
-    /// How to train.
-    pub options: TrainOptions,
-    /// Steps after which the held-out views are looked at.
-    pub marks: Vec<u32>,
-}
-
 fn main() -> Result<(), Box<dyn Error>> {
-    rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
-    let task = task(std::env::args().skip(1).filter(|argument| argument != "--bench"))?;
+    rayon::ThreadPoolBuilder::new().num_threads(THREADS).build_global()?;
+    let task = Task::new(std::env::args().skip(1).filter(|argument| argument != "--bench"))?;
     let (ours, images) = train(&task);
     report("ours", &ours, ssim(&task, &images));
     let Some(python) = std::env::var_os("PYTHON").filter(|python| !python.is_empty()) else { return Ok(()) };
@@ -65,60 +56,38 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn task(mut arguments: impl Iterator<Item = String>) -> Result<Task, Box<dyn Error>> {
-    let source = arguments.next().unwrap_or("still_life".into());
-    let (mut config, mut options) = (FieldConfig::default(), TrainOptions { steps: 400, ..TrainOptions::default() });
-    for argument in arguments {
-        let (name, value) = argument.split_once('=').ok_or("settings look like name=value")?;
-        match name {
-            "steps" => options.steps = value.parse()?,
-            "samples" => options.samples = value.parse()?,
-            "table" => config.log2_table = value.parse()?,
-            _ => return Err(format!("no setting is called {name}").into()),
-        }
-    }
-    let (scene, factor) = match source.as_str() {
-        "still_life" => (still_life(24, (256, 192), 2, 0), 2),
-        folder => (llff(Path::new(folder), Some("images_4"), Some((252, 189)))?, 1),
-    };
-    let small = |photo: &Photo| downscale(photo, factor, Reduction::Area);
-    let (train, test) = split_holdout(scene.photos.iter().map(small).collect::<Result<Vec<_>, _>>()?, 8);
-    let marks = (1..=8).map(|i| options.steps * i * i / 64).collect();
-    Ok(Task { train, test, bounds: scene.bounds.map(|corner| corner.map(|x| x as f32)), config, options, marks })
-}
-
 /// Trains, stopping the clock at every mark to look at the held-out views; returns the last of those looks too.
 fn train(task: &Task) -> Outcome {
-    let view = |photo: &Photo| TrainView {
-        camera: photo.camera.clone(),
-        rgb: photo.rgb.clone(),
-        alpha: photo.alpha.clone(),
-        weight: 1.0,
-        supersample: 1,
-    };
     let field = Field::new(&task.config, task.bounds, 0);
-    let mut trainer = Trainer::new(field, task.train.iter().map(view).collect(), &task.options, 0);
-    let (mut marks, mut images, mut seconds, mut samples) = (vec![], vec![], 0.0, 0);
+    let mut trainer = Trainer::new(field, task.views(), &task.options, 0);
+    let options = RenderOptions { background: task.background, ..RenderOptions::default() };
+    let (mut marks, mut images, mut samples) = (vec![], vec![], 0);
+    let (mut seconds, mut processor_seconds) = (0.0, 0.0);
     for step in 1..=task.options.steps {
-        let start = Instant::now();
+        let (start, work) = (Instant::now(), processor());
         samples += trainer.step().samples;
         seconds += start.elapsed().as_secs_f64();
+        processor_seconds += processor() - work;
         if task.marks.contains(&step) {
             let start = Instant::now();
-            let looks: Vec<_> = task
-                .test
-                .iter()
-                .map(|photo| render(trainer.field(), &photo.camera, &RenderOptions::default()))
-                .collect();
+            let looks: Vec<_> =
+                task.test.iter().map(|photo| render(trainer.field(), &photo.camera, &options)).collect();
             let rendering = start.elapsed().as_secs_f64();
             let rays: usize = looks.iter().map(|look| look.depth.len()).sum();
             let rendered: usize = looks.iter().map(|look| look.samples).sum();
             images = looks.into_iter().map(|look| look.rgb).collect();
             let (rays_a_second, samples_a_second) = (rays as f64 / rendering, rendered as f64 / rendering);
-            marks.push(Mark { step, seconds, samples, psnr: psnr(task, &images), rays_a_second, samples_a_second });
+            let psnr = psnr(task, &images);
+            marks.push(Mark { step, seconds, processor_seconds, samples, psnr, rays_a_second, samples_a_second });
         }
     }
     (marks, images)
+}
+
+/// Processor seconds that this process has taken.
+fn processor() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 fn image<'a>(photo: &Photo, rgb: &'a [f32]) -> Image<'a> {
@@ -140,11 +109,14 @@ fn report(name: &str, marks: &[Mark], ssim: f64) {
     for mark in marks {
         let million = |x: f64| x / 1e6;
         println!(
-            "  step {:5} {:7.2} s  {:.2} dB  trained {:.3}, rendered {:.3} million samples/s, {:.3} million rays/s",
+            "  step {:5} {:7.1} s, {:7.1} s of processors  {:.2} dB  {:.1} million samples, {:.3} million/s a processor; \
+             rendered {:.3} million samples/s, {:.3} million rays/s",
             mark.step,
             mark.seconds,
+            mark.processor_seconds,
             mark.psnr,
-            million(mark.samples as f64 / mark.seconds),
+            million(mark.samples as f64),
+            million(mark.samples as f64 / mark.processor_seconds),
             million(mark.samples_a_second),
             million(mark.rays_a_second),
         );

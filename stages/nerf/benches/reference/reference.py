@@ -204,7 +204,7 @@ def read(folder):
     load = lambda name, shape: torch.from_numpy(numpy.fromfile(folder / name, "<f4").reshape(shape).copy())
     scene["occupancy"] = load("occupancy.f32", scene["occupancy_size"][::-1])
     for part in ("train", "test"):
-        scene[part] = load(f"{part}.rays.f32", (-1, 8)), load(f"{part}.rgb.f32", (-1, 3))
+        scene[part] = load(f"{part}.rays.f32", (-1, 8)), load(f"{part}.rgba.f32", (-1, 4))
     return scene
 
 
@@ -216,14 +216,15 @@ def rate(step, steps):
 @torch.no_grad()
 def evaluate(renderer, scene):
     """Mean PSNR of the held-out views, rays and samples rendered a second, and the views."""
-    rays, rgb = scene["test"]
+    rays, rgba = scene["test"]
+    background = torch.tensor(scene["background"])
     start, samples, images = time.perf_counter(), 0, []
     for part in rays.split(4096):
-        color, count = renderer(part, torch.zeros(len(part)), torch.zeros(3))
+        color, count = renderer(part, torch.zeros(len(part)), background)
         images.append(color)
         samples += count
     seconds = time.perf_counter() - start
-    error = (torch.cat(images).clamp(0, 1) - rgb).square().view(scene["test_views"], -1).mean(1)
+    error = (torch.cat(images).clamp(0, 1) - rgba[:, :3]).square().view(scene["test_views"], -1).mean(1)
     return (-10 * error.log10()).mean().item(), len(rays) / seconds, samples / seconds, torch.cat(images)
 
 
@@ -233,7 +234,7 @@ def main():
     folder = Path(sys.argv[1])
     scene = read(folder)
     renderer = Renderer(scene)
-    rays, rgb = scene["train"]
+    rays, rgba = scene["train"]
     options, field = scene["options"], renderer.field
     # AdamW's decay is not L2: Adam's is, and on matrices only, as in nerfacc and instant-ngp.
     groups = [
@@ -241,15 +242,16 @@ def main():
         {"params": [*field.density_net.parameters(), *field.color_net.parameters()], "weight_decay": options["l2"]},
     ]
     adam = torch.optim.Adam(groups, lr=options["rate"], betas=(0.9, 0.99), eps=1e-15, fused=True)
-    count, samples, seconds = 256, 0, 0.0
+    count, samples, seconds, processor_seconds = 256, 0, 0.0, 0.0
     for step in range(options["steps"]):
-        start = time.perf_counter()
+        start, work = time.perf_counter(), time.process_time()
         for group in adam.param_groups:
             group["lr"] = options["rate"] * rate(step, options["steps"])
         pick = torch.randint(len(rays), (count,))
         background = torch.rand(count, 3)
         color, kept = renderer(rays[pick], torch.rand(count), background)
-        loss = nn.functional.smooth_l1_loss(color, rgb[pick])
+        rgb, alpha = rgba[pick].split((3, 1), 1)
+        loss = nn.functional.smooth_l1_loss(color, alpha * rgb + (1 - alpha) * background)
         adam.zero_grad()
         loss.backward()
         adam.step()
@@ -258,10 +260,11 @@ def main():
         samples += kept
         count = min(max(int(count * options["samples"] / max(kept, 1)), 16), 1 << 16)
         seconds += time.perf_counter() - start
+        processor_seconds += time.process_time() - work
         if step + 1 in scene["marks"]:
             psnr, rays_a_second, samples_a_second, image = evaluate(renderer, scene)
             print(json.dumps({
-                "step": step + 1, "seconds": seconds, "samples": samples, "psnr": psnr,
+                "step": step + 1, "seconds": seconds, "processor_seconds": processor_seconds, "samples": samples, "psnr": psnr,
                 "rays_a_second": rays_a_second, "samples_a_second": samples_a_second,
             }), flush=True)
     image.numpy().astype("<f4").tofile(folder / "reference.f32")

@@ -47,6 +47,13 @@ impl Positions {
         self.0.iter_mut().zip(&more.0).for_each(|(axis, more)| axis.extend_from_slice(more));
     }
 
+    /// Adds those of `from` with these indices.
+    pub fn gather(&mut self, from: &Self, indices: &[u32]) {
+        for (axis, from) in self.0.iter_mut().zip(&from.0) {
+            axis.extend(indices.iter().map(|&index| from[index as usize]));
+        }
+    }
+
     /// Forgets all positions.
     pub fn clear(&mut self) {
         self.0.iter_mut().for_each(Vec::clear);

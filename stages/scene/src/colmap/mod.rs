@@ -2,7 +2,7 @@
 //!
 //! Near and far of a photo are percentiles of the depths of the sparse points found in it, as LLFF's are; the scene box is the
 //! hull of all frusta between them, and coordinates are those of LLFF scenes (`docs/conventions.md`). Rigs and frames, of
-//! which newer versions write files as well, are not needed: every image has its own pose.
+//! which newer versions write files as well, are noted and passed over: every image has its own pose.
 
 mod binary;
 mod model;
@@ -22,6 +22,8 @@ use model::Model;
 const PLACES: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
 /// The files of a reconstruction, without extension.
 const FILES: [&str; 3] = ["cameras", "images", "points3D"];
+/// Files of newer versions that are not read.
+const PASSED_OVER: [&str; 2] = ["rigs", "frames"];
 /// Depths below and above these percentiles are taken for mistakes, as in LLFF.
 const PERCENTILES: [f64; 2] = [0.1, 99.9];
 /// Fewer points in a photo say nothing about its near and far.
@@ -78,7 +80,8 @@ fn survey(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Resu
     source_files::check_size(folder, size)?;
     let (sources, model) = read_model(folder)?;
     let photos = llff_files::choose_images(folder, images, size)?;
-    let mut survey = Survey { sources, photos: Vec::new(), notes: Vec::new() };
+    let notes = passed_over(&sources[0]);
+    let mut survey = Survey { sources, photos: Vec::new(), notes };
     let depths = depths(&model);
     let guess = widest(depths.values().copied());
     let entries: Vec<_> = model.images.iter().collect();
@@ -109,6 +112,18 @@ fn survey(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Resu
         guess_depths(&mut survey);
     }
     Ok(survey)
+}
+
+/// What lies beside the file of cameras and is not read.
+fn passed_over(cameras: &Path) -> Vec<String> {
+    let files =
+        PASSED_OVER.map(|name| cameras.with_file_name(name).with_extension(cameras.extension().unwrap_or_default()));
+    let names: Vec<_> =
+        files.iter().filter(|file| file.is_file()).filter_map(|file| file.file_name()?.to_str()).collect();
+    match names.is_empty() {
+        true => Vec::new(),
+        false => vec![format!("{}: not read, since every image has its own pose", names.join(" and "))],
+    }
 }
 
 fn guess_depths(survey: &mut Survey) {

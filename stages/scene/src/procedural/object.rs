@@ -5,7 +5,7 @@ use glam::{DMat4, DVec3, DVec4};
 
 use super::light::Lights;
 use super::{photograph, sculpture};
-use crate::{Camera, Distortion, Photo, SceneData};
+use crate::{Camera, Photo, SceneData};
 
 /// The cameras' distance from the origin and their field of view across, those of NeRF-synthetic.
 const DISTANCE: f64 = 4.031128874;
@@ -65,16 +65,5 @@ fn direction(turn: f64, height: f64) -> DVec3 {
 
 fn camera(from: DVec3, (width, height): (u32, u32)) -> Camera {
     let focal = 0.5 * f64::from(width.min(height)) / (0.5 * FIELD_OF_VIEW).tan();
-    Camera {
-        width,
-        height,
-        fl_x: focal,
-        fl_y: focal,
-        cx: f64::from(width) / 2.0,
-        cy: f64::from(height) / 2.0,
-        distortion: Distortion::default(),
-        camera_to_world: Camera::look_at(DISTANCE * from, DVec3::ZERO),
-        near: 0.0,
-        far: f64::INFINITY,
-    }
+    Camera::centered((width, height), focal, Camera::look_at(DISTANCE * from, DVec3::ZERO), [0.0, f64::INFINITY])
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::light::Lights;
 use super::{photograph, table};
-use crate::{Camera, Distortion, SceneData};
+use crate::{Camera, SceneData};
 
 /// What the cameras look at, and from how far.
 const TARGET: DVec3 = DVec3::new(0.0, 0.44, -0.3);
@@ -49,18 +49,7 @@ fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Came
     let distance = DISTANCE + 0.1 * jitter(2);
     let position = TARGET + DVec3::new(distance * angle.sin(), raised, distance * angle.cos());
     let focal = FOCAL * f64::from(width).max(f64::from(height) * 4.0 / 3.0);
-    Camera {
-        width,
-        height,
-        fl_x: focal,
-        fl_y: focal,
-        cx: f64::from(width) / 2.0,
-        cy: f64::from(height) / 2.0,
-        distortion: Distortion::default(),
-        camera_to_world: Camera::look_at(position, TARGET),
-        near: 0.0,
-        far: f64::INFINITY,
-    }
+    Camera::centered((width, height), focal, Camera::look_at(position, TARGET), [0.0, f64::INFINITY])
 }
 
 #[cfg(test)]

@@ -1,0 +1,127 @@
+//! What a run trains on and is judged by: photos, the shape of the field, and settings from the command line. Knows nothing
+//! of training.
+
+use nerf::{FieldConfig, TrainOptions, TrainView};
+use scene::{
+    Photo, Reduction, SceneData, TransformsOptions, downscale, llff, object, split_holdout, still_life, transforms,
+    write_transforms,
+};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::{Map, Value};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+/// Every so many photos one is held out, where the scene sets none aside.
+const HOLDOUT: usize = 8;
+/// Side and number of the photos of `object`, as NeRF-synthetic's at half their size.
+const OBJECT: (u32, u32) = (400, 100);
+
+/// The photos of a run, and how the field is trained on them.
+pub struct Task {
+    /// Photos to train on.
+    pub train: Vec<Photo>,
+    /// Held-out photos, before [`Task::background`] where they are transparent.
+    pub test: Vec<Photo>,
+    /// What is behind held-out photos: white for photos with alpha, as NeRF-synthetic has it, else black.
+    pub background: [f32; 3],
+    /// The scene box.
+    pub bounds: [[f32; 3]; 2],
+    /// The shape of the field.
+    pub config: FieldConfig,
+    /// How to train.
+    pub options: TrainOptions,
+    /// Steps after which the held-out views are looked at.
+    pub marks: Vec<u32>,
+}
+
+impl Task {
+    /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`, `width=PIXELS` (of photos from
+    /// elsewhere) or `looks=COUNT` (at the held-out views).
+    pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
+        let source = arguments.next().unwrap_or("still_life".into());
+        let (mut field, mut train, mut width, mut looks) = (Map::new(), Map::new(), 252, 8);
+        train.insert("steps".into(), 400.into());
+        for argument in arguments {
+            let (name, value) = argument.split_once('=').ok_or("settings look like name=value")?;
+            match (name.split_once('.'), name) {
+                (Some(("field", name)), _) => _ = field.insert(name.into(), value.parse()?),
+                (Some(("train", name)), _) => _ = train.insert(name.into(), value.parse()?),
+                (_, "width") => width = value.parse()?,
+                (_, "looks") => looks = value.parse()?,
+                _ => return Err(format!("no setting is called {name}").into()),
+            }
+        }
+        let scene = read(&source, width)?;
+        let (config, options): (FieldConfig, TrainOptions) = (set(field)?, set(train)?);
+        config.check()?;
+        let (train, test) = match scene.test.is_empty() {
+            true => split_holdout(scene.photos, HOLDOUT),
+            false => (scene.photos, scene.test),
+        };
+        let background = if test.iter().any(|photo| photo.alpha.is_some()) { [1.0; 3] } else { [0.0; 3] };
+        let test = test.into_iter().map(|photo| before(photo, background)).collect();
+        let marks = (1..=looks).map(|i| options.steps * i * i / (looks * looks)).collect();
+        let bounds = scene.bounds.map(|corner| corner.map(|x| x as f32));
+        Ok(Self { train, test, background, bounds, config, options, marks })
+    }
+
+    /// The photos as training takes them.
+    pub fn views(&self) -> Vec<TrainView> {
+        let view = |photo: &Photo| TrainView {
+            camera: photo.camera.clone(),
+            rgb: photo.rgb.clone(),
+            alpha: photo.alpha.clone(),
+            weight: 1.0,
+            supersample: 1,
+        };
+        self.train.iter().map(view).collect()
+    }
+}
+
+/// Defaults with some values replaced.
+fn set<T: Default + Serialize + DeserializeOwned>(values: Map<String, Value>) -> Result<T, serde_json::Error> {
+    let mut all = serde_json::to_value(T::default())?;
+    values.into_iter().for_each(|(name, value)| all[name] = value);
+    serde_json::from_value(all)
+}
+
+fn read(source: &str, width: u32) -> Result<SceneData, Box<dyn Error>> {
+    let folder = Path::new(source);
+    match source {
+        "still_life" => {
+            let mut scene = still_life(24, (256, 192), 2, 0);
+            let small = |photo: &Photo| downscale(photo, 2, Reduction::Area);
+            scene.photos = scene.photos.iter().map(small).collect::<Result<_, _>>()?;
+            Ok(scene)
+        }
+        "object" => Ok(transforms(&object_folder()?, &TransformsOptions::default())?),
+        _ if folder.join("poses_bounds.npy").is_file() => Ok(llff(folder, None, Some((width, width * 3 / 4)))?),
+        _ => {
+            let options = TransformsOptions { size: Some((width, width)), test_every: 8, ..Default::default() };
+            Ok(transforms(folder, &options)?)
+        }
+    }
+}
+
+/// The procedural object in the layout of NeRF-synthetic, drawn when it is not there yet.
+fn object_folder() -> Result<PathBuf, Box<dyn Error>> {
+    let (side, views) = OBJECT;
+    let parent = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let folder = parent.join(format!("object_{side}_{views}"));
+    if !folder.is_dir() {
+        let scene = object(views, (side, side), 2, 0);
+        let fresh = tempfile::tempdir_in(parent)?;
+        write_transforms(fresh.path(), &scene.photos, &scene.test, scene.bounds)?;
+        std::fs::rename(fresh.keep(), &folder)?;
+    }
+    Ok(folder)
+}
+
+/// A photo composited, on encoded values.
+fn before(mut photo: Photo, background: [f32; 3]) -> Photo {
+    let Some(alpha) = photo.alpha.take() else { return photo };
+    for (rgb, alpha) in photo.rgb.as_chunks_mut::<3>().0.iter_mut().zip(alpha) {
+        *rgb = std::array::from_fn(|c| alpha * rgb[c] + (1.0 - alpha) * background[c]);
+    }
+    photo
+}
