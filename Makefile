@@ -5,6 +5,9 @@ CARGO ?= cargo
 ARGS ?=
 # A Python with torch, diffusers, transformers and peft: test-full and bench then put them beside our networks.
 PYTHON ?=
+# The GPU that bench-gpu measures, and its GFLOP/s and GB/s by its data sheet: those of a GeForce RTX 4090.
+GPU ?=
+PEAK ?= 82600,1008
 
 .PHONY: run test test-full test-slurm golden lint doc bench setup clean vulkan
 
@@ -32,6 +35,13 @@ test-tools: setup
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 
+# The GPU's operators under Khronos' validation layer, whose findings are failures.
+.PHONY: test-validation
+test-validation: setup vulkan
+	@ls /usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json >/dev/null 2>&1 || $(MAKE) --no-print-directory install PACKAGE=vulkan-validationlayers FOR="Khronos' validation layer"
+	VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --package compute --test gpu -- --nocapture > $(TARGET)/validation.log 2>&1 || { cat $(TARGET)/validation.log; exit 1; }
+	@! grep -E 'VUID|Validation (Error|Warning)' $(TARGET)/validation.log
+
 # The exported scripts on a Slurm of one node, from Debian's packages, on loopback. Needs root, and leaves nothing running.
 test-slurm: setup
 	$(CARGO) build --release --quiet
@@ -55,6 +65,11 @@ bench: setup
 	PYTHON='$(PYTHON)' CURVE='$(CURDIR)/docs/nerf_psnr.svg' $(CARGO) bench --workspace
 	@[ -z "$(PYTHON)" ] || $(CARGO) build --release --quiet
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/benches/networks.py $(TARGET)/release/srnerf-dag
+
+# The operators on a GPU beside its roofline; GPU=1 names one by the number that `srnerf-dag doctor` gives, PEAK its GFLOP/s and GB/s.
+.PHONY: bench-gpu
+bench-gpu: setup
+	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --package compute --bench gpu
 
 clean:
 	$(CARGO) clean

@@ -25,7 +25,7 @@ pub struct Recipe<'a> {
     pub inputs: &'a BTreeMap<&'static str, Digest>,
     /// What it reads beside them.
     pub sources: &'a [Source],
-    /// The kind of device that it computes on.
+    /// The kind of device that was chosen; only some stages compute on it.
     pub device: &'a str,
     /// The user's own word, which sets a whole set of results apart.
     pub salt: Option<&'a str>,
@@ -106,7 +106,7 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
     sink.entry("version", &node.stage.version().to_string());
     sink.entry("seed", &node.seed.to_string());
     if node.stage.determinism() == Determinism::PerDeviceKind {
-        sink.entry("device", device);
+        sink.entry("device", if node.stage.uses_device() { device } else { "cpu" });
     }
     if let Some(salt) = salt {
         sink.entry("salt", salt);

@@ -30,7 +30,7 @@ use crate::store::result::{Lookup, Record};
 use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
 use crate::store::work::Work;
-use crate::task::{Failure, Task};
+use crate::task::{Failure, Task, device_of};
 pub use board::Outcome;
 use board::{Board, Queued};
 use budget::Budget;
@@ -270,7 +270,8 @@ impl Scheduler<'_> {
         let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
         // Who forces a stage wants all of it computed.
         let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
-        let (key, Self { device, cancelled, checkpoint_every, .. }) = (queued.key, self);
+        let (key, Self { cancelled, checkpoint_every, .. }) = (queued.key, self);
+        let device = device_of(&*node.stage, self.device);
         let checkpoint_every = *checkpoint_every;
         Ok(Task { node, key, work, inputs, device, cancelled, extension, earlier, checkpoint_every, replace })
     }

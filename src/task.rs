@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use artifacts_schema::{ArtifactKind, Digest, Provenance, SchemaError};
 use compute::Device;
-use stages::{Io, Message, StageError};
+use compute::device::attempt;
+use stages::{Io, Message, Stage, StageError};
 
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
@@ -102,7 +103,7 @@ impl Task<'_> {
     }
 
     fn compute(&self, messages: &(dyn Fn(Message) + Sync)) -> Result<(), StageError> {
-        self.node.stage.run(&Io {
+        let io = Io {
             seed: self.node.seed,
             device: self.device,
             inputs: self.inputs.iter().map(|(name, (folder, _))| (name.clone(), folder.clone())).collect(),
@@ -113,7 +114,8 @@ impl Task<'_> {
             provenance: self.provenance(),
             messages,
             cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),
-        })
+        };
+        attempt(|| self.node.stage.run(&io)).unwrap_or_else(|fault| Err(fault.into()))
     }
 
     fn provenance(&self) -> Provenance {
@@ -123,10 +125,17 @@ impl Task<'_> {
             kind: self.node.stage.kind().to_owned(),
             version: self.node.stage.version().to_string(),
             key: self.key.to_string(),
+            device: self.device.kind().to_owned(),
             params: self.node.params.clone(),
             inputs: self.inputs.iter().map(|(name, (_, digest))| (name.clone(), digest.to_string())).collect(),
         }
     }
+}
+
+/// Where a stage computes, if the user chose `chosen`.
+pub fn device_of<'d>(stage: &dyn Stage, chosen: &'d Device) -> &'d Device {
+    static CPU: Device = Device::cpu();
+    if stage.uses_device() { chosen } else { &CPU }
 }
 
 /// What the error of a stage is to the run. That its outputs cannot be written is the store's.

@@ -22,6 +22,9 @@ pub struct Provenance {
     pub version: String,
     /// The stage's key.
     pub key: String,
+    /// The kind of device that computed it: `cpu`, or a GPU's name and driver.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub device: String,
     /// The stage's parameters, defaults filled in.
     pub params: serde_json::Value,
     /// The semantic digests of its inputs, by input name.

@@ -1,6 +1,8 @@
 //! The command line: one file per subcommand. Knows how to print, and leaves deciding to others.
 
+mod device;
 mod diff;
+mod doctor;
 mod explain;
 mod export;
 mod export_ply;
@@ -71,6 +73,8 @@ enum Command {
     Store(store::Store),
     /// Get or check a diffusion model, or ask one of its networks
     Model(model::Model),
+    /// Say which GPUs there are, which one would be used, and whether it computes right
+    Doctor(doctor::Doctor),
 }
 
 impl Cli {
@@ -91,6 +95,7 @@ impl Cli {
             Command::Unpin(unpin) => unpin.run(),
             Command::Store(store) => store.run(self.json),
             Command::Model(model) => model.run(self.json),
+            Command::Doctor(doctor) => doctor.run(self.json),
         };
         match done {
             Ok(()) => OK,

@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use compute::{Device, Precision};
+use compute::device::attempt;
+use compute::{Counts, Device, Precision};
 use diffusion::call::{Asked, Call, Outputs, Part, to_safetensors};
 use diffusion::{ModelSource, TensorFile};
 use serde_json::json;
 
+use super::device;
 use super::output::{print, print_json, size};
 use crate::error::Error;
 
@@ -42,6 +44,9 @@ pub struct Run {
     /// How the UNet multiplies; bf16 is faster where the processor has it, and off by some 2e-3 of a product's norm
     #[arg(long, value_enum, default_value = "f32")]
     precision: PrecisionName,
+    /// Where to compute: auto, cpu, gpu or gpu:N; a GPU multiplies in f32
+    #[arg(long, default_value = "auto")]
+    device: String,
     /// Also print the median time of so many passes, and the peak memory
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     repeat: Option<u32>,
@@ -84,6 +89,15 @@ impl From<PartName> for Part {
     }
 }
 
+/// What a network answered, and what that took.
+struct Answer {
+    outputs: Outputs,
+    bytes: Vec<u8>,
+    /// What the first pass gave a GPU to do, the weights' way to it included.
+    counts: Option<Counts>,
+    times: Option<Times>,
+}
+
 /// Milliseconds, and the process's largest memory in bytes where the system tells.
 struct Times {
     forward: f64,
@@ -94,27 +108,39 @@ struct Times {
 impl Run {
     /// Asks the network, writes its answer, and prints what was asked for.
     pub fn run(self, json: bool) -> Result<(), Error> {
+        let device = device::open(&self.device)?;
+        if device.is_gpu() && matches!(self.precision, PrecisionName::Bf16) {
+            return Err(Error::usage("a GPU multiplies in f32 only", "leave --precision out, or give --device cpu"));
+        }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
         let pool = pool.map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
-        let (outputs, times) = pool.install(|| self.compute())?;
-        write(&self.output, &to_safetensors(&outputs))?;
-        self.report(&outputs, times.as_ref(), json);
+        let computed = pool.install(|| attempt(|| self.compute(&device)));
+        let answer = computed.map_err(|fault| Error::Failed(fault.to_string()))??;
+        write(&self.output, &answer.bytes)?;
+        self.report(&answer, &device, json);
         Ok(())
     }
 
-    fn compute(&self) -> Result<(Outputs, Option<Times>), Error> {
-        let call = self.call()?;
+    fn compute(&self, device: &Device) -> Result<Answer, Error> {
+        let call = self.call(device)?;
+        let before = device.counts();
         let outputs = call.gradients().unwrap_or_else(|| call.forward());
+        let bytes = to_safetensors(&outputs);
+        let counts = device.counts().zip(before).map(|(after, before)| after - before);
+        let pass = |forward_only: bool| {
+            drop(if forward_only { Some(call.forward()) } else { call.gradients() });
+            device.finish();
+        };
         let times = self.repeat.map(|count| Times {
-            forward: median(count, || drop(call.forward())),
-            with_backward: self.target_grad.then(|| median(count, || drop(call.gradients()))),
+            forward: median(count, || pass(true)),
+            with_backward: self.target_grad.then(|| median(count, || pass(false))),
             peak_memory: peak_memory(),
         });
-        Ok((outputs, times))
+        Ok(Answer { outputs, bytes, counts, times })
     }
 
-    fn call(&self) -> Result<Call, Error> {
-        let (source, device) = (ModelSource::Folder(self.model.clone()), Device::cpu());
+    fn call(&self, device: &Device) -> Result<Call, Error> {
+        let source = ModelSource::Folder(self.model.clone());
         let part = Part::from(self.part);
         if (self.lora.is_some() || self.target_grad) && part != Part::Unet {
             return Err(Error::usage("only the UNet has a LoRA and gradients", "give --part unet, or leave them out"));
@@ -123,7 +149,7 @@ impl Run {
             (Some(_), _) if part != Part::Text => {
                 Err(Error::usage("only the text encoder reads a prompt", "give --part text"))
             }
-            (Some(prompt), _) => Ok(Call::prompt(&source, prompt, &device)?),
+            (Some(prompt), _) => Ok(Call::prompt(&source, prompt, device)?),
             (None, Some(input)) => {
                 let asked = Asked {
                     lora: self.lora.as_deref(),
@@ -131,18 +157,20 @@ impl Run {
                     kept: self.keep.saturating_mul(1 << 20),
                     precision: self.precision.into(),
                 };
-                Ok(Call::new(&source, part, &TensorFile::open(input)?, &asked, &device)?)
+                Ok(Call::new(&source, part, &TensorFile::open(input)?, &asked, device)?)
             }
             (None, None) => Err(Error::usage("there is nothing to ask about", "give --input or --prompt")),
         }
     }
 
-    fn report(&self, outputs: &Outputs, times: Option<&Times>, json: bool) {
+    fn report(&self, answer: &Answer, device: &Device, json: bool) {
+        let times = answer.times.as_ref();
         if json {
             let shapes: serde_json::Map<_, _> =
-                outputs.iter().map(|(name, output)| (name.clone(), json!(output.shape()))).collect();
+                answer.outputs.iter().map(|(name, output)| (name.clone(), json!(output.shape()))).collect();
             print_json(&json!({
-                "output": self.output, "tensors": shapes,
+                "output": self.output, "tensors": shapes, "device": device.kind(),
+                "counts": answer.counts.map(device::counts),
                 "forward_ms": times.map(|times| times.forward),
                 "forward_backward_ms": times.and_then(|times| times.with_backward),
                 "peak_memory_bytes": times.and_then(|times| times.peak_memory),

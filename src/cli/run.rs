@@ -75,6 +75,7 @@ impl Run {
                 view.retain(&store, session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?
             }
         }
+        self.tell_device(&session);
         let outcome = self.compute(&context, &session, &view, json)?;
         if let Some(stage) = only {
             self.only.stamp(&session.graph.nodes[stage].name, outcome.records.get(&stage))?;
@@ -96,9 +97,19 @@ impl Run {
         Ok(scheduler.run(progress.as_mut())?)
     }
 
+    /// Says what is computed where, if not all of it is on the CPU.
+    fn tell_device(&self, session: &Session) {
+        if session.device.is_gpu() && self.verbosity() > Verbosity::Quiet {
+            let kind = session.device.kind();
+            eprintln!(
+                "the diffusion networks (Encode, Optimize, Decode) run on the {kind}; all other stages run on the CPU"
+            );
+        }
+    }
+
     fn budget(&self, pool: &rayon::ThreadPool, device: &Device) -> Budget {
         let (threads, memory) = (pool.current_num_threads(), self.memory.unwrap_or_else(memory_limit));
-        Budget { threads, memory, one_on_device: device.kind() != "cpu" }
+        Budget { threads, memory, one_on_device: device.is_gpu() }
     }
 
     fn verbosity(&self) -> Verbosity {

@@ -6,6 +6,7 @@ use std::path::Path;
 use compute::Device;
 use stages::Source;
 
+use super::device;
 use super::options::{Changes, Choice};
 use crate::error::Error;
 use crate::explain::History;
@@ -34,7 +35,7 @@ pub struct Session {
 impl Session {
     /// Reads and checks everything that the options name.
     pub fn new(pipeline: &Path, changes: &Changes, choice: &Choice) -> Result<Self, Error> {
-        let device = device(&changes.device)?;
+        let device = device::open(&changes.device)?;
         let overrides = changes.set.iter().map(|set| Override::read(set)).collect::<Result<Vec<_>, _>>()?;
         let source =
             problem::Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
@@ -88,14 +89,4 @@ fn find(graph: &Graph, names: &[String]) -> Result<BTreeSet<usize>, Error> {
         all.extend(graph.find(name)?);
     }
     Ok(all)
-}
-
-fn device(name: &str) -> Result<Device, Error> {
-    match name.split_once(':').map_or((name, None), |(name, number)| (name, Some(number))) {
-        ("auto" | "cpu", None) => Ok(Device::cpu()),
-        ("gpu", number) if number.is_none_or(|number| number.parse::<usize>().is_ok()) => {
-            Err(Error::usage("this build computes on the CPU only", "leave --device out, or give --device cpu"))
-        }
-        _ => Err(Error::usage(format!("there is no device `{name}`"), "the devices are auto, cpu, gpu and gpu:N")),
-    }
 }

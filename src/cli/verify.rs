@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use artifacts_schema::{Provenance, semantic_digest};
 use clap::Args;
+use compute::device::attempt;
 use serde_json::{Value, json};
 use stages::{Io, Message, StageError};
 
@@ -23,7 +24,7 @@ use crate::progress::{self, Event, Verbosity};
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
 use crate::store::result::{Output, Record};
-use crate::task::panic_text;
+use crate::task::{device_of, panic_text};
 
 /// Options of `verify`.
 #[derive(Args)]
@@ -104,7 +105,7 @@ impl Verify {
             let say = |message: Message| tell(&Event::Said { stage, message: &message });
             let io = Io {
                 seed: context.graph.nodes[at].seed,
-                device: &session.device,
+                device: device_of(&*context.graph.nodes[at].stage, &session.device),
                 inputs,
                 outputs: folder.path().join("out"),
                 scratch: folder.path().join("scratch"),
@@ -126,7 +127,7 @@ impl Verify {
 
 fn compute(context: &Context, at: usize, io: &Io) -> Result<(), Error> {
     let node = &context.graph.nodes[at];
-    match catch_unwind(AssertUnwindSafe(|| node.stage.run(io))) {
+    match catch_unwind(AssertUnwindSafe(|| attempt(|| node.stage.run(io)).unwrap_or_else(|fault| Err(fault.into())))) {
         Ok(Ok(())) => Ok(()),
         Ok(Err(StageError::Cancelled)) => Err(Error::Interrupted),
         Ok(Err(error)) => Err(Error::Failed(format!("{}: {error}", node.name))),

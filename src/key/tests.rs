@@ -62,6 +62,19 @@ fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
     assert_ne!(key(&a, &one, None), key(&a, &one, Some("s")));
 }
 
+#[test]
+fn only_what_computes_on_the_chosen_device_has_it_in_its_key() {
+    for kind in KINDS {
+        let stage = AnyStage::from_parameters(kind, json!({})).unwrap();
+        let params = stage.parameters().unwrap();
+        let node = Node { name: "x".into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() };
+        let key = |device| Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device, salt: None }.key();
+        let depends = ["Encode", "Optimize", "Decode"].contains(kind);
+        assert_eq!(key("cpu") != key("gpu: one"), depends, "{kind}");
+        assert_eq!(key("gpu: one") != key("gpu: another"), depends, "{kind}");
+    }
+}
+
 /// Numbers in spellings that mean the same.
 fn spellings(number: f64) -> [String; 3] {
     [format!("{number:?}"), format!("{number:e}"), format!("+{number:?}")]

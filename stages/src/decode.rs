@@ -155,6 +155,10 @@ impl Stage for Decode {
         &["model"]
     }
 
+    fn uses_device(&self) -> bool {
+        true
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs).computing(self.model.memory(), 30.0)
     }

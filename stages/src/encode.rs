@@ -61,6 +61,10 @@ impl Stage for Encode {
         &["model"]
     }
 
+    fn uses_device(&self) -> bool {
+        true
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs).computing(self.model.memory(), 30.0)
     }

@@ -38,6 +38,9 @@ pub enum StageError {
     /// A model that could not be loaded.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
+    /// A device that failed while the stage computed on it.
+    #[error(transparent)]
+    Device(#[from] compute::GpuError),
     /// Numbers that have grown beyond all bounds. The last checkpoint is from before.
     #[error("the loss is not a number any more after step {step}; a lower `{rate}` should mend it")]
     Diverged {

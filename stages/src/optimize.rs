@@ -172,6 +172,10 @@ impl Stage for Optimize {
         }
     }
 
+    fn uses_device(&self) -> bool {
+        true
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
         Estimate::reading(inputs).computing(self.model.memory(), 0.1 * images)

@@ -139,6 +139,10 @@ pub trait Stage: Send + Sync {
     fn determinism(&self) -> Determinism {
         Determinism::PerDeviceKind
     }
+    /// Whether it computes on the device that the user chose. All others compute on the CPU whatever was chosen.
+    fn uses_device(&self) -> bool {
+        false
+    }
     /// Whether a result of more steps may go on from one of fewer.
     fn extension(&self) -> Extension {
         Extension::None

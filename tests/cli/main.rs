@@ -9,6 +9,7 @@ mod damage_store;
 mod explain;
 mod export;
 mod golden;
+mod gpu;
 mod hub;
 mod mistakes;
 mod model;

@@ -15,7 +15,7 @@ pub fn tiny_x4() -> PathBuf {
 }
 
 /// A tensor's type, shape and bytes.
-type Tensor = (&'static str, Vec<usize>, Vec<u8>);
+pub type Tensor = (&'static str, Vec<usize>, Vec<u8>);
 
 /// Numbers in [-1, 1), others for each seed.
 fn reals(seed: usize, shape: &[usize]) -> Tensor {
@@ -27,7 +27,7 @@ fn wholes(values: &[i64]) -> Tensor {
     ("I64", vec![values.len()], values.iter().flat_map(|value| value.to_le_bytes()).collect())
 }
 
-fn save(path: &Path, tensors: &BTreeMap<&str, Tensor>) {
+pub fn save(path: &Path, tensors: &BTreeMap<&str, Tensor>) {
     let (mut header, mut data) = (serde_json::Map::new(), Vec::new());
     for (name, (dtype, shape, bytes)) in tensors {
         let start = data.len();
@@ -47,7 +47,7 @@ fn shapes(path: &Path) -> BTreeMap<String, Vec<usize>> {
 
 const LORA: &str = "unet.mid_block.attentions.0.transformer_blocks.0.attn1.to_q";
 
-fn inputs() -> BTreeMap<&'static str, Tensor> {
+pub fn inputs() -> BTreeMap<&'static str, Tensor> {
     BTreeMap::from([
         ("sample", reals(1, &[2, 19, 5, 6])),
         ("timestep", wholes(&[500, 20])),
@@ -58,7 +58,7 @@ fn inputs() -> BTreeMap<&'static str, Tensor> {
 }
 
 /// Asks the UNet of tiny-x4 in a folder of its own.
-fn ask(space: &Space, output: &str, more: &[&str]) -> Said {
+pub fn ask(space: &Space, output: &str, more: &[&str]) -> Said {
     let (model, input, output) = (tiny_x4(), space.path("in.safetensors"), space.path(output));
     let [model, input, output] = [&model, &input, &output].map(|path| path.to_str().unwrap());
     let asked = ["model", "run", model, "--part", "unet", "--input", input, "--output", output];

@@ -22,6 +22,7 @@ pub fn provenance() -> Provenance {
         kind: "Render".to_owned(),
         version: "1".to_owned(),
         key: "5f".repeat(32),
+        device: String::new(),
         params: json!({ "steps": 2000, "rate": 0.01, "note": "é 🦀" }),
         inputs: BTreeMap::from([("field".to_owned(), "a0".repeat(32))]),
     }

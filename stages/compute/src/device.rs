@@ -42,7 +42,7 @@ impl Eq for Backend {}
 
 impl Device {
     /// The processor this program runs on.
-    pub fn cpu() -> Device {
+    pub const fn cpu() -> Device {
         Device { backend: Backend::Cpu }
     }
 
@@ -50,6 +50,12 @@ impl Device {
     /// use, such as full memory, unwinds to the nearest [`attempt`].
     pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
         Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index)?)) })
+    }
+
+    /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no such
+    /// hardware, no driver is asked.
+    pub fn auto() -> Device {
+        if gpu::adapter::hardware_is_likely() { Device::gpu(None).unwrap_or(Device::cpu()) } else { Device::cpu() }
     }
 
     pub(crate) fn of(gpu: &Arc<Gpu>) -> Device {

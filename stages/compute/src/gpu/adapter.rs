@@ -38,6 +38,12 @@ pub struct Found {
     pub report: Report,
 }
 
+/// Whether this may be a machine with a GPU of hardware, asked in no time: on Linux, its driver has made a device file.
+pub fn hardware_is_likely() -> bool {
+    const FILES: [&str; 3] = ["/dev/nvidiactl", "/dev/dxg", "/dev/dri/renderD128"];
+    !cfg!(target_os = "linux") || FILES.iter().any(|file| std::path::Path::new(file).exists())
+}
+
 /// The drivers of this machine, through Vulkan, Metal or DX12. Environment variables of wgpu (`WGPU_VALIDATION=1`) count.
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
@@ -57,9 +63,15 @@ pub fn find() -> Result<Vec<Found>, GpuError> {
     Ok(adapters.into_iter().enumerate().map(found).collect())
 }
 
-/// Why no adapter was found, in wgpu's words: whether the loader of the drivers is missing, or drivers are.
+/// Why no adapter was found: whether the loader of the drivers is missing, or drivers are.
 fn absence(instance: &wgpu::Instance) -> String {
     match pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())) {
+        Err(error) if error.to_string().contains("vulkan drivers/libraries could not be loaded") => {
+            "the Vulkan loader cannot be loaded; on Linux it is libvulkan.so.1, which Debian and Ubuntu have in libvulkan1".into()
+        }
+        Err(error) if error.to_string().contains("vulkan found no adapters") => {
+            "the Vulkan loader finds no driver; install that of the GPU, on Debian and Ubuntu for most mesa-vulkan-drivers".into()
+        }
         Err(error) => error.to_string(),
         Ok(_) => "no adapter is listed".into(),
     }

@@ -79,7 +79,7 @@ impl Gpu {
         let work = Work { kernels: Kernels::default(), recorder: Recorder::new(&device), counts: Counts::default() };
         Ok(Gpu {
             kind: format!("gpu: {}, {} {}", report.name, report.backend, report.driver),
-            largest: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
+            largest: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 4 * 4,
             pool: Arc::default(),
             work: Mutex::new(work),
             device,
@@ -138,7 +138,7 @@ impl Gpu {
             let (asked, limit) = (mib(bytes), self.largest >> 20);
             resume_unwind(Box::new(GpuError::TooLarge { asked, limit }));
         }
-        self.pool.take(bytes, writer, |size| self.create(size.min(self.largest)))
+        self.pool.take(bytes, self.largest, writer, |size| self.create(size))
     }
 
     /// New memory; if there is none left, after giving back what is idle.

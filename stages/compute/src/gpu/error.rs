@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GpuError {
     /// No driver offers an adapter.
-    #[error("no GPU was found ({0}); `--device cpu` needs none, and `srnerf-dag doctor` says what is missing")]
+    #[error("no GPU was found: {0}")]
     NoAdapter(String),
     /// There are software adapters only, and none was asked for by its number.
     #[error(

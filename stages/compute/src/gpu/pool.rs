@@ -78,9 +78,17 @@ impl Pool {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A buffer of at least `bytes` with any content; `create` makes one where none is idle.
-    pub fn take(self: &Arc<Self>, bytes: u64, writer: Writer, create: impl FnOnce(u64) -> wgpu::Buffer) -> Buffer {
-        let (bytes, size) = (bytes.next_multiple_of(4).max(4), class(bytes));
+    /// A buffer of at least `bytes`, and at most `largest` where those are no more, with any content; `create` makes one where none is
+    /// idle.
+    pub fn take(
+        self: &Arc<Self>,
+        bytes: u64,
+        largest: u64,
+        writer: Writer,
+        create: impl FnOnce(u64) -> wgpu::Buffer,
+    ) -> Buffer {
+        let bytes = bytes.next_multiple_of(4).max(4);
+        let size = class(bytes).min(largest).max(bytes);
         let raw = self.idle(size, writer).unwrap_or_else(|| create(size));
         self.lock().in_use += raw.size();
         Buffer { raw, bytes, pool: self.clone() }
@@ -119,7 +127,10 @@ mod tests {
     fn a_size_class_wastes_a_quarter_at_most() {
         for bytes in (1..100_000).step_by(37) {
             let size = class(bytes);
-            assert!(size >= bytes && size.is_multiple_of(4) && (size <= 256 || size < bytes + bytes / 4 + 4), "{bytes}: {size}");
+            assert!(
+                size >= bytes && size.is_multiple_of(4) && (size <= 256 || size < bytes + bytes / 4 + 4),
+                "{bytes}: {size}"
+            );
         }
     }
 }

@@ -4,6 +4,7 @@
 
 mod autoencoder;
 mod golden;
+mod gpu;
 mod loading;
 mod mutations;
 mod support;
