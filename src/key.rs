@@ -5,6 +5,7 @@
 //! Knows nothing of the store.
 
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
@@ -53,9 +54,9 @@ impl Manifest {
     pub fn key(&self) -> Digest {
         let mut entries: Vec<(&String, &String)> = self.0.iter().collect();
         entries.sort_by_key(|(path, _)| place(path));
-        let mut hash = Hash::new();
+        let mut hash = Hash::default();
         entries.into_iter().for_each(|(path, text)| hash.entry(path, text));
-        hash.0.finalize().into()
+        hash.digest()
     }
 }
 
@@ -66,19 +67,24 @@ fn place(path: &str) -> (usize, Vec<&str>) {
     (ORDER.iter().position(|name| *name == steps[0]).unwrap_or(ORDER.len()), steps)
 }
 
-/// Hashes entries, each text behind its length.
-struct Hash(blake3::Hasher);
+/// Collects entries for hashing, each text behind its length.
+#[derive(Default)]
+struct Hash(Vec<u8>);
+
+/// Before the first entry: hashing the domain is as much work as a short recipe.
+static NOTHING: LazyLock<blake3::Hasher> = LazyLock::new(|| blake3::Hasher::new_derive_key(DOMAIN));
 
 impl Hash {
-    fn new() -> Self {
-        Self(blake3::Hasher::new_derive_key(DOMAIN))
+    fn digest(&self) -> Digest {
+        NOTHING.clone().update(&self.0).finalize().into()
     }
 }
 
 impl Sink for Hash {
     fn entry(&mut self, path: &str, text: &str) {
         for part in [path, text] {
-            self.0.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
+            self.0.extend_from_slice(&(part.len() as u64).to_le_bytes());
+            self.0.extend_from_slice(part.as_bytes());
         }
     }
 }
@@ -86,9 +92,9 @@ impl Sink for Hash {
 impl Recipe<'_> {
     /// The digest of all entries.
     pub fn key(&self) -> Digest {
-        let mut hash = Hash::new();
+        let mut hash = Hash::default();
         walk(self, &mut hash);
-        hash.0.finalize().into()
+        hash.digest()
     }
 
     /// All entries as text.
@@ -111,12 +117,14 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
     if let Some(salt) = salt {
         sink.entry("salt", salt);
     }
-    let mut params = node.params.clone();
-    if let Some(fields) = params.as_object_mut() {
-        node.stage.inputs().iter().for_each(|port| drop(fields.remove(port.name)));
+    let ports = node.stage.inputs();
+    let is_parameter = |(name, _): &(&String, &Value)| ports.iter().all(|port| port.name != name.as_str());
+    let params: Vec<_> = node.params.as_object().into_iter().flatten().filter(is_parameter).collect();
+    let mut path = Path { text: "params".to_owned(), locations: node.stage.locations() };
+    match params.is_empty() {
+        true => sink.entry("params", "{}"),
+        false => path.walk_fields(params, sink),
     }
-    let locations: Vec<String> = node.stage.locations().iter().map(|location| format!("params.{location}")).collect();
-    walk_value("params", &params, &locations, sink);
     for (name, digest) in *inputs {
         sink.entry(&format!("inputs.{name}"), &digest.to_string());
     }
@@ -126,27 +134,38 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
         sink.entry(&format!("sources.{}", source.name), &source.digest.to_string());
     }
 }
-
-/// A value field by field, in the order of the fields' names. A variant's name is an entry, not a step of the path.
-fn walk_value(path: &str, value: &Value, locations: &[String], sink: &mut dyn Sink) {
-    if locations.iter().any(|location| location == path) {
-        return;
-    }
-    match (variant(value), value) {
-        (Some((name, Value::Object(fields))), _) => {
-            sink.entry(path, name);
-            walk_fields(path, fields, locations, sink);
-        }
-        (Some((name, content)), _) => sink.entry(path, &format!("{name}({content})")),
-        (None, Value::Object(fields)) if !fields.is_empty() => walk_fields(path, fields, locations, sink),
-        (None, other) => sink.entry(path, &other.to_string()),
-    }
+/// The way to a value, and below `params` the ways to where something lies, which are left out.
+struct Path<'l> {
+    text: String,
+    locations: &'l [&'l str],
 }
 
-fn walk_fields(path: &str, fields: &serde_json::Map<String, Value>, locations: &[String], sink: &mut dyn Sink) {
-    let sorted: BTreeMap<&String, &Value> = fields.iter().collect();
-    for (name, value) in sorted {
-        walk_value(&format!("{path}.{name}"), value, locations, sink);
+impl Path<'_> {
+    /// A value field by field, in the order of the fields' names. A variant's name is an entry, not a step of the path.
+    fn walk(&mut self, value: &Value, sink: &mut dyn Sink) {
+        if self.text.strip_prefix("params.").is_some_and(|path| self.locations.contains(&path)) {
+            return;
+        }
+        match (variant(value), value) {
+            (Some((name, Value::Object(fields))), _) => {
+                sink.entry(&self.text, name);
+                self.walk_fields(fields.iter().collect(), sink);
+            }
+            (Some((name, content)), _) => sink.entry(&self.text, &format!("{name}({content})")),
+            (None, Value::Object(fields)) if !fields.is_empty() => self.walk_fields(fields.iter().collect(), sink),
+            (None, other) => sink.entry(&self.text, &other.to_string()),
+        }
+    }
+
+    fn walk_fields(&mut self, mut fields: Vec<(&String, &Value)>, sink: &mut dyn Sink) {
+        fields.sort_unstable_by_key(|(name, _)| *name);
+        let length = self.text.len();
+        for (name, value) in fields {
+            self.text.push('.');
+            self.text.push_str(name);
+            self.walk(value, sink);
+            self.text.truncate(length);
+        }
     }
 }
 

@@ -49,6 +49,16 @@ pub struct Assessment {
     pub is_remote: bool,
 }
 
+/// A stage whose result is there.
+pub struct Found {
+    /// The stage.
+    pub at: usize,
+    /// The digests of its inputs.
+    pub inputs: Inputs,
+    /// Its result.
+    pub record: Record,
+}
+
 /// What will become of a stage.
 pub enum Forecast {
     /// Its result is there.
@@ -128,23 +138,22 @@ impl Context<'_> {
     }
 
     /// The stages whose results are all there without any being computed or fetched, each after those that it reads.
-    pub fn cached(&self) -> Result<Vec<(usize, Assessment)>, StoreError> {
-        self.store.look_ahead(self.needed.len());
-        let (mut cached, mut digests) = (Vec::new(), BTreeMap::new());
-        for (&at, record) in &self.given {
-            digests.extend(record.outputs.iter().map(|(name, output)| ((at, name.clone()), output.digest)));
-        }
+    pub fn cached(&self) -> Result<Vec<Found>, StoreError> {
+        let (mut cached, mut places) = (Vec::<Found>::new(), vec![None; self.graph.nodes.len()]);
         for &at in &self.needed {
             let node = &self.graph.nodes[at];
-            let digest = |wire: &Wire| Some((wire.input, *digests.get(&(wire.from, wire.output.to_owned()))?));
+            let result = |from: usize| match places[from] {
+                Some(place) => Some(&cached.get::<usize>(place)?.record),
+                None => self.given.get(&from),
+            };
+            let digest = |wire: &Wire| Some((wire.input, result(wire.from)?.outputs.get(wire.output)?.digest));
             let inputs: Inputs = node.wires.iter().filter_map(digest).collect();
             if inputs.len() < node.wires.len() || self.forced.contains(&at) {
                 continue;
             }
-            let key = self.recipe(at, &inputs).key();
-            if let Lookup::Sound(record) = self.store.lookup(&key)? {
-                digests.extend(record.outputs.iter().map(|(name, output)| ((at, name.clone()), output.digest)));
-                cached.push((at, Assessment { key, inputs, verdict: Ok(record), is_remote: false }));
+            if let Lookup::Sound(record) = self.store.lookup(&self.recipe(at, &inputs).key())? {
+                places[at] = Some(cached.len());
+                cached.push(Found { at, inputs, record });
             }
         }
         Ok(cached)
@@ -183,7 +192,6 @@ impl Context<'_> {
 
     /// Foretells what becomes of every stage that is needed.
     pub fn forecast(&self) -> Result<BTreeMap<usize, Forecast>, StoreError> {
-        self.store.look_ahead(self.needed.len());
         let mut forecasts = BTreeMap::new();
         for &at in &self.needed {
             let forecast = self.forecast_one(at, &forecasts)?;

@@ -23,7 +23,7 @@ use stages::{Estimate, Message};
 
 use crate::explain::Reason;
 use crate::extension;
-use crate::plan::{Assessment, Context, Inputs};
+use crate::plan::{Assessment, Context, Found, Inputs};
 use crate::progress::{Event, Progress};
 use crate::store::error::StoreError;
 use crate::store::result::{Lookup, Record};
@@ -100,17 +100,16 @@ impl Scheduler<'_> {
 
     /// Takes over, all at once, the results that are there already: with thousands of them, one by one would take long.
     fn adopt(&self, board: &mut Board) -> Result<(), StoreError> {
+        let store = self.context.store;
         let cached = self.pool.install(|| self.context.cached())?;
-        let show = |(at, found): &(usize, Assessment)| {
-            self.context.store.mend_manifest(&found.key, || self.context.manifest(*at, &found.inputs));
-            found.verdict.iter().try_for_each(|record| self.view.show(self.context.store, self.name(*at), record))
-        };
+        let show = |found: &Found| self.view.show(store, self.name(found.at), &found.record);
         self.pool.install(|| cached.par_iter().try_for_each(show))?;
-        for (at, Assessment { key, verdict, .. }) in cached {
-            if let Ok(record) = verdict {
-                board.adopt(at, key, record);
-            }
+        let lost = self.pool.install(|| store.without_manifest(cached.iter().map(|found| found.record.key)));
+        for found in cached.iter().filter(|found| lost.binary_search(&found.record.key).is_ok()) {
+            // Only explanations need it: where that cannot be done, nothing else fails.
+            let _ = store.put_manifest(&found.record.key, &self.context.manifest(found.at, &found.inputs));
         }
+        board.adopt(cached.into_iter().map(|found| (found.at, found.record)).collect());
         Ok(())
     }
 
@@ -136,7 +135,7 @@ impl Scheduler<'_> {
                 let inputs = self.inputs(at, &board.outcome.records);
                 let Assessment { key, inputs, verdict, .. } = self.pool.install(|| self.context.assess(at, inputs))?;
                 match verdict {
-                    Ok(record) => self.reuse(board, at, key, record)?,
+                    Ok(record) => self.reuse(board, at, record)?,
                     Err(reason) if self.fetch(board, at, key, &reason)? => {}
                     Err(reason) => {
                         let manifest = self.context.manifest(at, &inputs);
@@ -196,9 +195,9 @@ impl Scheduler<'_> {
         records.get(&at).or_else(|| self.context.given.get(&at))
     }
 
-    fn reuse(&self, board: &mut Board, at: usize, key: Digest, record: Record) -> Result<(), StoreError> {
+    fn reuse(&self, board: &mut Board, at: usize, record: Record) -> Result<(), StoreError> {
         self.view.show(self.context.store, self.name(at), &record)?;
-        board.adopt(at, key, record);
+        board.adopt(vec![(at, record)]);
         Ok(())
     }
 
@@ -241,7 +240,7 @@ impl Scheduler<'_> {
             && let Lookup::Sound(record) = store.lookup(&key)?
         {
             work.abandon()?;
-            self.reuse(board, at, key, record)?;
+            self.reuse(board, at, record)?;
             return Ok(None);
         }
         if let Reason::Broken(breakage) = reason {

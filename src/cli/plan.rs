@@ -1,5 +1,7 @@
 //! `plan`: says what `run` would do, and why. Writes nothing.
 
+use std::mem::ManuallyDrop;
+
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -27,9 +29,10 @@ impl Plan {
     /// Prints the plan.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
-        let session = Session::new(pipeline, changes, &self.choice)?;
-        let store = Store::open(&changes.folders.store)?;
-        let forecasts = session.context(&store).forecast()?;
+        // With thousands of stages it takes long to take all this apart, which the end of the process spares.
+        let session = ManuallyDrop::new(Session::new(pipeline, changes, &self.choice)?);
+        let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
+        let forecasts = ManuallyDrop::new(session.context(&store).forecast()?);
         let stages: Vec<(&str, &Forecast)> =
             forecasts.iter().map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast)).collect();
         let cached = stages.iter().filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_))).count();

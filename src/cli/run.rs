@@ -1,6 +1,7 @@
 //! `run`: computes what the store does not have, and shows the results.
 
 use std::collections::BTreeSet;
+use std::mem::ManuallyDrop;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -64,7 +65,8 @@ impl Run {
         let begun = Instant::now();
         let started = now();
         let PipelineOptions { pipeline, changes } = &self.pipeline;
-        let session = Session::new(pipeline, changes, &self.choice)?;
+        // With thousands of stages it takes long to take all this apart, which the end of the process spares.
+        let session = ManuallyDrop::new(Session::new(pipeline, changes, &self.choice)?);
         let store = Store::create(&changes.folders.store)?;
         let mut context = session.context(&store);
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
@@ -76,12 +78,12 @@ impl Run {
             }
         }
         self.tell_device(&session);
-        let outcome = self.compute(&context, &session, &view, json)?;
+        let outcome = ManuallyDrop::new(self.compute(&context, &session, &view, json)?);
         if let Some(stage) = only {
             self.only.stamp(&session.graph.nodes[stage].name, outcome.records.get(&stage))?;
         }
         let seconds = begun.elapsed().as_secs_f64();
-        let record = record(&context, &outcome, started, seconds);
+        let record = ManuallyDrop::new(record(&context, &outcome, started, seconds));
         store.put_run(&record)?;
         self.sum_up(&record, &outcome, &context, &view, json)?;
         verdict(&outcome)
@@ -153,7 +155,8 @@ impl Run {
         }
         if self.verbosity() > Verbosity::Quiet {
             let (ran, cached) = (names(End::Ran).len(), names(End::Cached).len());
-            eprintln!("\n{ran} stages ran, {cached} were cached, in {}", duration(run.seconds));
+            let stages = if ran == 1 { "stage" } else { "stages" };
+            eprintln!("\n{ran} {stages} ran, {cached} cached, in {}", duration(run.seconds));
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use compute::Device;
 use stages::Source;
@@ -39,11 +40,12 @@ impl Session {
         let overrides = changes.set.iter().map(|set| Override::read(set)).collect::<Result<Vec<_>, _>>()?;
         let source =
             problem::Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
-        let graph = crate::pipeline::load(&source, &overrides)?;
+        let mut store = Store::open(&changes.folders.store)?;
+        store.share_if_there();
+        let graph = load(&source, &overrides, &store)?;
         let (targets, forced) = (find(&graph, &choice.target)?, find(&graph, &choice.force)?);
         let all = || (0..graph.nodes.len()).collect();
         let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
-        let store = Store::open(&changes.folders.store)?;
         let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
         Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources, remote, store })
@@ -81,6 +83,18 @@ impl Session {
             }
         }
     }
+}
+
+/// A pipeline's stages, and meanwhile, on other threads, the results that the store's index remembers: as many as could be needed.
+fn load(source: &problem::Source, overrides: &[Override], store: &Store) -> Result<Graph, problem::Problem> {
+    let enough = AtomicBool::new(false);
+    rayon::in_place_scope(|scope| {
+        scope.spawn(|_| store.look_ahead(&enough));
+        let graph = crate::pipeline::load(source, overrides);
+        let stages = graph.as_ref().map_or(0, |graph| graph.nodes.len());
+        enough.store(store.remembers_many(stages), Ordering::Relaxed);
+        graph
+    })
 }
 
 fn find(graph: &Graph, names: &[String]) -> Result<BTreeSet<usize>, Error> {

@@ -26,12 +26,12 @@ fn key_of(fields: &str) -> Digest {
 fn the_manifest_is_what_is_hashed() {
     let (node, _) = sum("s", 1, &[]);
     recipe_of(&node, |recipe| {
-        let mut hash = Hash::new();
+        let mut hash = Hash::default();
         let Manifest(entries) = recipe.manifest();
         let order = ["kind", "version", "seed", "device", "params.modulo", "params.number"];
         assert_eq!(entries.len(), order.len());
         order.iter().for_each(|path| hash.entry(path, &entries[*path]));
-        assert_eq!(Digest::from(hash.0.finalize()), recipe.key());
+        assert_eq!(hash.digest(), recipe.key());
         assert_eq!(recipe.manifest().key(), recipe.key());
     });
 }

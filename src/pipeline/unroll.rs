@@ -18,10 +18,10 @@ use super::shard;
 const MOST_ROUNDS: u32 = 10_000;
 
 /// A stage with an absolute name, and what its inputs refer to.
-struct Unrolled {
+struct Unrolled<'p> {
     name: String,
     seed: u64,
-    stage: AnyStage,
+    stage: &'p AnyStage,
     place: Place,
     links: Vec<Link>,
 }
@@ -42,8 +42,8 @@ pub fn unroll(pipeline: &Pipeline) -> Result<Graph, Fault> {
     }
     let index: BTreeMap<&str, usize> = all.iter().enumerate().map(|(at, stage)| (stage.name.as_str(), at)).collect();
     let wires = all.iter().map(|stage| wires(stage, &all, &index)).collect::<Result<Vec<_>, _>>()?;
-    let places: Vec<Place> = all.iter().map(|stage| stage.place.clone()).collect();
     let nodes = all.into_iter().zip(wires).map(|(stage, wires)| node(stage, wires)).collect::<Result<Vec<_>, _>>()?;
+    let (nodes, places): (Vec<graph::Node>, Vec<Place>) = nodes.into_iter().unzip();
     let graph = Graph::new(pipeline.name.clone(), nodes);
     let graph = graph.map_err(|at| places[at].fault("this stage depends on itself in a circle"))?;
     shard::shard(graph)
@@ -63,7 +63,7 @@ pub fn seed_within(domain: &str, seed: u64, number: u32) -> u64 {
     u64::from_le_bytes(bytes)
 }
 
-fn unroll_stages(chain: &[Frame], seed: u64, place: &Place, all: &mut Vec<Unrolled>) -> Result<(), Fault> {
+fn unroll_stages<'p>(chain: &[Frame<'p>], seed: u64, place: &Place, all: &mut Vec<Unrolled<'p>>) -> Result<(), Fault> {
     let Some(frame) = chain.last() else { return Ok(()) };
     for (name, node) in frame.stages.iter() {
         let (full, place) = (format!("{}{name}", frame.prefix), place.at(name));
@@ -76,13 +76,13 @@ fn unroll_stages(chain: &[Frame], seed: u64, place: &Place, all: &mut Vec<Unroll
     Ok(())
 }
 
-fn unroll_rounds(
-    chain: &[Frame],
+fn unroll_rounds<'p>(
+    chain: &[Frame<'p>],
     name: &str,
     seed: u64,
-    rounds: &Rounds,
+    rounds: &'p Rounds,
     place: &Place,
-    all: &mut Vec<Unrolled>,
+    all: &mut Vec<Unrolled<'p>>,
 ) -> Result<(), Fault> {
     if !(1..=MOST_ROUNDS).contains(&rounds.count) {
         return Err(place.at("count").fault(format!("`count` is {}; it must be 1 to {MOST_ROUNDS}", rounds.count)));
@@ -114,7 +114,13 @@ pub fn check_name(name: &str, place: &Place) -> Result<(), Fault> {
     }
 }
 
-fn unrolled(chain: &[Frame], name: String, seed: u64, any: &AnyStage, place: Place) -> Result<Unrolled, Fault> {
+fn unrolled<'p>(
+    chain: &[Frame],
+    name: String,
+    seed: u64,
+    any: &'p AnyStage,
+    place: Place,
+) -> Result<Unrolled<'p>, Fault> {
     any.stage().check().map_err(|error| parameter_fault(&error, &place))?;
     let mut links = Vec::new();
     for port in any.stage().inputs().iter().filter(|port| port.used) {
@@ -126,7 +132,7 @@ fn unrolled(chain: &[Frame], name: String, seed: u64, any: &AnyStage, place: Pla
         let target = resolve(chain, reference).map_err(|miss| miss.fault(&place.at(port.name)))?;
         links.push(Link { input: port.name, kind: port.kind, target });
     }
-    Ok(Unrolled { name, seed, stage: any.clone(), place, links })
+    Ok(Unrolled { name, seed, stage: any, place, links })
 }
 
 fn parameter_fault(error: &StageError, place: &Place) -> Fault {
@@ -137,12 +143,17 @@ fn parameter_fault(error: &StageError, place: &Place) -> Fault {
 }
 
 fn wires(stage: &Unrolled, all: &[Unrolled], index: &BTreeMap<&str, usize>) -> Result<Vec<Wire>, Fault> {
-    stage.links.iter().map(|link| wire(link, &stage.place.at(link.input), all, index)).collect()
+    stage.links.iter().map(|link| wire(link, &|| stage.place.at(link.input), all, index)).collect()
 }
 
-fn wire(link: &Link, place: &Place, all: &[Unrolled], index: &BTreeMap<&str, usize>) -> Result<Wire, Fault> {
+fn wire(
+    link: &Link,
+    place: &dyn Fn() -> Place,
+    all: &[Unrolled],
+    index: &BTreeMap<&str, usize>,
+) -> Result<Wire, Fault> {
     let Target { stage, output } = &link.target;
-    let from = *index.get(stage.as_str()).ok_or_else(|| place.fault(format!("there is no stage `{stage}`")))?;
+    let from = *index.get(stage.as_str()).ok_or_else(|| place().fault(format!("there is no stage `{stage}`")))?;
     let outputs = all[from].stage.stage().outputs();
     let found = match output {
         Some(name) => outputs.iter().find(|port| port.name == name),
@@ -150,21 +161,21 @@ fn wire(link: &Link, place: &Place, all: &[Unrolled], index: &BTreeMap<&str, usi
     };
     let Some(port) = found else {
         let name = output.clone().unwrap_or_default();
-        return Err(place
+        return Err(place()
             .fault(format!("`{stage}` has no output `{name}`"))
             .with_names(&name, outputs.iter().map(|o| o.name)));
     };
     if port.kind != link.kind {
         let fitting = outputs.iter().find(|other| other.kind == link.kind);
-        let fault =
-            place.fault(format!("`{}` takes {}, but `{stage}.{}` is {}", link.input, link.kind, port.name, port.kind));
+        let fault = place()
+            .fault(format!("`{}` takes {}, but `{stage}.{}` is {}", link.input, link.kind, port.name, port.kind));
         return Err(fault.with_help(fitting.map(|port| format!("`{stage}.{}` would fit", port.name))));
     }
     Ok(Wire { input: link.input, from, output: port.name })
 }
 
-fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<graph::Node, Fault> {
+fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<(graph::Node, Place), Fault> {
     let Unrolled { name, seed, stage, place, .. } = unrolled;
     let params = stage.parameters().map_err(|error| place.fault(error.to_string()))?;
-    Ok(graph::Node { name, seed, stage: stage.into_stage(), params, wires })
+    Ok((graph::Node { name, seed, stage: stage.clone().into_stage(), params, wires }, place))
 }

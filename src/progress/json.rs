@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use artifacts_schema::Digest;
 use serde_json::{Value, json};
 use stages::Message;
 
@@ -21,7 +22,6 @@ pub struct Json {
 impl Json {
     fn value(&mut self, event: &Event) -> Option<Value> {
         Some(match event {
-            Event::Cached { stage, key } => json!({"event": "cached", "stage": stage, "key": key}),
             Event::Fetched { stage, key, bytes } => {
                 json!({"event": "fetched", "stage": stage, "key": key, "bytes": bytes})
             }
@@ -40,7 +40,7 @@ impl Json {
             Event::Waiting { stage, holder } => json!({"event": "waiting", "stage": stage, "holder": holder}),
             Event::Warning { stage, text } => json!({"event": "warning", "stage": stage, "text": text}),
             Event::Said { stage, message } => return self.said(stage, message),
-            Event::Tick => return None,
+            Event::Cached { .. } | Event::Tick => return None,
         })
     }
 
@@ -69,7 +69,11 @@ impl Json {
 
 impl Progress for Json {
     fn event(&mut self, event: &Event) {
-        if let Some(value) = self.value(event) {
+        if let Event::Cached { results } = event {
+            let line =
+                |(stage, key): &(&str, Digest)| json!({"event": "cached", "stage": stage, "key": key}).to_string();
+            print(&results.iter().map(line).collect::<Vec<_>>().join("\n"));
+        } else if let Some(value) = self.value(event) {
             print(&value);
         }
     }

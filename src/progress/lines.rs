@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::time::{Duration, Instant};
 
+use artifacts_schema::Digest;
 use stages::Message;
 
 use super::{Event, Progress, Verbosity, duration, figure, figures};
@@ -11,6 +12,9 @@ use crate::cli::output::size;
 
 /// How long a running stage may say nothing but that it goes on.
 const PAUSE: Duration = Duration::from_secs(10);
+
+/// So many results that are there already are named one by one.
+const NAMED: usize = 100;
 
 /// Tells events line by line.
 pub struct Lines {
@@ -45,8 +49,12 @@ impl Lines {
         let keys = self.verbosity == Verbosity::Verbose;
         let detail = |text: String| if keys { text } else { String::new() };
         let (level, line) = match event {
-            Event::Cached { stage, key } => {
-                (Verbosity::Normal, format!("{stage}: cached{}", detail(format!(" {key}"))))
+            Event::Cached { results } if results.len() > NAMED && !keys => {
+                (Verbosity::Normal, format!("{} stages: cached", results.len()))
+            }
+            Event::Cached { results } => {
+                let line = |(stage, key): &(&str, Digest)| format!("{stage}: cached{}", detail(format!(" {key}")));
+                (Verbosity::Normal, results.iter().map(line).collect::<Vec<_>>().join("\n"))
             }
             Event::Fetched { stage, key, bytes } => {
                 let line = format!("{stage}: fetched from the remote, {}{}", size(*bytes), detail(format!(" {key}")));

@@ -14,12 +14,10 @@ use crate::store::result::Record;
 
 /// Something that happened.
 pub enum Event<'a> {
-    /// A stage's result was there.
+    /// The results of stages were there.
     Cached {
-        /// The stage.
-        stage: &'a str,
-        /// Its key.
-        key: Digest,
+        /// The stages and their keys.
+        results: &'a [(&'a str, Digest)],
     },
     /// A stage's result came from the remote.
     Fetched {

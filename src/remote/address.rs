@@ -60,11 +60,13 @@ fn boxed<S: ObjectStore>(store: S) -> Box<dyn ObjectStore> {
     Box::new(store)
 }
 
-/// A folder, made where it is missing.
+/// A folder, which the first thing that is written there makes.
 fn folder(address: &str, path: &std::path::Path) -> Result<(Box<dyn ObjectStore>, Path), AddressError> {
-    let made = std::fs::create_dir_all(path).map_err(|error| AddressError::new(address, error.to_string()));
-    let opened = made.and_then(|()| {
-        LocalFileSystem::new_with_prefix(path).map_err(|error| AddressError::new(address, error.to_string()))
-    })?;
-    Ok((boxed(opened.with_fsync(true)), Path::default()))
+    let refused = |problem: String| AddressError::new(address, problem);
+    if path.exists() && !path.is_dir() {
+        return Err(refused("it is no folder".into()));
+    }
+    let whole = std::path::absolute(path).map_err(|error| refused(error.to_string()))?;
+    let root = Path::from_absolute_path(whole).map_err(|error| refused(error.to_string()))?;
+    Ok((boxed(LocalFileSystem::new().with_fsync(true)), root))
 }

@@ -129,11 +129,17 @@ impl<'p> Board<'p> {
         }
     }
 
-    /// A stage's result is there already.
-    pub fn adopt(&mut self, at: usize, key: Digest, record: Record) {
-        self.ready.remove(&at);
-        self.progress.event(&Event::Cached { stage: &self.graph.nodes[at].name, key });
-        self.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
+    /// The results of these stages are there already.
+    pub fn adopt(&mut self, found: Vec<(usize, Record)>) {
+        if found.is_empty() {
+            return;
+        }
+        let name = |(at, record): &(usize, Record)| (self.graph.nodes[*at].name.as_str(), record.key);
+        self.progress.event(&Event::Cached { results: &found.iter().map(name).collect::<Vec<_>>() });
+        for (at, record) in found {
+            self.ready.remove(&at);
+            self.done(at, StageRun { end: End::Cached, key: Some(record.key), reason: None, seconds: 0.0 }, record);
+        }
     }
 
     /// A stage has its result: those that read it may have become ready.

@@ -1,75 +1,71 @@
 //! What was found when files were read through, so that they need not be read again while they have not changed.
 //!
-//! One file of lines that is only ever added to: a checksum, a name and JSON each. It is a cache and nothing else: without it, or where
-//! a line is garbled, everything is read as if for the first time. Knows nothing of what the entries mean.
+//! One file of pages that is only ever added to, a page by each process that found something: a mark, the length and the checksum of
+//! what follows, then entries. It is a cache and nothing else: without it, and from a page on that is garbled, everything is
+//! read as if for the first time. Knows nothing of what the entries mean.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, Metadata};
+use std::fs::{self, File};
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, OnceLock};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use artifacts_schema::Digest;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
-/// A file that changed less than this before it was read may change again without a sign of it: clocks of file systems are coarse.
-const RACY: Duration = Duration::from_secs(2);
+/// Begins a page. A new number when what any entry consists of changes: nothing in the file says how to read it.
+const MARK: &[u8; 8] = b"srnerf2\n";
 
-/// More lines than this for each entry, and the file is written anew.
-const LINES_PER_ENTRY: usize = 4;
+/// The bytes of a mark, a length and a checksum.
+const HEAD: usize = 8 + 8 + 32;
 
-/// What tells that a file is as it was: inode, size, and when its content and its inode changed, in nanoseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Signature(u64, u64, i128, i128);
+/// More entries than this under each name, and the file is written anew.
+const ENTRIES_PER_NAME: usize = 4;
 
-impl Signature {
-    /// Of a file that is there; `None` where the system does not say enough.
-    #[cfg(unix)]
-    pub fn of(data: &Metadata) -> Option<Self> {
-        use std::os::unix::fs::MetadataExt;
-        let nanos = |seconds: i64, nanos: i64| i128::from(seconds) * 1_000_000_000 + i128::from(nanos);
-        let (modified, changed) = (nanos(data.mtime(), data.mtime_nsec()), nanos(data.ctime(), data.ctime_nsec()));
-        Some(Self(data.ino(), data.len(), modified, changed))
-    }
-
-    /// Of a file that is there; `None` where the system does not say enough.
-    #[cfg(not(unix))]
-    pub fn of(_: &Metadata) -> Option<Self> {
-        None
-    }
-
-    /// Of the file at a path.
-    pub fn at(path: &Path) -> Option<Self> {
-        Self::of(&fs::metadata(path).ok()?)
-    }
-
-    /// Whether the file was left alone for long enough before `now` that any change after it would show.
-    pub fn is_settled(&self, now: SystemTime) -> bool {
-        let now = now.duration_since(UNIX_EPOCH).unwrap_or_default().saturating_sub(RACY).as_nanos() as i128;
-        self.2 < now && self.3 < now
-    }
+/// What an entry is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// A result that was found sound.
+    Result = 1,
+    /// A folder that shows an artifact.
+    Shown = 2,
+    /// An answer about files elsewhere.
+    Answer = 3,
+    /// Manifests that are all there.
+    Manifests = 4,
 }
+
+/// The name of an entry.
+type Name = (u8, Digest);
 
 /// The cache of one store.
 #[derive(Default)]
 pub struct Index {
     path: PathBuf,
     /// What was in the file when it was first asked for.
-    lines: OnceLock<Lines>,
-    /// What came since: by name, as lines.
-    new: Mutex<BTreeMap<Digest, String>>,
+    pages: OnceLock<Arc<Pages>>,
+    /// What came since.
+    new: Mutex<BTreeMap<Name, Vec<u8>>>,
 }
 
 #[derive(Default)]
-struct Lines {
-    text: String,
-    /// Where each entry's last line lies.
-    places: BTreeMap<Digest, Range<usize>>,
-    /// How many lines there are.
+struct Pages {
+    bytes: Vec<u8>,
+    /// By name, where each one's last entry lies.
+    places: Vec<Place>,
+    /// How many entries there are.
     count: usize,
+    /// Whether something at the end is no page.
+    is_garbled: bool,
+}
+
+/// Where an entry lies.
+#[derive(Clone)]
+pub struct Place {
+    name: Name,
+    range: Range<usize>,
 }
 
 impl Index {
@@ -79,76 +75,124 @@ impl Index {
     }
 
     /// The entry of this name.
-    pub fn get<T: DeserializeOwned>(&self, name: &Digest) -> Option<T> {
-        let lines = self.lines();
-        let line = &lines.text[lines.places.get(name)?.clone()];
-        let (sum, rest) = line.split_at_checked(17)?;
-        let sound = sum[..16] == checksum(rest)[..];
-        serde_json::from_str(rest.get(65..).filter(|_| sound)?).ok()
+    pub fn get<T: DeserializeOwned>(&self, kind: Kind, name: &Digest) -> Option<T> {
+        let (places, name) = (&self.pages().places, (kind as u8, *name));
+        let at = places.binary_search_by(|place| place.name.cmp(&name)).ok()?;
+        self.read(&places[at])
     }
 
-    /// The names of all entries that were in the file.
-    pub fn names(&self) -> Vec<Digest> {
-        self.lines().places.keys().copied().collect()
+    /// Where all entries of a kind lie that were in the file.
+    pub fn places(&self, kind: Kind) -> &[Place] {
+        let places = &self.pages().places;
+        let before = |kind: u8| places.partition_point(|place| place.name.0 < kind);
+        &places[before(kind as u8)..before(kind as u8 + 1)]
+    }
+
+    /// The entry that lies there.
+    pub fn read<T: DeserializeOwned>(&self, place: &Place) -> Option<T> {
+        postcard::from_bytes(self.pages().bytes.get(place.range.clone())?).ok()
     }
 
     /// Adds an entry, or replaces it.
-    pub fn put(&self, name: &Digest, entry: &impl Serialize) {
-        if let (Ok(json), Ok(mut new)) = (serde_json::to_string(entry), self.new.lock()) {
-            let rest = format!("{name} {json}");
-            new.insert(*name, format!("{} {rest}\n", checksum(&rest)));
+    pub fn put(&self, kind: Kind, name: &Digest, entry: &impl Serialize) {
+        if let (Ok(bytes), Ok(mut new)) = (postcard::to_allocvec(entry), self.new.lock()) {
+            new.insert((kind as u8, *name), bytes);
         }
     }
 
-    /// Takes over what came to another index of the same file.
+    /// Takes over what another index of the same file has read, and what came to it.
     pub fn take(&self, other: &Self) {
+        if let Some(pages) = other.pages.get() {
+            let _ = self.pages.set(pages.clone());
+        }
         if let (Ok(mut new), Ok(mut others)) = (self.new.lock(), other.new.lock()) {
             new.append(&mut others);
         }
     }
 
-    /// Writes what came since to the end of the file; where it has grown far beyond its entries, it is written anew. It is no matter if
-    /// that fails.
+    /// Writes what came since to the end of the file; where that has grown far beyond its entries or is garbled, it is written anew. It
+    /// is no matter if that fails.
     pub fn keep(&self, replace: impl FnOnce(&Path, &[u8])) {
         let Ok(mut new) = self.new.lock() else { return };
         let new = std::mem::take(&mut *new);
-        let lines = self.lines();
-        if lines.count + new.len() > LINES_PER_ENTRY * (lines.places.len() + 256) {
-            let old = lines.places.iter().filter(|(name, _)| !new.contains_key(*name));
-            let old: String = old.map(|(_, place)| format!("{}\n", &lines.text[place.clone()])).collect();
-            replace(&self.path, (old + &new.into_values().collect::<String>()).as_bytes());
+        let pages = self.pages();
+        if pages.is_garbled || pages.count + new.len() > ENTRIES_PER_NAME * (pages.places.len() + 256) {
+            let old = pages.places.iter().filter(|place| !new.contains_key(&place.name));
+            let old = old.map(|place| (place.name, &pages.bytes[place.range.clone()]));
+            replace(&self.path, &page(old.chain(new.iter().map(|(name, bytes)| (*name, &bytes[..])))));
         } else if !new.is_empty() {
             let file = File::options().create(true).append(true).open(&self.path);
-            // One call, so that the lines of several processes do not mix.
-            let _ = file.and_then(|mut file| file.write_all(new.into_values().collect::<String>().as_bytes()));
+            // One call, so that the pages of several processes do not mix.
+            let page = page(new.iter().map(|(name, bytes)| (*name, &bytes[..])));
+            let _ = file.and_then(|mut file| file.write_all(&page));
         }
     }
 
-    fn lines(&self) -> &Lines {
-        self.lines.get_or_init(|| Lines::new(fs::read(&self.path).unwrap_or_default()))
+    fn pages(&self) -> &Pages {
+        self.pages.get_or_init(|| Arc::new(Pages::new(fs::read(&self.path).unwrap_or_default())))
     }
 }
 
-impl Lines {
+impl Pages {
     fn new(bytes: Vec<u8>) -> Self {
-        let Ok(text) = String::from_utf8(bytes) else { return Self::default() };
-        let (mut places, mut count, mut at) = (Vec::new(), 0, 0);
-        for line in text.split_inclusive('\n') {
-            let place = at..at + line.len() - 1;
-            at += line.len();
-            count += 1;
-            if let Some(name) = line.get(17..81).and_then(|name| name.parse().ok())
-                && line.ends_with('\n')
-            {
-                places.push((name, place));
-            }
+        let (mut places, mut at) = (Vec::new(), 0);
+        while let Some(length) = page_length(&bytes[at..]) {
+            entries(&bytes, at + HEAD..at + HEAD + length, &mut places);
+            at += HEAD + length;
         }
-        Self { places: places.into_iter().collect(), count, text }
+        let (count, is_garbled) = (places.len(), at < bytes.len());
+        // The order of pages decides among entries of one name.
+        places.sort_by_key(|place| place.name);
+        places.dedup_by(|later, kept| {
+            let same = later.name == kept.name;
+            if same {
+                kept.range = later.range.clone();
+            }
+            same
+        });
+        Self { bytes, places, count, is_garbled }
     }
 }
 
-fn checksum(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex()[..16].to_owned()
+/// A page of entries: of each the kind, the name, the length, and then what it says.
+fn page<'e>(entries: impl Iterator<Item = (Name, &'e [u8])>) -> Vec<u8> {
+    let mut page = vec![0; HEAD];
+    for ((kind, name), bytes) in entries {
+        page.push(kind);
+        page.extend_from_slice(name.bytes());
+        page.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
+        page.extend_from_slice(bytes);
+    }
+    let length = (page.len() - HEAD) as u64;
+    let sum = blake3::hash(&page[HEAD..]);
+    page[..8].copy_from_slice(MARK);
+    page[8..16].copy_from_slice(&length.to_le_bytes());
+    page[16..HEAD].copy_from_slice(sum.as_bytes());
+    page
+}
+
+/// How much follows the head of the page that some bytes begin with; `None` if they do not begin with a sound one.
+fn page_length(bytes: &[u8]) -> Option<usize> {
+    let (head, rest) = bytes.split_at_checked(HEAD)?;
+    let length = usize::try_from(u64::from_le_bytes(head[8..16].try_into().ok()?)).ok()?;
+    let sum = blake3::hash(rest.get(..length)?);
+    (head[..8] == MARK[..] && head[16..] == sum.as_bytes()[..]).then_some(length)
+}
+
+/// Where the entries of a page lie.
+fn entries(bytes: &[u8], page: Range<usize>, places: &mut Vec<Place>) {
+    let mut at = page.start;
+    while let Some((head, _)) = bytes[at..page.end].split_first_chunk::<37>() {
+        let [kind, rest @ ..] = head;
+        let (name, length) = rest.split_at(32);
+        let (Ok(name), Ok(length)) = (<[u8; 32]>::try_from(name), <[u8; 4]>::try_from(length)) else { return };
+        let range = at + 37..at + 37 + u32::from_le_bytes(length) as usize;
+        at = range.end;
+        if at > page.end {
+            return;
+        }
+        places.push(Place { name: (*kind, Digest::new(name)), range });
+    }
 }
 
 #[cfg(test)]
@@ -169,35 +213,41 @@ mod tests {
         let path = folder.path().join("index");
         for value in 0..3 {
             let index = Index::new(path.clone());
-            index.put(&name("a"), &value);
-            index.put(&name(&value.to_string()), &(value, "text"));
+            index.put(Kind::Shown, &name("a"), &value);
+            index.put(Kind::Result, &name(&value.to_string()), &(value, "text"));
             keep(&index);
         }
         let index = Index::new(path.clone());
-        assert_eq!(index.get(&name("a")), Some(2));
-        assert_eq!(index.get(&name("1")), Some((1, "text".to_owned())));
-        assert_eq!(index.get::<u32>(&name("b")), None);
-        assert_eq!(index.get::<String>(&name("a")), None);
+        assert_eq!(index.get(Kind::Shown, &name("a")), Some(2));
+        assert_eq!(index.get(Kind::Result, &name("1")), Some((1, "text".to_owned())));
+        assert_eq!(index.get::<u32>(Kind::Shown, &name("b")), None);
+        assert_eq!(index.get::<i32>(Kind::Result, &name("a")), None, "another kind");
+        let results = index.places(Kind::Result).iter().map(|place| index.read::<(i32, String)>(place).unwrap().0);
+        assert_eq!(results.collect::<std::collections::BTreeSet<_>>(), (0..3).collect());
     }
 
     #[test]
-    fn a_garbled_line_is_no_entry_and_spoils_no_other() {
+    fn a_garbled_page_has_no_entries_and_the_file_is_written_anew() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("index");
-        let index = Index::new(path.clone());
-        (0..10).for_each(|value| index.put(&name(&value.to_string()), &value));
-        keep(&index);
+        for value in 0..3 {
+            let index = Index::new(path.clone());
+            index.put(Kind::Answer, &name(&value.to_string()), &value);
+            keep(&index);
+        }
+        let found = |index: &Index| {
+            (0..4).filter(|value| index.get(Kind::Answer, &name(&value.to_string())) == Some(*value)).count()
+        };
         let whole = fs::read(&path).unwrap();
-        for at in (0..whole.len()).step_by(7) {
+        for at in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[at] ^= 1;
-            fs::write(&path, &bytes[..whole.len() - 3]).unwrap();
+            fs::write(&path, &bytes).unwrap();
             let index = Index::new(path.clone());
-            let found: Vec<i32> = (0..10).filter_map(|value| index.get::<i32>(&name(&value.to_string()))).collect();
-            assert!(found.iter().all(|value| (0..10).contains(value)) && found.len() >= 7, "{at}: {found:?}");
-            assert!(
-                (0..10).all(|value| index.get::<i32>(&name(&value.to_string())).is_none_or(|found| found == value))
-            );
+            assert_eq!(found(&index), at / (whole.len() / 3), "the pages before, {at}");
+            index.put(Kind::Answer, &name("3"), &3);
+            keep(&index);
+            assert_eq!(found(&Index::new(path.clone())), at / (whole.len() / 3) + 1);
         }
     }
 
@@ -207,22 +257,10 @@ mod tests {
         let path = folder.path().join("index");
         for value in 0..40 {
             let index = Index::new(path.clone());
-            (0..50).for_each(|at| index.put(&name(&at.to_string()), &value));
+            (0..50).for_each(|at| index.put(Kind::Shown, &name(&at.to_string()), &value));
             keep(&index);
         }
-        let lines = fs::read_to_string(&path).unwrap().lines().count();
-        assert!(lines <= LINES_PER_ENTRY * 306, "{lines}");
-        assert_eq!(Index::new(path).get(&name("7")), Some(39));
-    }
-
-    #[test]
-    fn a_file_that_changed_just_now_is_not_settled() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("file");
-        fs::write(&path, "1").unwrap();
-        let Some(signature) = Signature::at(&path) else { return };
-        assert!(!signature.is_settled(SystemTime::now()));
-        assert!(signature.is_settled(SystemTime::now() + Duration::from_secs(3)));
-        assert!(!signature.is_settled(SystemTime::now() - Duration::from_secs(3600)), "a clock that was set back");
+        assert!(Index::new(path.clone()).pages().count <= ENTRIES_PER_NAME * 306);
+        assert_eq!(Index::new(path).get(Kind::Shown, &name("7")), Some(39));
     }
 }

@@ -1,7 +1,8 @@
 //! Files shown at a second place: by hard link; where that cannot be, by reflink; else by copy.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use std::time::SystemTime;
 
 use artifacts_schema::Digest;
@@ -10,8 +11,9 @@ use walkdir::WalkDir;
 
 use super::Store;
 use super::error::{At, StoreError};
-use super::index::Signature;
+use super::index::Kind;
 use super::result::{Output, StoredFile};
+use super::signature::Signature;
 
 impl Store {
     /// Shows an artifact as a folder. What is there and as it should be is left alone; anything else there is removed.
@@ -30,24 +32,32 @@ impl Store {
     }
 
     fn shows(&self, output: &Output, folder: &Path) -> bool {
-        self.showed(output, folder).unwrap_or_else(|| {
-            let now = SystemTime::now();
-            let seen = Shown::new(output, folder);
-            let files = WalkDir::new(folder).into_iter().flatten().filter(|entry| !entry.file_type().is_dir()).count();
-            let shows = folder.is_dir()
-                && files == output.files.len()
-                && output.files.iter().all(|file| self.shows_file(file, folder));
-            if let Some(seen) = seen.filter(|seen| shows && seen.is_settled(now)) {
-                self.index.put(&name(folder), &seen);
-            }
-            shows
-        })
+        let name = name(folder);
+        let seen = self.index.get(Kind::Shown, &name);
+        if seen.is_some_and(|seen: Shown| self.showed(&seen, output, folder)) {
+            return true;
+        }
+        let now = SystemTime::now();
+        let seen = Shown::new(output, folder);
+        let files = WalkDir::new(folder).into_iter().flatten().filter(|entry| !entry.file_type().is_dir()).count();
+        let shows = folder.is_dir()
+            && files == output.files.len()
+            && output.files.iter().all(|file| self.shows_file(file, folder));
+        if let Some(seen) = seen.filter(|seen| shows && seen.is_settled(now)) {
+            self.index.put(Kind::Shown, &name, &seen);
+        }
+        shows
     }
 
-    /// Whether a folder was found to show an artifact at an earlier time and has not changed since; `None` where that is not known.
-    fn showed(&self, output: &Output, folder: &Path) -> Option<bool> {
-        let seen: Shown = self.index.get(&name(folder))?;
-        (Shown::new(output, folder)? == seen).then_some(true)
+    /// Whether a folder that was found to show an artifact at an earlier time has not changed since. Of a blob's second name, it is
+    /// enough that the folder still has it and that the blob is as it was.
+    fn showed(&self, seen: &Shown, output: &Output, folder: &Path) -> bool {
+        let is_same = |(file, before): (&StoredFile, &Signature)| {
+            file.glance.0.as_ref() == Some(before) || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
+        };
+        seen.blobs.iter().eq(output.files.iter().map(|file| &file.blob))
+            && Signature::at(folder) == Some(seen.folder)
+            && output.files.iter().zip(&seen.files).all(is_same)
     }
 
     fn shows_file(&self, file: &StoredFile, folder: &Path) -> bool {
@@ -57,32 +67,34 @@ impl Store {
 }
 
 /// What the index remembers of a folder that shows an artifact.
-#[derive(PartialEq, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct Shown {
-    /// The blobs.
+    folder: Signature,
+    /// Of the files, as one sees them in the folder.
+    files: Vec<Signature>,
     blobs: Vec<Digest>,
-    /// Of the folder, then of the files.
-    signatures: Vec<Signature>,
 }
 
 impl Shown {
     /// As it is now; `None` if something is missing, or the artifact has folders in its folder.
     fn new(output: &Output, folder: &Path) -> Option<Self> {
         let flat = output.files.iter().all(|file| !file.path.contains('/'));
-        let paths = std::iter::once(folder.to_owned()).chain(output.files.iter().map(|file| folder.join(&file.path)));
-        let signatures = paths.filter(|_| flat).map(|path| Signature::at(&path)).collect::<Option<Vec<_>>>()?;
-        Some(Self { blobs: output.files.iter().map(|file| file.blob).collect(), signatures })
+        let files = output.files.iter().filter(|_| flat).map(|file| Signature::at(&folder.join(&file.path)));
+        let (files, folder) = (files.collect::<Option<Vec<_>>>()?, Signature::at(folder).filter(|_| flat)?);
+        Some(Self { folder, files, blobs: output.files.iter().map(|file| file.blob).collect() })
     }
 
     fn is_settled(&self, now: SystemTime) -> bool {
-        !self.signatures.is_empty() && self.signatures.iter().all(|signature| signature.is_settled(now))
+        self.files.iter().chain([&self.folder]).all(|signature| signature.is_settled(now))
     }
 }
 
+/// The folder that relative paths start from, which this program never changes.
+static HERE: LazyLock<PathBuf> = LazyLock::new(|| std::env::current_dir().unwrap_or_default());
+
 /// The name of a folder in the index.
 fn name(folder: &Path) -> Digest {
-    let whole = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    blake3::hash(whole.as_os_str().as_encoded_bytes()).into()
+    blake3::hash(HERE.join(folder).as_os_str().as_encoded_bytes()).into()
 }
 
 /// Whether what lies at a path is still what was seen there; links are not followed.

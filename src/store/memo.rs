@@ -8,7 +8,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::Store;
-use super::index::Signature;
+use super::index::Kind;
+use super::signature::Signature;
 
 impl Store {
     /// The answer to a question about files: the one that the index remembers, if none of them has changed since; else it is asked.
@@ -23,14 +24,14 @@ impl Store {
             return ask();
         };
         let (name, state) = (name(question, files), digest(&signatures));
-        if let Some((seen, answer)) = self.index.get::<(Digest, T)>(&name)
+        if let Some((seen, answer)) = self.index.get::<(Digest, T)>(Kind::Answer, &name)
             && seen == state
         {
             return Ok(answer);
         }
         let answer = ask()?;
         if signatures.iter().all(|signature| signature.is_settled(now)) {
-            self.index.put(&name, &(state, &answer));
+            self.index.put(Kind::Answer, &name, &(state, &answer));
         }
         Ok(answer)
     }
@@ -38,6 +39,9 @@ impl Store {
     /// Takes over what another store object on the same folder has found.
     pub fn take_findings(&self, other: &Self) {
         self.index.take(&other.index);
+        if let (Ok(mut known), Ok(mut others)) = (self.known.lock(), other.known.lock()) {
+            known.append(&mut others);
+        }
     }
 }
 

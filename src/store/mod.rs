@@ -14,10 +14,12 @@ pub mod holder;
 mod index;
 pub mod lease;
 pub mod link;
+pub mod manifests;
 mod memo;
 pub mod pins;
 pub mod result;
 pub mod runs;
+mod signature;
 pub mod state;
 pub mod usage;
 pub mod view;
@@ -39,7 +41,6 @@ use artifacts_schema::Digest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::key::Manifest;
 use disk::Disk;
 use error::{At, StoreError};
 use index::Index;
@@ -73,7 +74,7 @@ pub struct Store {
     index: Index,
     /// Results that were looked up ahead, each until it is asked for.
     known: Mutex<BTreeMap<Digest, Record>>,
-    /// Blobs that this process has found sound, so that each is read once.
+    /// Blobs that this process has read and found sound, so that each is read once.
     sound: Mutex<BTreeSet<Digest>>,
     disk: Disk,
     patience: Patience,
@@ -138,6 +139,12 @@ impl Store {
         Ok(())
     }
 
+    /// The same, for who only reads: where there is a store and it can be locked.
+    pub fn share_if_there(&mut self) {
+        self.lock = File::open(self.root.join("lock")).ok();
+        let _ = self.lock.iter().try_for_each(File::lock_shared);
+    }
+
     /// Keeps everyone else from using the store; an error if anyone does.
     pub fn alone(&mut self) -> Result<(), StoreError> {
         let file = self.lock_file()?;
@@ -167,28 +174,6 @@ impl Store {
 
     fn result_path(&self, key: &Digest) -> PathBuf {
         self.fanned("results", key, ".json")
-    }
-
-    fn manifest_path(&self, key: &Digest) -> PathBuf {
-        self.fanned("manifests", key, ".json")
-    }
-
-    /// The manifest that belongs to a key, if the stage ever ran here.
-    pub fn manifest(&self, key: &Digest) -> Option<Manifest> {
-        read_json(&self.manifest_path(key)).ok().flatten()
-    }
-
-    /// Keeps the manifest of a key.
-    pub fn put_manifest(&self, key: &Digest, manifest: &Manifest) -> Result<(), StoreError> {
-        let path = self.manifest_path(key);
-        if path.exists() { Ok(()) } else { self.put(&path, &json(&path, manifest)?) }
-    }
-
-    /// Keeps the manifest of a result that has lost it. Only explanations need it: where that cannot be done, nothing else fails.
-    pub fn mend_manifest(&self, key: &Digest, manifest: impl FnOnce() -> Manifest) {
-        if !self.manifest_path(key).exists() {
-            let _ = self.put_manifest(key, &manifest());
-        }
     }
 
     /// Writes a whole file: in `tmp/`, flushed, then renamed. Replaces what was there.
@@ -237,14 +222,17 @@ impl Store {
     }
 
     fn fanned(&self, folder: &str, digest: &Digest, extension: &str) -> PathBuf {
-        self.root.join(place(folder, digest, extension))
+        let mut path = PathBuf::with_capacity(self.root.as_os_str().len() + 96);
+        path.push(&self.root);
+        path.push(place(folder, digest, extension));
+        path
     }
 }
 
 /// Where a thing of this name lies in a store, here or elsewhere: `cas/3f/3f9a..`.
 pub fn place(folder: &str, digest: &Digest, extension: &str) -> String {
     let name = digest.to_string();
-    format!("{folder}/{}/{name}{extension}", &name[..2])
+    [folder, "/", &name[..2], "/", &name, extension].concat()
 }
 
 fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, StoreError> {

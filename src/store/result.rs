@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
 use std::path::{Component, Path};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
 use artifacts_schema::{ArtifactKind, Digest};
@@ -12,7 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::blob::Damage;
 use super::error::{At, StoreError};
-use super::index::Signature;
+use super::index::{Kind, Place};
+use super::signature::Signature;
 use super::{Store, json, read_json};
 
 /// What a stage produced.
@@ -50,6 +52,19 @@ pub struct StoredFile {
     pub blob: Digest,
     /// How many they are.
     pub bytes: u64,
+    /// What the blob looked like when this process found it as it was.
+    #[serde(skip)]
+    pub glance: Glance,
+}
+
+/// A look at a file, which is no part of what a record says.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Glance(pub(super) Option<Signature>);
+
+impl PartialEq for Glance {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 /// What the store has for a key.
@@ -134,30 +149,42 @@ impl Store {
         Ok(Lookup::Sound(record))
     }
 
-    /// Looks up at once what the index remembers, if that is not much more than the `wanted` results: all threads together are
-    /// faster than one key after the other.
-    pub fn look_ahead(&self, wanted: usize) {
-        let names = self.index.names();
-        if names.len() <= AHEAD * wanted
-            && let Ok(mut known) = self.known.lock()
-        {
-            let found: Vec<_> = names.par_iter().filter_map(|key| Some((*key, self.unchanged(key)?))).collect();
+    /// Whether the index remembers far more results than are `wanted`.
+    pub fn remembers_many(&self, wanted: usize) -> bool {
+        self.index.places(Kind::Result).len() > AHEAD * wanted
+    }
+
+    /// Looks up at once what the index remembers, until there is `enough`: all threads together are faster than one key after the other.
+    pub fn look_ahead(&self, enough: &AtomicBool) {
+        let find = |place: &Place| {
+            let seen = self.index.read(place).filter(|_| !enough.load(Ordering::Relaxed));
+            seen.and_then(|seen| self.confirm(seen)).map(|record| (record.key, record))
+        };
+        let found: Vec<_> = self.index.places(Kind::Result).par_iter().filter_map(find).collect();
+        if let Ok(mut known) = self.known.lock() {
             *known = found.into_iter().collect();
         }
     }
 
     /// A result that was found sound at an earlier time, if neither its record nor any of its blobs has changed since.
     fn unchanged(&self, key: &Digest) -> Option<Record> {
-        let Seen { result, blobs, record } = self.index.get(key)?;
-        let is_same = |path: &Path, signature: &Signature| Signature::at(path).as_ref() == Some(signature);
-        let are_same = record.files().count() == blobs.len()
-            && record.files().zip(&blobs).all(|((_, file), blob)| is_same(&self.blob_path(&file.blob), blob));
-        (are_same && record.key == *key && is_same(&self.result_path(key), &result)).then_some(record)
+        self.confirm(self.index.get(Kind::Result, key)?).filter(|record| record.key == *key)
+    }
+
+    fn confirm(&self, Seen { result, blobs, mut record }: Seen) -> Option<Record> {
+        let mut stamps = blobs.iter();
+        for file in record.outputs.values_mut().flat_map(|output| &mut output.files) {
+            file.glance = Glance(Signature::at(&self.blob_path(&file.blob)));
+            if file.glance.0.as_ref() != Some(stamps.next()?) {
+                return None;
+            }
+        }
+        (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
     }
 
     fn remember(&self, now: SystemTime, seen: Seen) {
         if seen.blobs.iter().chain([&seen.result]).all(|signature| signature.is_settled(now)) {
-            self.index.put(&seen.record.key, &seen);
+            self.index.put(Kind::Result, &seen.record.key, &seen);
         }
     }
 

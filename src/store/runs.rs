@@ -8,7 +8,7 @@ use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
 
 use super::error::{At, StoreError};
-use super::{Store, json, read_json};
+use super::{Store, read_json};
 
 /// What one run did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,10 +58,12 @@ impl Store {
         }
         self.keep_index();
         let folder = self.root.join("runs");
+        // On one line: there may be thousands of stages.
+        let bytes = serde_json::to_vec(run).map_err(std::io::Error::from).at("write", &folder)?;
         for number in 0.. {
             let again = if number == 0 { String::new() } else { format!("-{number}") };
             let path = folder.join(format!("{}-{}{again}.json", run.started, run.pipeline));
-            if self.put_new(&path, &json(&path, run)?)? {
+            if self.put_new(&path, &bytes)? {
                 break;
             }
         }

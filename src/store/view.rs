@@ -34,15 +34,16 @@ impl View {
 
     /// Removes the folders of stages that the pipeline had once and has no more.
     pub fn retain(&self, store: &Store, stages: BTreeSet<String>) -> Result<(), StoreError> {
-        let list = self.folder.join(LIST);
+        let (list, text) = (self.folder.join(LIST), serde_json::json!(stages).to_string());
+        if fs::read(&list).is_ok_and(|before| before == text.as_bytes()) {
+            return Ok(());
+        }
         let before: BTreeSet<String> = read_json(&list)?.unwrap_or_default();
         for gone in before.difference(&stages).filter(|name| is_ours(name)) {
             store.clear(&self.folder.join(gone))?;
         }
-        if before != stages {
-            fs::create_dir_all(parent(&list)).at("create", parent(&list))?;
-            fs::write(&list, serde_json::json!(stages).to_string()).at("write", &list)?;
-        }
+        fs::create_dir_all(parent(&list)).at("create", parent(&list))?;
+        fs::write(&list, text).at("write", &list)?;
         Ok(())
     }
 }

@@ -14,7 +14,7 @@ use walkdir::WalkDir;
 use super::error::{At, StoreError};
 use super::holder::Holder;
 use super::lease::{Claim, Lease};
-use super::result::{Output, Record, StoredFile};
+use super::result::{Glance, Output, Record, StoredFile};
 use super::{Store, parent};
 
 /// The private folder of one key. Only one process at a time has it.
@@ -136,7 +136,7 @@ impl Work<'_> {
                 let path =
                     relative(entry.path(), &folder).ok_or_else(|| refused("a file's name is not text".into()))?;
                 let (blob, bytes) = self.store.take_blob(entry.path())?;
-                files.push(StoredFile { path, blob, bytes });
+                files.push(StoredFile { path, blob, bytes, glance: Glance::default() });
             }
         }
         Ok(Output { kind, digest, files })

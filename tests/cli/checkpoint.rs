@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use crate::space::{Said, Space, signal};
+use crate::whole::{SHORT, pipeline};
 
 /// A training of about a second, then one that goes on from it.
 pub const TRAINING: &str = r#"(
@@ -137,6 +138,41 @@ fn more_steps_go_on_from_a_finished_result_where_they_can() {
     assert_eq!(space.files("grown/store/states").len(), 1);
     let said = space.ok(&text(&run("grown", &[&more[..], &["--force=fit"]].concat())));
     assert_eq!(resumed(&said), [], "who forces a stage wants all of it computed");
+}
+
+#[test]
+fn a_synchronisation_goes_on_from_a_finished_one() {
+    let space = training();
+    let grown = |steps: &'static str| ["--set=sync.final_rate=1", steps];
+    space.ok(&text(&run("straight", &grown("--set=sync.steps=35"))));
+    space.ok(&text(&run("grown", &grown("--set=sync.steps=20"))));
+    let said = space.ok(&text(&run("grown", &grown("--set=sync.steps=35"))));
+    assert_eq!(resumed(&said), [("sync".to_owned(), 20, "result".to_owned())]);
+    assert!(space.files("straight/out") == space.files("grown/out"));
+}
+
+#[test]
+fn an_optimisation_goes_on_from_a_finished_one_unless_its_timesteps_fall() {
+    let space = Space::new();
+    let (smoke, target) = (pipeline("smoke"), "--target=i3ds.1.optimize");
+    let run = |folder: &str, rule: &str, steps: u32| {
+        let (store, out) = (format!("--store={folder}/store"), format!("--out={folder}/out"));
+        let (rule, steps) =
+            (format!("--set=i3ds.optimize.guidance={rule}"), format!("--set=i3ds.optimize.steps={steps}"));
+        let warm_up = |set: &&&str| !set.contains("warm_up");
+        let short: Vec<&str> = SHORT.iter().filter(warm_up).copied().collect();
+        space.ok(&[&["run", &smoke, "--json", target, &store, &out], &short[..], &[&rule, &steps]].concat())
+    };
+    let vsd = "Vsd(lora_every: 3, warm_up: 1, timesteps: Uniform(min: 0.02, max: 0.98))";
+    run("straight", vsd, 7);
+    run("grown", vsd, 4);
+    // The step before the first moves the LoRA alone.
+    assert_eq!(resumed(&run("grown", vsd, 7)), [("i3ds.1.optimize".to_owned(), 5, "result".to_owned())]);
+    assert!(space.files("straight/out") == space.files("grown/out"));
+    run("grown", "Rsd()", 4);
+    let said = run("grown", "Rsd()", 7);
+    assert!(said.out.contains("from the first step, since its timesteps fall over all steps"), "{}", said.out);
+    assert_eq!(resumed(&said), []);
 }
 
 #[test]

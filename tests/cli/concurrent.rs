@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -37,6 +38,42 @@ fn processes_on_one_store_compute_each_key_once() {
         assert!(computed.values().all(|&times| times == 1), "{processes} processes: {computed:?}");
         assert_eq!(fs::read_dir(space.path(".srnerf/leases")).unwrap().count(), 0);
     }
+}
+
+/// A command on a host of its own, as far as it can tell: with another name, and numbers of processes that say nothing elsewhere.
+/// `None` where the system lets nobody pretend that.
+fn on_host(space: &Space, name: &str, arguments: &[&str]) -> Option<Child> {
+    let apart = ["--user", "--map-root-user", "--uts", "--pid", "--fork", "--mount-proc"];
+    let unshare = || {
+        let mut command = Command::new("unshare");
+        command.args(apart).current_dir(space.path(".")).stdin(Stdio::null());
+        command
+    };
+    let can = unshare().args(["hostname", name]).output().is_ok_and(|output| output.status.success());
+    let said = || fs::File::create(space.path(name)).unwrap();
+    let script = "hostname \"$0\" && exec \"$@\"";
+    let program = env!("CARGO_BIN_EXE_srnerf-dag");
+    can.then(|| unshare().args(["sh", "-c", script, name, program]).args(arguments).stdout(said()).spawn().unwrap())
+}
+
+#[test]
+fn hosts_on_one_folder_compute_each_key_once() {
+    let space = Space::new();
+    fs::write(space.path("training.ron"), TRAINING).unwrap();
+    let run = ["run", "training.ron", "--json", "--checkpoint-every=0"];
+    let Some(north) = on_host(&space, "north", &run) else {
+        eprintln!("not tested: this system has no `unshare` for this user");
+        return;
+    };
+    checkpoint(&space, ".srnerf");
+    let south = on_host(&space, "south", &run).unwrap();
+    for child in [north, south] {
+        assert_eq!(Space::wait(child).code, 0);
+    }
+    let waited = fs::read_to_string(space.path("south")).unwrap();
+    assert!(waited.contains("\"event\":\"waiting\"") && waited.contains("\"host\":\"north\""), "{waited}");
+    assert!(computed(&space).values().all(|&times| times == 1), "{:?}", computed(&space));
+    assert_eq!(fs::read_dir(space.path(".srnerf/leases")).unwrap().count(), 0);
 }
 
 #[test]

@@ -58,6 +58,17 @@ fn what_one_machine_computed_another_fetches() {
 }
 
 #[test]
+fn a_plan_makes_no_folder_and_a_remote_that_is_a_file_is_refused() {
+    let space = Space::new();
+    let plan = space.ok(&["plan", "tiny.ron", "--remote", "shared/team store"]).out;
+    assert!(plan.contains("3 to run") && !space.path("shared").exists(), "{plan}");
+    run(&space, "a", "shared/team store");
+    assert!(space.path("shared/team store/results").is_dir());
+    let said = space.say(&["plan", "tiny.ron", "--remote", "tiny.ron"]);
+    assert!(said.code == 2 && said.err.contains("it is no folder"), "{}", said.err);
+}
+
+#[test]
 fn a_damaged_result_of_the_remote_is_no_hit_and_is_replaced() {
     let damages: [fn(&PathBuf); 3] =
         [flip_a_bit, |path| fs::remove_file(path).unwrap(), |path| fs::write(path, "").unwrap()];

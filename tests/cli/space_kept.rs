@@ -3,6 +3,7 @@
 use std::fs::{self, File};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime};
 
@@ -179,4 +180,34 @@ fn a_store_that_can_only_be_read_serves_all_that_is_in_it() {
     assert_eq!(refused.code, 4, "{}", refused.err);
     assert!(refused.err.contains("cannot") && refused.err.contains("--store FOLDER"), "{}", refused.err);
     chmod(".srnerf", 0o755);
+}
+
+/// A folder on another file system than the temporary folders, if this machine has one that anybody may write to.
+fn far_away(space: &Space) -> Option<tempfile::TempDir> {
+    let far = tempfile::tempdir_in("/dev/shm").ok()?;
+    let device = |path: &Path| fs::metadata(path).unwrap().dev();
+    (device(far.path()) != device(&space.path("."))).then_some(far)
+}
+
+#[test]
+fn a_store_on_another_file_system_is_shown_by_copies() {
+    let space = Space::new();
+    let Some(far) = far_away(&space) else {
+        eprintln!("not tested: there is no second file system here");
+        return;
+    };
+    let store = format!("--store={}", far.path().join("store").display());
+    let run = |more: &[&str]| space.ok(&[&["run", "tiny.ron", "--json"], more].concat()).last()["ran"].clone();
+    assert_eq!(run(&[&store]), json!(["again", "scene", "up"]));
+    assert_eq!(run(&["--store=near/store", "--out=near/out"]), json!(["again", "scene", "up"]));
+    assert!(space.files("out") == space.files("near/out"));
+    let shown = space.path("out/tiny/up/images/view_001.exr");
+    assert_eq!(fs::metadata(&shown).unwrap().nlink(), 1, "a copy, not a second name");
+    fs::remove_file(&shown).unwrap();
+    fs::write(&shown, "changed").unwrap();
+    let fsck = space.say(&["store", "fsck", &store]);
+    assert!(fsck.code == 5 && fsck.out.contains("view_001.exr  it is not what"), "{}", fsck.out);
+    assert_eq!(run(&[&store]), json!([]));
+    assert!(space.files("out") == space.files("near/out"));
+    space.ok(&["store", "fsck", &store]);
 }
