@@ -50,7 +50,7 @@ impl Stage for Fit {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {

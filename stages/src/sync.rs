@@ -56,7 +56,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -36,6 +36,8 @@ fn every_pipeline_that_ships_can_be_planned() {
         let plan = space.ok(&["plan", &pipeline(name)]);
         assert!(plan.out.contains("i3ds.1.optimize"), "{name}: {}", plan.out);
     }
+    let plan = space.ok(&["plan", &pipeline("object")]);
+    assert!(plan.out.contains("evaluate"), "{}", plan.out);
 }
 
 #[test]

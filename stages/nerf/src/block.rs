@@ -7,10 +7,10 @@ use crate::composite;
 use crate::config::FEATURES;
 use crate::exponential::sigmoid;
 use crate::field::{Field, sigma_backward};
-use crate::kernels::hash::Positions;
 use crate::look::Look;
 use crate::march::{Segment, march};
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY, Transposed};
+use crate::positions::Positions;
 use crate::spherical::harmonics;
 use std::ops::Range;
 

@@ -2,11 +2,12 @@
 //! nothing of cameras or training.
 
 use crate::config::{FEATURES, FieldConfig, Level};
-use crate::kernels::hash::{Entry, Positions, encode};
+use crate::kernels::hash::{Entry, encode};
 use crate::kernels::matrix::COLUMNS;
 use crate::march::Stride;
 use crate::network::{Activations, GEOMETRY, Layer, Network};
 use crate::occupancy::OccupancyGrid;
+use crate::positions::Positions;
 use crate::space::Space;
 use compute::rng::Rng;
 use half::f16;

@@ -3,8 +3,8 @@
 
 use crate::composite;
 use crate::field::{Field, sigma};
-use crate::kernels::hash::Positions;
 use crate::network::{Activations, GEOMETRY};
+use crate::positions::Positions;
 use std::ops::Range;
 
 /// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to go far behind a surface.

@@ -2,8 +2,8 @@
 
 use crate::exponential::sigmoid;
 use crate::field::Field;
-use crate::kernels::hash::Positions;
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY};
+use crate::positions::Positions;
 use crate::spherical::harmonics;
 
 /// How full a field's box is, in cells of its occupancy grid.

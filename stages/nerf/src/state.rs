@@ -5,7 +5,8 @@ use crate::batch::TrainView;
 use crate::config::{FEATURES, FieldConfig};
 use crate::field::{Field, FieldError, Tensors, network_tensors, read_network, take};
 use crate::network::Network;
-use crate::train::{TrainOptions, Trainer};
+use crate::options::TrainOptions;
+use crate::train::Trainer;
 
 impl Trainer {
     /// Everything that the coming steps depend on besides the views, the options and the seed: the field, Adam's moments

@@ -1,8 +1,8 @@
 //! Keeps a field's occupancy grid true while the field changes. Knows cameras and densities, and nothing of losses.
 
 use crate::field::{Field, sigma};
-use crate::kernels::hash::Positions;
 use crate::network::{Activations, GEOMETRY};
+use crate::positions::Positions;
 use compute::rng::Rng;
 use rayon::prelude::*;
 use scene::Camera;

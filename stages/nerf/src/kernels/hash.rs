@@ -8,6 +8,7 @@
 #[cfg(target_arch = "x86_64")]
 use super::wide::Avx512;
 use crate::config::{FEATURES, Level};
+use crate::positions::Positions;
 use half::f16;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -20,51 +21,6 @@ pub const LANES: usize = 16;
 pub const CORNERS: usize = 8;
 /// Factors of the spatial hash for y and z; x has 1 (the paper's equation 4).
 pub const PRIMES: [u32; 2] = [2_654_435_761, 805_459_861];
-
-/// Positions in unit space, one array per axis.
-#[derive(Clone, Debug, Default)]
-pub struct Positions(pub [Vec<f32>; 3]);
-
-impl Positions {
-    /// How many there are, padding included.
-    pub fn len(&self) -> usize {
-        self.0[0].len()
-    }
-
-    /// Adds a position.
-    pub fn push(&mut self, position: [f32; 3]) {
-        self.0.iter_mut().zip(position).for_each(|(axis, x)| axis.push(x));
-    }
-
-    /// Repeats the origin until whole groups are full.
-    pub fn pad(&mut self) {
-        let len = self.len().next_multiple_of(LANES);
-        self.0.iter_mut().for_each(|axis| axis.resize(len, 0.0));
-    }
-
-    /// Adds whole groups.
-    pub fn extend(&mut self, more: &Self) {
-        self.0.iter_mut().zip(&more.0).for_each(|(axis, more)| axis.extend_from_slice(more));
-    }
-
-    /// Adds those of `from` with these indices.
-    pub fn gather(&mut self, from: &Self, indices: &[u32]) {
-        for (axis, from) in self.0.iter_mut().zip(&from.0) {
-            axis.extend(indices.iter().map(|&index| from[index as usize]));
-        }
-    }
-
-    /// Forgets all positions.
-    pub fn clear(&mut self) {
-        self.0.iter_mut().for_each(Vec::clear);
-    }
-
-    /// A group's coordinates, one array per axis.
-    #[inline(always)]
-    pub fn group(&self, group: usize) -> [&[f32; LANES]; 3] {
-        self.0.each_ref().map(|axis| &axis.as_chunks::<LANES>().0[group])
-    }
-}
 
 /// Entries and trilinear weights of the corners around a group of positions.
 pub struct Corners {
@@ -230,100 +186,4 @@ impl<K: Kernel> WithSimd for EncodeBackward<'_, K> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config::FieldConfig;
-    use compute::rng::Rng;
-
-    /// A dense, a hashed and a flat grid, with random entries and positions.
-    fn example(extent: [f32; 3]) -> (Vec<Level>, Vec<Entry>, Positions) {
-        let config =
-            FieldConfig { levels: 4, log2_table: 10, finest_resolution: 64, base_resolution: 4, ..Default::default() };
-        let levels = config.levels(extent);
-        let rng = Rng::new(3, "hash test");
-        let table = (0..levels.iter().map(|l| l.entries).sum::<usize>() as u64)
-            .map(|i| [rng.normal(0, 2 * i), rng.normal(0, 2 * i + 1)].map(f16::from_f32))
-            .collect();
-        let mut positions = Positions::default();
-        (0..30).for_each(|i| positions.push([0, 1, 2].map(|a| rng.uniform(1, 3 * i + a) * extent[a as usize])));
-        positions.pad();
-        (levels, table, positions)
-    }
-
-    #[test]
-    fn a_position_on_a_vertex_reads_its_entry() {
-        let (levels, table, _) = example([1.0; 3]);
-        let level = &levels[0];
-        assert!(level.dense);
-        let vertex = [2u32, 1, 3];
-        let mut positions = Positions::default();
-        positions.push(vertex.map(|v| (v as f32 - 0.5) / level.scale));
-        positions.pad();
-        let mut out = vec![0.0; positions.len() * 16];
-        encode(&levels, &table, &positions, &mut out, 16);
-        let entry = table[(vertex[0] + 4 * (vertex[1] + 4 * vertex[2])) as usize].map(f32::from);
-        assert!((out[0] - entry[0]).abs() < 1e-4 && (out[1] - entry[1]).abs() < 1e-4);
-    }
-
-    /// <d, encode(table)> is linear in the table: its gradient, times the table, gives it back.
-    #[test]
-    fn backward_is_the_adjoint_of_encode() {
-        for extent in [[1.0; 3], [1.0, 0.3, 0.6]] {
-            let (levels, table, positions) = example(extent);
-            assert!(levels[0].dense && !levels[3].dense);
-            let (rng, width) = (Rng::new(4, "adjoint"), 16);
-            let mut out = vec![0.0; positions.len() * width];
-            encode(&levels, &table, &positions, &mut out, width);
-            for (l, level) in levels.iter().enumerate() {
-                let d: Vec<[f32; 2]> =
-                    (0..positions.len() as u64).map(|i| [rng.normal(0, i), rng.normal(1, i)]).collect();
-                let mut d_table = vec![[0.0; 2]; level.entries];
-                encode_backward(level, &positions, &d, &mut d_table);
-                let dot = |a: &[f32; 2], b: &[f32]| f64::from(a[0] * b[0]) + f64::from(a[1] * b[1]);
-                let left: f64 = d.iter().enumerate().map(|(i, d)| dot(d, &out[i * width + 2 * l..][..2])).sum();
-                let right: f64 =
-                    d_table.iter().zip(&table[level.offset..]).map(|(d, t)| dot(d, &t.map(f32::from))).sum();
-                assert!((left - right).abs() < 1e-4 * left.abs().max(1.0), "level {l}: {left} {right}");
-            }
-        }
-    }
-
-    #[test]
-    fn weights_of_a_cell_sum_to_one() {
-        let (levels, _, positions) = example([1.0; 3]);
-        for level in &levels {
-            let corners = Portable.corners(level, positions.group(0));
-            for lane in 0..LANES {
-                let sum: f32 = corners.weight.iter().map(|weight| weight[lane]).sum();
-                assert!((sum - 1.0).abs() < 1e-5);
-            }
-        }
-    }
-
-    #[test]
-    fn widening_is_exact_for_every_finite_half() {
-        for bits in 0..=u16::MAX {
-            let half = f16::from_bits(bits);
-            assert!(!half.is_finite() || widen(half) == half.to_f32());
-        }
-    }
-
-    /// Both kernels and both directions; 30 positions inside the box and two far outside.
-    #[cfg(target_arch = "x86_64")]
-    #[test]
-    fn gathers_give_the_same_bits_as_single_look_ups() {
-        let Some(avx512) = Avx512::new() else { return };
-        for extent in [[1.0; 3], [1.0, 0.3, 0.6]] {
-            let (levels, table, mut positions) = example(extent);
-            positions.0.iter_mut().for_each(|axis| axis[30] = 7.5);
-            for level in &levels {
-                let table = &table[level.offset..level.offset + level.entries];
-                for group in [0, 1].map(|group| positions.group(group)) {
-                    assert_eq!(avx512.look_up(level, table, group), Portable.look_up(level, table, group));
-                    let (wide, portable) = (avx512.corners(level, group), Portable.corners(level, group));
-                    assert_eq!((wide.entry, wide.weight), (portable.entry, portable.weight));
-                }
-            }
-        }
-    }
-}
+mod tests;

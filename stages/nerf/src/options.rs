@@ -1,0 +1,59 @@
+//! How a field is trained: the numbers, and the learning rate that follows from them. Knows nothing of the training itself.
+
+use serde::{Deserialize, Serialize};
+
+/// How to train.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainOptions {
+    /// Steps in all; the learning rate's schedule stretches over them.
+    pub steps: u32,
+    /// Samples along rays per step: the number of pixels in a batch follows from it.
+    pub samples: u32,
+    /// Adam's learning rate at its highest.
+    pub rate: f64,
+    /// The learning rate of the last step, as a part of `rate`; it falls exponentially.
+    pub final_rate: f64,
+    /// Steps over which the learning rate rises to `rate`.
+    pub warm_up: u32,
+    /// Where the loss turns from squared to absolute; at 1 it is half the squared error.
+    pub beta: f64,
+    /// Pull of the networks' weights towards zero; hash entries have none.
+    pub l2: f64,
+    /// Weight of the distortion loss, which draws the weights along a ray together.
+    pub distortion: f64,
+    /// Downward pull on raw densities near the cameras.
+    pub fog: f64,
+    /// The part of a ray's range that is near the camera in this sense.
+    pub fog_range: f64,
+    /// Put a random colour behind every pixel, of the field and of a transparent photo alike: holes in an opaque photo
+    /// then cost as much as they let through. Otherwise the background is black.
+    pub random_background: bool,
+}
+
+impl Default for TrainOptions {
+    fn default() -> Self {
+        Self {
+            steps: 2000,
+            samples: 1 << 14,
+            rate: 1e-2,
+            final_rate: 0.1,
+            warm_up: 50,
+            beta: 1.0,
+            l2: 1e-6,
+            distortion: 1e-3,
+            fog: 1e-4,
+            fog_range: 0.05,
+            random_background: true,
+        }
+    }
+}
+
+impl TrainOptions {
+    /// The learning rate of the step after so many.
+    pub(crate) fn rate_after(&self, steps: u32) -> f64 {
+        let rise = f64::from(steps + 1) / f64::from(self.warm_up.max(1));
+        let progress = f64::from(steps) / f64::from(self.steps.max(1));
+        self.rate * rise.min(1.0) * self.final_rate.powf(progress.min(1.0))
+    }
+}

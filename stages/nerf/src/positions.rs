@@ -1,0 +1,48 @@
+//! Places in unit space, laid out for the kernels. Knows nothing of what is there.
+
+use crate::kernels::hash::LANES;
+
+/// Positions in unit space, one array per axis.
+#[derive(Clone, Debug, Default)]
+pub struct Positions(pub [Vec<f32>; 3]);
+
+impl Positions {
+    /// How many there are, padding included.
+    pub fn len(&self) -> usize {
+        self.0[0].len()
+    }
+
+    /// Adds a position.
+    pub fn push(&mut self, position: [f32; 3]) {
+        self.0.iter_mut().zip(position).for_each(|(axis, x)| axis.push(x));
+    }
+
+    /// Repeats the origin until whole groups are full.
+    pub fn pad(&mut self) {
+        let len = self.len().next_multiple_of(LANES);
+        self.0.iter_mut().for_each(|axis| axis.resize(len, 0.0));
+    }
+
+    /// Adds whole groups.
+    pub fn extend(&mut self, more: &Self) {
+        self.0.iter_mut().zip(&more.0).for_each(|(axis, more)| axis.extend_from_slice(more));
+    }
+
+    /// Adds those of `from` with these indices.
+    pub fn gather(&mut self, from: &Self, indices: &[u32]) {
+        for (axis, from) in self.0.iter_mut().zip(&from.0) {
+            axis.extend(indices.iter().map(|&index| from[index as usize]));
+        }
+    }
+
+    /// Forgets all positions.
+    pub fn clear(&mut self) {
+        self.0.iter_mut().for_each(Vec::clear);
+    }
+
+    /// A group's coordinates, one array per axis.
+    #[inline(always)]
+    pub fn group(&self, group: usize) -> [&[f32; LANES]; 3] {
+        self.0.each_ref().map(|axis| &axis.as_chunks::<LANES>().0[group])
+    }
+}
