@@ -114,8 +114,12 @@ fn main() {
     println!("{}", if runs { " ms | GFLOP/s | GB/s | of the roofline |" } else { "" });
     println!("|---|---|---|---|---|{}", if runs { "---|---|---|---|" } else { "" });
     let bench = Bench { device, peak, runs };
-    [[4096, 256, 2048], [1024, 512, 4096], [1024, 2048, 512], [1024, 512, 4]].map(|extents| bench.linear(extents));
-    [(256, 256, 64), (768, 256, 64), (512, 512, 32), (1024, 1024, 8)].map(|(c, o, side)| bench.conv(c, o, side));
+    for extents in [[4096, 256, 2048], [1024, 512, 4096], [1024, 2048, 512], [1024, 512, 4]] {
+        bench.linear(extents);
+    }
+    for (channels, outputs, side) in [(256, 256, 64), (768, 256, 64), (512, 512, 32), (1024, 1024, 8)] {
+        bench.conv(channels, outputs, side);
+    }
     bench.attention(4096, 4096, 8, 32);
     bench.attention(1024, 77, 8, 64);
     bench.others(256, 64);
