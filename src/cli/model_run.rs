@@ -39,9 +39,9 @@ pub struct Run {
     #[arg(long)]
     target_grad: bool,
     /// How many megabytes of activations the way back may keep; the rest is computed again
-    #[arg(long, default_value_t = 1024, value_name = "MB")]
+    #[arg(long, default_value_t = 64, value_name = "MB")]
     keep: usize,
-    /// How the UNet multiplies; bf16 is faster where the processor has it, and off by some 2e-3 of a product's norm
+    /// How the UNet multiplies; bf16 is off by some 2e-3 of a product's norm
     #[arg(long, value_enum, default_value = "f32")]
     precision: PrecisionName,
     /// Where to compute: auto, cpu, gpu or gpu:N; a GPU multiplies in f32

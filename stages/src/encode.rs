@@ -34,7 +34,7 @@ impl Stage for Encode {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {

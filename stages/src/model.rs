@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use artifacts_schema::Digest;
+use compute::Precision;
 use diffusion::{ModelSource, Prior};
 use serde::{Deserialize, Serialize};
 
@@ -20,10 +21,29 @@ pub enum Model {
     Folder(PathBuf),
 }
 
+/// To what the UNet rounds the factors of its products; it sums them in `f32` always.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Factors {
+    /// Not at all.
+    #[default]
+    F32,
+    /// To the upper half of an `f32`, which costs some 2e-3 of a product's norm.
+    Bf16,
+}
+
 impl Model {
     /// The prior, on the stage's device.
     pub fn load(&self, io: &Io) -> Result<Prior, StageError> {
         Ok(Prior::load(&self.source(), io.device)?)
+    }
+
+    /// The prior with a UNet that multiplies in `factors`.
+    pub fn load_in(&self, io: &Io, factors: Factors) -> Result<Prior, StageError> {
+        let precision = match factors {
+            Factors::F32 => Precision::F32,
+            Factors::Bf16 => Precision::Bf16,
+        };
+        Ok(Prior::load_in(&self.source(), io.device, precision)?)
     }
 
     /// The digest of its weights and configuration, for the key.

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::convert;
 use crate::error::StageError;
 use crate::keeper::Keeper;
-use crate::model::Model;
+use crate::model::{Factors, Model};
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
 use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
@@ -27,6 +27,8 @@ pub struct Optimize {
     pub low: Input,
     /// The prior.
     pub model: Model,
+    /// How the prior's UNet multiplies.
+    pub precision: Factors,
     /// The rule to follow, with its own options.
     pub guidance: Guidance,
     /// Guidance steps in all.
@@ -61,6 +63,7 @@ impl Default for Optimize {
             latents: Input::default(),
             low: Input::default(),
             model: Model::default(),
+            precision: Factors::default(),
             guidance: options.guidance,
             steps: options.steps,
             batch: options.batch,
@@ -120,7 +123,7 @@ impl Stage for Optimize {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -187,7 +190,7 @@ impl Stage for Optimize {
         let all = latents.views.len();
         latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
         options.steps = share(&options, all, latents.views.len());
-        let prior = self.model.load(io)?;
+        let prior = self.model.load_in(io, self.precision)?;
         let views: Vec<_> = latents.views.iter().map(|v| view(v, &low, io.device)).collect::<Result<_, _>>()?;
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
         let begin = || Optimization::new(&denoiser, &views, &options, io.seed).map_err(refused);

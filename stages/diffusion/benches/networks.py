@@ -53,7 +53,7 @@ def prepare(case, folder):
 def ours(program, case, train, model, folder, repeat, keep):
     part = "vae-decode" if case == "vae" else "unet"
     files = ["--input", folder / "in.safetensors", "--output", folder / "out.safetensors", "--threads", THREADS]
-    lora = ["--lora", folder / "pytorch_lora_weights.safetensors", "--target-grad", "--keep", str(keep)] if train else []
+    lora = ["--lora", folder / "pytorch_lora_weights.safetensors", "--target-grad", *keep] if train else []
     command = [program, "model", "run", model, "--part", part, *files, *lora, "--repeat", str(repeat), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     told = json.loads(done.stdout)
@@ -102,8 +102,8 @@ def measure(program, case, repeat):
         model = Path(prepared.stdout.strip().splitlines()[-1])
         for train in [False] if case == "vae" else [False, True]:
             torch_time, torch_memory = theirs(case, train, model, folder, repeat)
-            for keep in [1024, 0] if train else [1024]:
-                name = f"{case} {'forward and backward' if train else 'forward'}{', recompute' if keep == 0 else ''}"
+            for keep in [[], ["--keep", "1024"], ["--keep", "0"]] if train else [[]]:
+                name = f"{case} {'forward and backward' if train else 'forward'}{' '.join(['', *keep])}"
                 our_time, our_memory = ours(program, case, train, model, folder, repeat, keep)
                 print(
                     f"{name:36} {our_time:8.0f} ms {torch_time:8.0f} ms {our_time / torch_time:6.2f}"

@@ -46,6 +46,11 @@ impl Default for ModelIndex {
 impl Prior {
     /// Reads a model onto `device`. The error names the file, and the field or tensor in it, that cannot be used.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
+        Self::load_in(source, device, Precision::F32)
+    }
+
+    /// [`Prior::load`] with a UNet that multiplies in `precision`. The autoencoder and the text encoder stay in `f32`.
+    pub fn load_in(source: &ModelSource, device: &Device, precision: Precision) -> Result<Self, ModelError> {
         let unet_file = source.file("unet/config.json")?;
         let vae_config = VaeConfig::read(&source.file("vae/config.json")?)?;
         let text_config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
@@ -57,7 +62,7 @@ impl Prior {
             low_schedule: schedule(low_file.as_ref().unwrap_or(&schedule_file))?,
             tokenizer: Tokenizer::load(source, &text_config)?,
             max_noise_level: max_noise_level(source)?,
-            unet: Unet::load(source, device, Precision::F32)?,
+            unet: Unet::load(source, device, precision)?,
             vae: Vae::load(source, device)?,
             text_encoder: TextEncoder::load(source, device)?,
         })

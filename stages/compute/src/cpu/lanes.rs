@@ -4,21 +4,23 @@
 /// Lanes of every reduction; a multiple of the widest vector, to hide the latency of its additions.
 pub const LANES: usize = 64;
 
+/// Joins the `WIDTH` lanes from `WIDTH` on to those before.
+#[inline(always)]
+fn halve<const ALL: usize, const WIDTH: usize>(lanes: &mut [f32; ALL], operation: &impl Fn(f32, f32) -> f32) {
+    for i in 0..WIDTH {
+        lanes[i] = operation(lanes[i], lanes[i + WIDTH]);
+    }
+}
+
 /// Joins the lanes by halves.
 #[inline(always)]
 pub fn join(mut lanes: [f32; LANES], operation: impl Fn(f32, f32) -> f32) -> f32 {
-    #[inline(always)]
-    fn halve<const WIDTH: usize>(lanes: &mut [f32; LANES], operation: &impl Fn(f32, f32) -> f32) {
-        for i in 0..WIDTH {
-            lanes[i] = operation(lanes[i], lanes[i + WIDTH]);
-        }
-    }
-    halve::<32>(&mut lanes, &operation);
-    halve::<16>(&mut lanes, &operation);
-    halve::<8>(&mut lanes, &operation);
-    halve::<4>(&mut lanes, &operation);
-    halve::<2>(&mut lanes, &operation);
-    halve::<1>(&mut lanes, &operation);
+    halve::<LANES, 32>(&mut lanes, &operation);
+    halve::<LANES, 16>(&mut lanes, &operation);
+    halve::<LANES, 8>(&mut lanes, &operation);
+    halve::<LANES, 4>(&mut lanes, &operation);
+    halve::<LANES, 2>(&mut lanes, &operation);
+    halve::<LANES, 1>(&mut lanes, &operation);
     lanes[0]
 }
 
@@ -54,6 +56,37 @@ pub fn sum_pairs(x: &[f32], y: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
         *lane += term(x, y);
     }
     join(lanes, |a, b| a + b)
+}
+
+/// Lanes of [`sums`], which has several rows of them, and is for short slices.
+const FEW: usize = 16;
+
+/// The sums of all `terms` over the triples of `x`, `y` and `z`, in one pass.
+#[inline(always)]
+pub fn sums<const N: usize>(x: &[f32], y: &[f32], z: &[f32], terms: impl Fn(f32, f32, f32) -> [f32; N]) -> [f32; N] {
+    let mut lanes = [[0.0; FEW]; N];
+    let ((xs, x), (ys, y), (zs, z)) = (x.as_chunks::<FEW>(), y.as_chunks::<FEW>(), z.as_chunks::<FEW>());
+    for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
+        for lane in 0..FEW {
+            let terms = terms(x[lane], y[lane], z[lane]);
+            for i in 0..N {
+                lanes[i][lane] += terms[i];
+            }
+        }
+    }
+    for (lane, ((x, y), z)) in x.iter().zip(y).zip(z).enumerate() {
+        let terms = terms(*x, *y, *z);
+        for i in 0..N {
+            lanes[i][lane] += terms[i];
+        }
+    }
+    for lanes in &mut lanes {
+        halve::<FEW, 8>(lanes, &|a, b| a + b);
+        halve::<FEW, 4>(lanes, &|a, b| a + b);
+        halve::<FEW, 2>(lanes, &|a, b| a + b);
+        halve::<FEW, 1>(lanes, &|a, b| a + b);
+    }
+    std::array::from_fn(|i| lanes[i][0])
 }
 
 /// The largest element; minus infinity if there is none.

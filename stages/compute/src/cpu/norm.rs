@@ -12,13 +12,36 @@ fn rows_per_task(width: usize) -> usize {
     (CHUNK / width.max(1)).max(1)
 }
 
-/// The mean of `x` and the reciprocal of its standard deviation.
-#[inline(always)]
-fn moments(x: &[f32], eps: f32) -> [f32; 2] {
-    let count = x.len() as f32;
-    let mean = lanes::sum(x, |x| x) / count;
-    let variance = lanes::sum(x, |x| (x - mean) * (x - mean)) / count;
-    [mean, 1.0 / (variance + eps).sqrt()]
+/// What a group is normalised by. The mean comes in two parts, the second what the first lost by rounding: in a group whose
+/// numbers hardly differ, that is much of what they differ by.
+#[derive(Clone, Copy)]
+struct Moments {
+    mean: f32,
+    rest: f32,
+    /// The reciprocal of the standard deviation.
+    rstd: f32,
+}
+
+impl Moments {
+    /// From the sums over `count` elements of their distance from `mean`, and of its square.
+    #[inline(always)]
+    fn new(mean: f32, [sum, squares]: [f32; 2], count: f32, eps: f32) -> Moments {
+        let rest = sum / count;
+        Moments { mean, rest, rstd: 1.0 / (squares / count - rest * rest + eps).sqrt() }
+    }
+
+    #[inline(always)]
+    fn of(x: &[f32], eps: f32) -> Moments {
+        let count = x.len() as f32;
+        let mean = lanes::sum(x, |x| x) / count;
+        let sums = [lanes::sum(x, |x| x - mean), lanes::sum(x, |x| (x - mean) * (x - mean))];
+        Moments::new(mean, sums, count, eps)
+    }
+
+    #[inline(always)]
+    fn centre(self, x: f32) -> f32 {
+        (x - self.mean) - self.rest
+    }
 }
 
 /// Group `i` of all images: its range of elements begins here, and its channels begin there.
@@ -36,19 +59,18 @@ pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Acti
         vectorize(
             #[inline(always)]
             || {
-                let [mean, rstd] = moments(x, g.eps);
+                let moments = Moments::of(x, g.eps);
                 for (c, (out, x)) in out.chunks_mut(g.plane).zip(x.chunks(g.plane)).enumerate() {
-                    let scale = gamma[channel + c] * rstd;
-                    let shift = beta[channel + c] - mean * scale;
+                    let (scale, shift) = (gamma[channel + c] * moments.rstd, beta[channel + c]);
                     match activation {
                         Activation::None => {
                             for (out, x) in out.iter_mut().zip(x) {
-                                *out = x * scale + shift;
+                                *out = moments.centre(*x) * scale + shift;
                             }
                         }
                         Activation::Silu => {
                             for (out, x) in out.iter_mut().zip(x) {
-                                *out = silu(x * scale + shift);
+                                *out = silu(moments.centre(*x) * scale + shift);
                             }
                         }
                     }
@@ -68,11 +90,11 @@ pub fn group_backward(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activat
         vectorize(
             #[inline(always)]
             || {
-                let [mean, rstd] = moments(x, g.eps);
+                let moments = Moments::of(x, g.eps);
                 for (c, dx) in dx.chunks_mut(g.plane).enumerate() {
                     let (x, dy) = (&x[c * g.plane..], &dy[c * g.plane..]);
                     let gamma = gamma[channel + c];
-                    let (scale, shift) = (gamma * rstd, beta[channel + c] - mean * gamma * rstd);
+                    let (scale, shift) = (gamma * moments.rstd, beta[channel + c]);
                     match activation {
                         Activation::None => {
                             for (dx, dy) in dx.iter_mut().zip(dy) {
@@ -81,12 +103,12 @@ pub fn group_backward(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activat
                         }
                         Activation::Silu => {
                             for ((dx, x), dy) in dx.iter_mut().zip(x).zip(dy) {
-                                *dx = dy * silu_slope(x * scale + shift) * gamma;
+                                *dx = dy * silu_slope(moments.centre(*x) * scale + shift) * gamma;
                             }
                         }
                     }
                 }
-                project(x, dx, [mean, rstd]);
+                project(x, dx, moments);
             },
         );
     });
@@ -96,12 +118,12 @@ pub fn group_backward(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activat
 /// Takes `dx` from the gradient to the normalised values to the gradient to `x`: what the mean and the variance fix
 /// cannot change.
 #[inline(always)]
-fn project(x: &[f32], dx: &mut [f32], [mean, rstd]: [f32; 2]) {
+fn project(x: &[f32], dx: &mut [f32], moments: Moments) {
     let count = x.len() as f32;
     let along_mean = lanes::sum(dx, |dx| dx) / count;
-    let along_value = lanes::sum_pairs(dx, x, |dx, x| dx * ((x - mean) * rstd)) / count;
+    let along_value = lanes::sum_pairs(dx, x, |dx, x| dx * moments.centre(x)) / count * moments.rstd;
     for (dx, x) in dx.iter_mut().zip(x) {
-        *dx = rstd * (*dx - along_mean - (x - mean) * rstd * along_value);
+        *dx = moments.rstd * (*dx - along_mean - moments.centre(*x) * moments.rstd * along_value);
     }
 }
 
@@ -115,9 +137,11 @@ pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
             #[inline(always)]
             || {
                 for (out, x) in pairs {
-                    let [mean, rstd] = moments(x, eps);
+                    let mean = lanes::sums(x, x, x, |x, _, _| [x])[0] / width as f32;
+                    let sums = lanes::sums(x, x, x, |x, _, _| [x - mean, (x - mean) * (x - mean)]);
+                    let moments = Moments::new(mean, sums, width as f32, eps);
                     for (((out, x), gamma), beta) in out.iter_mut().zip(x).zip(gamma).zip(beta) {
-                        *out = (x - mean) * rstd * gamma + beta;
+                        *out = moments.centre(*x) * moments.rstd * gamma + beta;
                     }
                 }
             },
@@ -137,13 +161,27 @@ pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Buffer 
             #[inline(always)]
             || {
                 for (dx, (x, dy)) in triples {
-                    for ((dx, dy), gamma) in dx.iter_mut().zip(dy).zip(gamma) {
-                        *dx = dy * gamma;
-                    }
-                    project(x, dx, moments(x, eps));
+                    layer_row_backward(x, gamma, eps, dy, dx);
                 }
             },
         );
     });
     dx
+}
+
+/// One row, whose sums are taken all at once.
+#[inline(always)]
+fn layer_row_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32], dx: &mut [f32]) {
+    let count = x.len() as f32;
+    let mean = lanes::sums(x, x, x, |x, _, _| [x])[0] / count;
+    let [sum, squares, slopes, along] = lanes::sums(x, dy, gamma, |x, dy, gamma| {
+        let (x, slope) = (x - mean, dy * gamma);
+        [x, x * x, slope, slope * x]
+    });
+    let moments = Moments::new(mean, [sum, squares], count, eps);
+    let along_mean = slopes / count;
+    let along_value = (along - moments.rest * slopes) / count * moments.rstd;
+    for (((dx, x), dy), gamma) in dx.iter_mut().zip(x).zip(dy).zip(gamma) {
+        *dx = moments.rstd * (dy * gamma - along_mean - moments.centre(*x) * moments.rstd * along_value);
+    }
 }

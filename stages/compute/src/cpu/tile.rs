@@ -16,6 +16,10 @@ pub const ROWS: usize = 12;
 /// Columns of a tile, and of a packed panel.
 pub const COLUMNS: usize = 32;
 
+/// Terms that are summed one after the other before they join the total: sums of short sums round less than one long
+/// sum does, here by more than half.
+const CHAIN: usize = 32;
+
 /// What becomes of the values that a product finds in its result.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Old {
@@ -138,18 +142,24 @@ unsafe fn sum<V: Vector, const R: usize>(
 ) {
     // SAFETY: by the contract of this function.
     unsafe {
-        let mut sums = [[V::splat(0.0); 2]; R];
+        let mut totals = [[V::splat(0.0); 2]; R];
         let rows: [*const f32; R] = std::array::from_fn(|row| a.add(row * row_stride));
-        for k in 0..depth {
-            let b = [V::load(panel.add(k * COLUMNS)), V::load(panel.add(k * COLUMNS + V::LANES))];
-            for (row, sums) in rows.iter().zip(&mut sums) {
-                let a = V::splat(*row.add(k * step));
-                sums[0] = a.multiply_add(b[0], sums[0]);
-                sums[1] = a.multiply_add(b[1], sums[1]);
+        for first in (0..depth).step_by(CHAIN) {
+            let mut sums = [[V::splat(0.0); 2]; R];
+            for k in first..depth.min(first + CHAIN) {
+                let b = [V::load(panel.add(k * COLUMNS)), V::load(panel.add(k * COLUMNS + V::LANES))];
+                for (row, sums) in rows.iter().zip(&mut sums) {
+                    let a = V::splat(*row.add(k * step));
+                    sums[0] = a.multiply_add(b[0], sums[0]);
+                    sums[1] = a.multiply_add(b[1], sums[1]);
+                }
+            }
+            for (totals, sums) in totals.iter_mut().zip(&sums) {
+                *totals = [totals[0].add(sums[0]), totals[1].add(sums[1])];
             }
         }
-        for (row, sums) in sums.iter().enumerate() {
-            for (i, sum) in sums.iter().enumerate() {
+        for (row, totals) in totals.iter().enumerate() {
+            for (i, sum) in totals.iter().enumerate() {
                 let out = out.add(row * stride + i * V::LANES);
                 (if old == Old::Keep { sum.add(V::load(out)) } else { *sum }).store(out);
             }

@@ -25,6 +25,9 @@ const OUTPUTS: usize = 4 * ROWS;
 const TASKS: usize = 6;
 /// Inputs per product.
 const DEPTH: usize = 128;
+/// The fewest channels, in and out. With fewer, plain sums take hardly longer, and networks so narrow normalise groups
+/// of so few numbers that rounding shows.
+const NARROWEST: usize = 64;
 /// Channels per task of the inputs' transform.
 const CHANNELS: usize = 4;
 
@@ -32,7 +35,7 @@ const CHANNELS: usize = 4;
 pub fn suits(g: &Geometry) -> bool {
     let tiles = g.batch * g.out_height.div_ceil(SIDE) * g.out_width.div_ceil(SIDE);
     let (direct, here) = (9 * g.batch * g.pixels(), SPOTS * tiles.next_multiple_of(COLUMNS));
-    g.kernel == [3, 3] && g.conv.stride == 1 && g.channels.min(g.outputs) >= 16 && direct >= 2 * here
+    g.kernel == [3, 3] && g.conv.stride == 1 && g.channels.min(g.outputs) >= NARROWEST && direct >= 2 * here
 }
 
 /// Some rows of tiles, counted through all images.
@@ -105,13 +108,14 @@ impl Band<'_> {
         cut.for_each_share(&mut out, |mut share| {
             let width = SIDE * (self.across() + 1);
             let mut lines = vec![0.0; SIGHT * self.rows.len() * width];
-            let mut spots = vec![0.0; SIGHT * self.rows.len() * (self.across() + 1)];
+            let mut spots = vec![0.0; SIGHT * self.rows.len() * (self.across() + 1) + LANES];
+            let mut tiles = vec![0.0; self.panels() * COLUMNS + LANES];
             for (i, channel) in share.rows.clone().enumerate() {
                 self.read_lines(x, channel, width, &mut lines);
                 transform_down(&mut lines);
                 for (line, values) in lines.chunks(self.rows.len() * width).enumerate() {
-                    transform_along(values, &mut spots);
-                    self.write_spots(line, i, &spots, &mut share);
+                    transform_along(values, &mut spots[..SIGHT * values.len() / SIDE]);
+                    self.write_spots(line, i, &spots, &mut tiles, &mut share);
                 }
             }
         });
@@ -135,20 +139,22 @@ impl Band<'_> {
         }
     }
 
-    /// Moves one line of spots, `[SIGHT, rows, across + 1]`, to row `row` of the share's panels.
-    fn write_spots(&self, line: usize, row: usize, spots: &[f32], share: &mut Share) {
+    /// Moves one line of spots, `[SIGHT, rows, across + 1]`, to row `row` of the share's panels. `tiles` is space for one
+    /// spot of all tiles.
+    fn write_spots(&self, line: usize, row: usize, spots: &[f32], tiles: &mut [f32], share: &mut Share) {
         let across = self.across();
-        for (column, spots) in spots.chunks(self.rows.len() * (across + 1)).enumerate() {
+        for column in 0..SIGHT {
             let first_panel = (line * SIGHT + column) * self.panels();
-            for (i, spots) in spots.chunks(across + 1).enumerate() {
-                let (mut tile, mut rest) = (i * across, &spots[..across]);
-                while !rest.is_empty() {
-                    let lane = tile % COLUMNS;
-                    let (now, later) = rest.split_at(rest.len().min(COLUMNS - lane));
-                    let mut block = share.block(row..row + 1, first_panel + tile / COLUMNS);
-                    block.row(0)[lane..lane + now.len()].copy_from_slice(now);
-                    (tile, rest) = (tile + now.len(), later);
+            let spots = &spots[column * self.rows.len() * (across + 1)..];
+            for i in 0..self.rows.len() {
+                // Whole vectors: what one writes beyond its row, the next row overwrites.
+                for start in (0..across).step_by(LANES) {
+                    let to = i * across + start;
+                    tiles[to..to + LANES].copy_from_slice(&spots[to + i..to + i + LANES]);
                 }
+            }
+            for (panel, tiles) in tiles.chunks_exact(COLUMNS).enumerate().take(self.panels()) {
+                share.block(row..row + 1, first_panel + panel).row(0)[..COLUMNS].copy_from_slice(tiles);
             }
         }
     }

@@ -17,6 +17,20 @@ fn error(got: &Array, exact: &Array) -> f64 {
     (dot(&difference, &difference) / dot(exact, exact)).sqrt()
 }
 
+#[test]
+fn long_sums_round_little() {
+    let (x, weight) = (normals(1, &[24, 2304]), normals(2, &[40, 2304]));
+    let (rows, columns, y) = (x.to_vec(), weight.to_vec(), linear(&x, &weight, None).to_vec());
+    let (mut off, mut size) = (0.0, 0.0);
+    for (i, got) in y.into_iter().enumerate() {
+        let pairs = rows[i / 40 * 2304..].iter().zip(&columns[i % 40 * 2304..]).take(2304);
+        let exact: f64 = pairs.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        (off, size) = (off + (f64::from(got) - exact).powi(2), size + exact.powi(2));
+    }
+    let error = (off / size).sqrt();
+    assert!(error < 2.5e-7, "an error of {error}; one sum after the other has some 4e-7");
+}
+
 /// Rounding both factors to 8 bits costs each product 2^-9 times sqrt(2/3) of its size, root mean square; sums of many
 /// keep that ratio. The bounds leave a factor of two, and demand that something was rounded.
 #[track_caller]

@@ -38,7 +38,7 @@ proptest! {
 
     #[test]
     fn any_size_and_padding_is_right(
-        (n, c, o) in (1usize..4, 16usize..30, 16usize..30),
+        (n, c, o) in (1usize..3, 64usize..72, 64usize..72),
         (h, w) in (13usize..40, 13usize..40),
         pad in prop::array::uniform4(0usize..4),
     ) {
@@ -54,7 +54,7 @@ proptest! {
 #[test]
 fn many_channels_lose_less_than_two_digits() {
     let normals = |salt, shape: &[usize]| Rng::new(salt, "winograd").normals(0, shape, &Device::cpu());
-    let (x, weight) = (normals(1, &[1, 256, 32, 32]), normals(2, &[32, 256, 3, 3]));
+    let (x, weight) = (normals(1, &[1, 256, 32, 32]), normals(2, &[64, 256, 3, 3]));
     let error = error(&x, &weight, [1; 4], 131);
-    assert!(error < 3e-6, "an error of {error}, where plain sums have about 3e-7");
+    assert!(error < 2.5e-6, "an error of {error}, where plain sums have about 2e-7");
 }
