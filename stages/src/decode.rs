@@ -121,7 +121,7 @@ impl Stage for Decode {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn check(&self) -> Result<(), StageError> {
