@@ -56,7 +56,6 @@ fn mistakes_on_the_command_line_are_usage_errors() {
     option(&["--set", "up.factor=0"], &["--set:1:11", "`factor`"]);
     option(&["--target", "agan"], &["no stage `agan`", "did you mean `again`?"]);
     option(&["--force", "u"], &["no stage `u`"]);
-    option(&["--device", "gpu"], &["this build computes on the CPU only"]);
     option(&["--device", "abacus"], &["there is no device `abacus`"]);
     option(&["--nonsense"], &["--nonsense"]);
 }
