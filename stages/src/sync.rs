@@ -44,7 +44,8 @@ impl Default for Sync {
             low_supersample: 2,
             steps: 1000,
             samples: options.samples,
-            rate: options.rate,
+            // Less than `Fit`'s: the field is near where it should be.
+            rate: 1e-2,
             final_rate: options.final_rate,
         }
     }

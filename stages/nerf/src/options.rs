@@ -31,12 +31,14 @@ pub struct TrainOptions {
     pub random_background: bool,
 }
 
+/// The rate was chosen by held-out PSNR (still life after 1500 steps: 24.46 dB at 0.01, 25.15 at 0.03, 24.57 at 0.04 with
+/// a steeper fall; LLFF fern after 600: 23.29 at 0.01, 23.51 at 0.03).
 impl Default for TrainOptions {
     fn default() -> Self {
         Self {
             steps: 2000,
             samples: 1 << 14,
-            rate: 1e-2,
+            rate: 3e-2,
             final_rate: 0.1,
             warm_up: 50,
             beta: 1.0,
