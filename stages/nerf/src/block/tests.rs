@@ -1,3 +1,5 @@
+//! The gradients of a block of rays against finite differences, and what its fog and its cut do.
+
 use super::*;
 use crate::config::FieldConfig;
 use crate::kernels::hash::encode_backward;

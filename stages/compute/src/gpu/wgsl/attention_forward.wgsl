@@ -1,3 +1,4 @@
+// The output of attention and each row's log-sum-exp, in one walk over the keys that never holds all scores.
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
 @group(0) @binding(5) var<storage, read_write> lse: array<f32>;
 

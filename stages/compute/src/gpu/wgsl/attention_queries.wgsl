@@ -1,3 +1,4 @@
+// The gradient of attention to its queries, in a second walk over the keys: scores are computed again.
 @group(0) @binding(7) var<storage, read_write> dq: array<f32>;
 
 @compute @workgroup_size(256)

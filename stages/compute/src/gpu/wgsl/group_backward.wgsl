@@ -1,3 +1,4 @@
+// The second pass of the group normalisation's gradient, by the sums of the first.
 @group(0) @binding(6) var<storage, read> chunk_sums: array<vec2f>;
 @group(0) @binding(7) var<storage, read_write> out: array<f32>;
 

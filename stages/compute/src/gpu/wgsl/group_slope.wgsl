@@ -1,3 +1,4 @@
+// The gradient to a normalised value, which both passes of the group normalisation's gradient need.
 @group(0) @binding(5) var<storage, read> dy: array<f32>;
 
 // The gradient to the normalised value.
