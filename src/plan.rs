@@ -255,8 +255,8 @@ pub fn sources(graph: &Graph, needed: &BTreeSet<usize>, store: &Store) -> Result
         if !known.contains_key(&what) {
             let ask = || node.stage.sources().map_err(|error| SourceError { stage: node.name.clone(), error });
             let read = match node.stage.source_files() {
-                Some(files) => store.while_unchanged(&what, &files, ask)?,
-                None => ask()?,
+                Some(files) if !files.is_empty() => store.while_unchanged(&what, &files, ask)?,
+                _ => ask()?,
             };
             known.insert(what.clone(), read);
         }

@@ -38,6 +38,11 @@ fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreErro
         .map_err(|error| StoreError::Output { output: name.to_owned(), problem: error.to_string() })
 }
 
+/// Whether a result has tables or figures.
+pub fn tells(record: &Record) -> bool {
+    record.outputs.values().any(|output| matches!(output.kind, ArtifactKind::Metrics | ArtifactKind::Figures))
+}
+
 /// The tables of all metrics artifacts of a result.
 pub fn tables(store: &Store, stage: &str, record: &Record) -> Result<Vec<String>, StoreError> {
     Ok(scores(store, stage, record)?.iter().map(Scores::table).collect())

@@ -209,7 +209,7 @@ impl Scheduler<'_> {
         let Some((record, bytes)) = fetched else { return Ok(false) };
         board.progress.event(&Event::Fetched { stage: self.name(at), key, bytes });
         self.view.show(self.context.store, self.name(at), &record)?;
-        board.done(at, StageRun { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }, record);
+        board.done(at, StageRun::cached(key), record);
         Ok(true)
     }
 

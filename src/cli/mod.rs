@@ -21,6 +21,7 @@ mod pin;
 mod plan;
 mod run;
 mod session;
+mod standing;
 mod store;
 mod verify;
 mod whence;

@@ -25,6 +25,11 @@ pub struct Only {
 }
 
 impl Only {
+    /// Whether all stages are meant.
+    pub fn is_all(&self) -> bool {
+        self.only.is_none()
+    }
+
     /// The one stage, if there is to be only one.
     pub fn stage(&self, session: &Session) -> Result<Option<usize>, Error> {
         self.only.as_deref().map(|name| session.stage(name)).transpose()

@@ -2,16 +2,19 @@
 
 use std::mem::ManuallyDrop;
 
+use artifacts_schema::Digest;
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::options::{Choice, PipelineOptions};
 use super::output::{print, print_json, table};
 use super::session::Session;
+use super::{device, standing};
 use crate::error::Error;
 use crate::explain::Reason;
 use crate::plan::Forecast;
 use crate::store::Store;
+use crate::store::standing::Standing;
 
 /// Options of `plan`.
 #[derive(Args)]
@@ -29,8 +32,14 @@ impl Plan {
     /// Prints the plan.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
+        let device = device::open(&changes.device)?;
+        let question = standing::question(&self.pipeline, &self.choice, &device);
+        if let Some(found) = standing::find(question.as_ref(), &changes.folders.store)? {
+            all_cached(&ManuallyDrop::new(found).1, json);
+            return Ok(());
+        }
         // With thousands of stages it takes long to take all this apart, which the end of the process spares.
-        let session = ManuallyDrop::new(Session::new(pipeline, changes, &self.choice)?);
+        let session = ManuallyDrop::new(Session::on(device, pipeline, changes, &self.choice)?);
         let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
         let forecasts = ManuallyDrop::new(session.context(&store).forecast()?);
         let stages: Vec<(&str, &Forecast)> =
@@ -38,12 +47,11 @@ impl Plan {
         let cached = stages.iter().filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_))).count();
         let (all, to_run) = (stages.len(), stages.len() - cached);
         if json {
-            let stages: Vec<Value> = stages.iter().map(|(name, forecast)| forecast_json(name, forecast)).collect();
-            print_json(&json!({ "pipeline": session.graph.pipeline, "stages": stages }));
+            let stages = stages.iter().map(|(name, forecast)| forecast_json(name, forecast)).collect();
+            print_stages(&session.graph.pipeline, stages);
         } else {
             let rows: Vec<Vec<String>> = stages.iter().map(|(name, forecast)| row(name, forecast)).collect();
-            print(&table(&rows, false));
-            print(&format_args!("\n{all} stages: {cached} cached, {to_run} to run"));
+            print_table(&rows, to_run);
         }
         if self.exit_code && to_run > 0 {
             return Err(Error::Found { message: format!("{to_run} of {all} stages to run"), help: None });
@@ -52,22 +60,49 @@ impl Plan {
     }
 }
 
+/// Prints a plan that has nothing to run.
+fn all_cached(standing: &Standing, json: bool) {
+    let Standing { pipeline, stages, .. } = standing;
+    match json {
+        true => print_stages(pipeline, stages.iter().map(|(name, key)| cached_json(name, key)).collect()),
+        false => print_table(&stages.iter().map(|(name, _)| cached_row(name, "")).collect::<Vec<_>>(), 0),
+    }
+}
+
+fn print_stages(pipeline: &str, stages: Vec<Value>) {
+    print_json(&json!({ "pipeline": pipeline, "stages": stages }));
+}
+
+fn print_table(rows: &[Vec<String>], to_run: usize) {
+    print(&table(rows, false));
+    print(&format_args!("\n{} stages: {} cached, {to_run} to run", rows.len(), rows.len() - to_run));
+}
+
+fn cached_row(name: &str, why: &str) -> Vec<String> {
+    [name, "cached", why].map(str::to_owned).into()
+}
+
+fn cached_json(name: &str, key: &Digest) -> Value {
+    json!({"stage": name, "state": "cached", "key": key})
+}
+
 fn row(name: &str, forecast: &Forecast) -> Vec<String> {
-    let (state, why) = match forecast {
-        Forecast::Cached(assessment) if assessment.is_remote => ("cached", "in the remote".to_owned()),
-        Forecast::Cached(_) => ("cached", String::new()),
-        Forecast::Run(reason, _) => ("will run", reason.to_string()),
+    let why = match forecast {
+        Forecast::Cached(assessment) => {
+            return cached_row(name, if assessment.is_remote { "in the remote" } else { "" });
+        }
+        Forecast::Run(reason, _) => reason.to_string(),
         Forecast::Unless(upstream) => {
             let what = if upstream.len() == 1 { "its result is" } else { "their results are" };
-            ("will run", format!("upstream {} will run (spared if {what} unchanged)", upstream.join(", ")))
+            format!("upstream {} will run (spared if {what} unchanged)", upstream.join(", "))
         }
     };
-    vec![name.to_owned(), state.to_owned(), why]
+    vec![name.to_owned(), "will run".to_owned(), why]
 }
 
 fn forecast_json(name: &str, forecast: &Forecast) -> Value {
     match forecast {
-        Forecast::Cached(assessment) => json!({"stage": name, "state": "cached", "key": assessment.key}),
+        Forecast::Cached(assessment) => cached_json(name, &assessment.key),
         Forecast::Run(reason, _) => {
             let changes = if let Reason::Changed(changes) = reason { json!(changes) } else { Value::Null };
             json!({"stage": name, "state": "will_run", "reason": reason.to_string(), "changes": changes})

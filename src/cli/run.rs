@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 use std::mem::ManuallyDrop;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
+use artifacts_schema::Digest;
 use clap::Args;
 use compute::Device;
 use serde_json::json;
@@ -15,15 +16,18 @@ use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
 use super::output::print;
 use super::session::Session;
+use super::{device, standing};
 use crate::error::Error;
 use crate::plan::Context;
-use crate::progress::{self, Verbosity, duration};
+use crate::progress::{self, Event, Verbosity, duration};
 use crate::report;
 use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::runs::{End, Run as Record, now};
+use crate::store::result;
+use crate::store::runs::{End, Run as Record, StageRun, now};
+use crate::store::standing::Standing;
 use crate::store::view::View;
 use crate::task::Failure;
 
@@ -65,8 +69,15 @@ impl Run {
         let begun = Instant::now();
         let started = now();
         let PipelineOptions { pipeline, changes } = &self.pipeline;
+        let asked = SystemTime::now();
+        let device = device::open(&changes.device)?;
+        self.tell_device(&device);
+        let question = self.only.is_all().then(|| standing::question(&self.pipeline, &self.choice, &device)).flatten();
+        if let Some(found) = standing::find(question.as_ref(), &changes.folders.store)? {
+            return Ok(self.find_all_done(&ManuallyDrop::new(found).1, started, begun, json)?);
+        }
         // With thousands of stages it takes long to take all this apart, which the end of the process spares.
-        let session = ManuallyDrop::new(Session::new(pipeline, changes, &self.choice)?);
+        let session = ManuallyDrop::new(Session::on(device, pipeline, changes, &self.choice)?);
         let store = Store::create(&changes.folders.store)?;
         let mut context = session.context(&store);
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
@@ -77,7 +88,6 @@ impl Run {
                 view.retain(&store, session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?
             }
         }
-        self.tell_device(&session);
         let outcome = ManuallyDrop::new(self.compute(&context, &session, &view, json)?);
         if let Some(stage) = only {
             self.only.stamp(&session.graph.nodes[stage].name, outcome.records.get(&stage))?;
@@ -85,8 +95,33 @@ impl Run {
         let seconds = begun.elapsed().as_secs_f64();
         let record = ManuallyDrop::new(record(&context, &outcome, started, seconds));
         store.put_run(&record)?;
-        self.sum_up(&record, &outcome, &context, &view, json)?;
+        if let Some(question) = &question {
+            standing::keep(question, (&session, &context, &store), &outcome, &view, asked);
+        }
+        let results = outcome.records.iter().map(|(&at, result)| (context.graph.nodes[at].name.as_str(), result));
+        self.sum_up(&record, results, &store, &view, json)?;
         verdict(&outcome)
+    }
+
+    /// All results are there, and what was looked at to know it is as it was.
+    fn find_all_done(
+        &self,
+        standing: &Standing,
+        started: String,
+        begun: Instant,
+        json: bool,
+    ) -> Result<(), StoreError> {
+        let Standing { pipeline, stages, told } = standing;
+        let folders = &self.pipeline.changes.folders;
+        let store = Store::create(&folders.store)?;
+        let results: Vec<(&str, Digest)> = stages.iter().map(|(name, key)| (name.as_str(), *key)).collect();
+        progress::choose(json, self.verbosity(), !self.no_progress).event(&Event::Cached { results: &results });
+        let stages = stages.iter().map(|(name, key)| (name.clone(), StageRun::cached(*key))).collect();
+        let seconds = begun.elapsed().as_secs_f64();
+        let run = ManuallyDrop::new(Record { pipeline: pipeline.clone(), started, seconds, stages });
+        store.put_run(&run)?;
+        let told = told.iter().map(|(name, result)| (name.as_str(), result));
+        self.sum_up(&run, told, &store, &View::new(&folders.out, pipeline), json)
     }
 
     fn compute(&self, context: &Context, session: &Session, view: &View, json: bool) -> Result<Outcome, Error> {
@@ -100,9 +135,9 @@ impl Run {
     }
 
     /// Says what is computed where, if not all of it is on the CPU.
-    fn tell_device(&self, session: &Session) {
-        if session.device.is_gpu() && self.verbosity() > Verbosity::Quiet {
-            let kind = session.device.kind();
+    fn tell_device(&self, device: &Device) {
+        if device.is_gpu() && self.verbosity() > Verbosity::Quiet {
+            let kind = device.kind();
             eprintln!(
                 "the diffusion networks (Encode, Optimize, Decode) run on the {kind}; all other stages run on the CPU"
             );
@@ -122,11 +157,11 @@ impl Run {
         }
     }
 
-    fn sum_up(
+    fn sum_up<'r>(
         &self,
         run: &Record,
-        outcome: &Outcome,
-        context: &Context,
+        results: impl Iterator<Item = (&'r str, &'r result::Record)> + Clone,
+        store: &Store,
         view: &View,
         json: bool,
     ) -> Result<(), StoreError> {
@@ -139,17 +174,12 @@ impl Run {
             }));
             return Ok(());
         }
-        for (&at, result) in &outcome.records {
-            let stage = &context.graph.nodes[at].name;
-            for table in report::tables(context.store, stage, result)? {
+        for (stage, result) in results.clone() {
+            for table in report::tables(store, stage, result)? {
                 print(&format_args!("\n{table}"));
             }
         }
-        let figures: Vec<_> = outcome
-            .records
-            .iter()
-            .flat_map(|(&at, result)| report::figures(view, &context.graph.nodes[at].name, result))
-            .collect();
+        let figures: Vec<_> = results.flat_map(|(stage, result)| report::figures(view, stage, result)).collect();
         if !figures.is_empty() {
             print(&format_args!("\nComparisons: {}", figures.join("\n             ")));
         }

@@ -1,7 +1,7 @@
 //! From options to a checked pipeline, its store and its context. Writes nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use compute::Device;
@@ -36,7 +36,11 @@ pub struct Session {
 impl Session {
     /// Reads and checks everything that the options name.
     pub fn new(pipeline: &Path, changes: &Changes, choice: &Choice) -> Result<Self, Error> {
-        let device = device::open(&changes.device)?;
+        Self::on(device::open(&changes.device)?, pipeline, changes, choice)
+    }
+
+    /// The same, on a device that was opened already.
+    pub fn on(device: Device, pipeline: &Path, changes: &Changes, choice: &Choice) -> Result<Self, Error> {
         let overrides = changes.set.iter().map(|set| Override::read(set)).collect::<Result<Vec<_>, _>>()?;
         let source =
             problem::Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
@@ -66,6 +70,16 @@ impl Session {
             history: History::new(store, &self.graph.pipeline),
             sources: &self.sources,
         }
+    }
+
+    /// All files that the stages which are needed read beside their inputs; `None` where that cannot be said of one.
+    pub fn source_files(&self, context: &Context) -> Option<BTreeSet<PathBuf>> {
+        let stages = context.needed.iter().map(|&at| &self.graph.nodes[at].stage);
+        let mut places = stages.filter(|stage| !stage.locations().is_empty());
+        places.try_fold(BTreeSet::new(), |mut files, stage| {
+            files.extend(stage.source_files()?);
+            Some(files)
+        })
     }
 
     /// The one stage of this name, even if the options left it out.

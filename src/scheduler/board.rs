@@ -138,7 +138,7 @@ impl<'p> Board<'p> {
         self.progress.event(&Event::Cached { results: &found.iter().map(name).collect::<Vec<_>>() });
         for (at, record) in found {
             self.ready.remove(&at);
-            self.done(at, StageRun { end: End::Cached, key: Some(record.key), reason: None, seconds: 0.0 }, record);
+            self.done(at, StageRun::cached(record.key), record);
         }
     }
 

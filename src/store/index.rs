@@ -21,8 +21,11 @@ const MARK: &[u8; 8] = b"srnerf2\n";
 /// The bytes of a mark, a length and a checksum.
 const HEAD: usize = 8 + 8 + 32;
 
-/// More entries than this under each name, and the file is written anew.
-const ENTRIES_PER_NAME: usize = 4;
+/// As soon as the file is so many times as long as what its entries need, it is written anew.
+const SPREAD: usize = 4;
+
+/// A file that is no longer than this is long enough for anything.
+const SHORT: usize = 64 << 10;
 
 /// What an entry is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,6 +38,8 @@ pub enum Kind {
     Answer = 3,
     /// Manifests that are all there.
     Manifests = 4,
+    /// A pipeline all of whose results are there.
+    Standing = 5,
 }
 
 /// The name of an entry.
@@ -55,8 +60,6 @@ struct Pages {
     bytes: Vec<u8>,
     /// By name, where each one's last entry lies.
     places: Vec<Place>,
-    /// How many entries there are.
-    count: usize,
     /// Whether something at the end is no page.
     is_garbled: bool,
 }
@@ -116,7 +119,7 @@ impl Index {
         let Ok(mut new) = self.new.lock() else { return };
         let new = std::mem::take(&mut *new);
         let pages = self.pages();
-        if pages.is_garbled || pages.count + new.len() > ENTRIES_PER_NAME * (pages.places.len() + 256) {
+        if pages.is_garbled || pages.bytes.len() > SHORT.max(SPREAD * pages.needed()) {
             let old = pages.places.iter().filter(|place| !new.contains_key(&place.name));
             let old = old.map(|place| (place.name, &pages.bytes[place.range.clone()]));
             replace(&self.path, &page(old.chain(new.iter().map(|(name, bytes)| (*name, &bytes[..])))));
@@ -140,7 +143,7 @@ impl Pages {
             entries(&bytes, at + HEAD..at + HEAD + length, &mut places);
             at += HEAD + length;
         }
-        let (count, is_garbled) = (places.len(), at < bytes.len());
+        let is_garbled = at < bytes.len();
         // The order of pages decides among entries of one name.
         places.sort_by_key(|place| place.name);
         places.dedup_by(|later, kept| {
@@ -150,7 +153,12 @@ impl Pages {
             }
             same
         });
-        Self { bytes, places, count, is_garbled }
+        Self { bytes, places, is_garbled }
+    }
+
+    /// How many bytes the last entries of all names have.
+    fn needed(&self) -> usize {
+        self.places.iter().map(|place| place.range.len() + 37).sum()
     }
 }
 
@@ -255,12 +263,13 @@ mod tests {
     fn a_file_that_has_grown_is_written_anew() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("index");
-        for value in 0..40 {
+        for value in 0..60 {
             let index = Index::new(path.clone());
             (0..50).for_each(|at| index.put(Kind::Shown, &name(&at.to_string()), &value));
             keep(&index);
         }
-        assert!(Index::new(path.clone()).pages().count <= ENTRIES_PER_NAME * 306);
-        assert_eq!(Index::new(path).get(Kind::Shown, &name("7")), Some(39));
+        let length = fs::metadata(&path).unwrap().len() as usize;
+        assert!(length < SHORT + 4000, "60 pages of some 2000 bytes: {length}");
+        assert_eq!(Index::new(path).get(Kind::Shown, &name("7")), Some(59));
     }
 }

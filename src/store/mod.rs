@@ -19,7 +19,8 @@ mod memo;
 pub mod pins;
 pub mod result;
 pub mod runs;
-mod signature;
+pub mod signature;
+pub mod standing;
 pub mod state;
 pub mod usage;
 pub mod view;
@@ -54,7 +55,7 @@ const VERSION: &str = "1";
 const FOLDERS: [&str; 9] = ["cas", "results", "manifests", "work", "leases", "runs", "pins", "quarantine", "tmp"];
 
 /// The files in a store's root.
-const FILES: [&str; 4] = ["CACHEDIR.TAG", "version", "lock", "index"];
+const FILES: [&str; 5] = ["CACHEDIR.TAG", "version", "lock", "index", "standing"];
 
 /// What tools that make backups look for.
 const CACHEDIR_TAG: &str =
@@ -72,6 +73,8 @@ pub struct Store {
     read_only: bool,
     /// What earlier processes have found sound.
     index: Index,
+    /// Pipelines all of whose results they found there; in a file of its own, which is read first and by itself.
+    standings: Index,
     /// Results that were looked up ahead, each until it is asked for.
     known: Mutex<BTreeMap<Digest, Record>>,
     /// Blobs that this process has read and found sound, so that each is read once.
@@ -89,10 +92,11 @@ impl Store {
     }
 
     fn open_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
-        let (index, known, sound, seen) =
-            (Index::new(root.join("index")), Mutex::default(), Mutex::default(), Mutex::default());
+        let [index, standings] = ["index", "standing"].map(|name| Index::new(root.join(name)));
+        let (known, sound, seen) = Default::default();
         let (lock, read_only, patience) = (None, false, Patience::default());
-        let store = Self { root: root.to_owned(), lock, read_only, index, known, sound, disk, patience, seen };
+        let store =
+            Self { root: root.to_owned(), lock, read_only, index, standings, known, sound, disk, patience, seen };
         match fs::read_to_string(store.root.join("version")) {
             Ok(version) if version.trim() == VERSION => Ok(store),
             Ok(version) => Err(StoreError::Version { root: store.root, found: version.trim().to_owned() }),

@@ -36,6 +36,13 @@ pub struct StageRun {
     pub seconds: f64,
 }
 
+impl StageRun {
+    /// Its result was there.
+    pub fn cached(key: Digest) -> Self {
+        Self { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }
+    }
+}
+
 /// How a stage of a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -32,9 +32,14 @@ impl View {
         record.outputs.iter().try_for_each(|(name, output)| store.show(output, &self.output(stage, name)))
     }
 
+    /// The file that remembers which folders are ours.
+    pub fn list(&self) -> PathBuf {
+        self.folder.join(LIST)
+    }
+
     /// Removes the folders of stages that the pipeline had once and has no more.
     pub fn retain(&self, store: &Store, stages: BTreeSet<String>) -> Result<(), StoreError> {
-        let (list, text) = (self.folder.join(LIST), serde_json::json!(stages).to_string());
+        let (list, text) = (self.list(), serde_json::json!(stages).to_string());
         if fs::read(&list).is_ok_and(|before| before == text.as_bytes()) {
             return Ok(());
         }

@@ -60,10 +60,10 @@ impl Model {
         (4 << 30) + 2 * weights.filter_map(|file| Some(file.metadata().ok()?.len())).sum::<u64>()
     }
 
-    /// The files that it consists of.
+    /// The files that it consists of, beside this program.
     pub fn files(&self) -> Option<Vec<PathBuf>> {
         match self {
-            Self::Embedded => None,
+            Self::Embedded => Some(Vec::new()),
             Self::Folder(folder) => files::tree(folder),
         }
     }

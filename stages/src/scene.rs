@@ -212,8 +212,9 @@ impl Stage for Scene {
 
     fn source_files(&self) -> Option<Vec<PathBuf>> {
         match &self.source {
+            Origin::Procedural { .. } => Some(Vec::new()),
             // Which photos a `transforms.json` names, and where they lie, only reading it tells.
-            Origin::Procedural { .. } | Origin::Transforms { .. } => None,
+            Origin::Transforms { .. } => None,
             // Another folder of photos may lie beside that of the poses.
             Origin::Llff { path, images, .. } | Origin::Colmap { path, images, .. } => {
                 let photos = images.as_ref().map_or(Some(Vec::new()), |images| files::tree(&path.join(images)))?;

@@ -131,9 +131,9 @@ pub trait Stage: Send + Sync {
         Ok(Vec::new())
     }
     /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its answer stands. `None` where that
-    /// cannot be said, or where asking costs nothing.
+    /// cannot be said.
     fn source_files(&self) -> Option<Vec<PathBuf>> {
-        None
+        self.locations().is_empty().then(Vec::new)
     }
     /// How far equal inputs give equal bits.
     fn determinism(&self) -> Determinism {

@@ -21,5 +21,6 @@ mod shards;
 mod soak;
 mod space;
 mod space_kept;
+mod standing;
 mod trust;
 mod whole;

@@ -3,8 +3,9 @@
 python compare.py PROGRAM [--seed 0] [--count 8] [--full]
 
 Draws models of random shapes, saves them with save_pretrained, runs `PROGRAM model run` on them and prints how far the two are
-apart: the norm of the difference over the norm of PyTorch's result. Fails above 1e-4, unless PyTorch in f32 is as far from itself in
-f64: some drawn networks normalise groups of two or three numbers, and are ill-conditioned. --full adds the x4 upscaler at its own size.
+apart: the norm of the difference over the norm of PyTorch's result. Fails above 1e-4, unless PyTorch itself moves a fourth as far when
+the input moves by half a unit in the last place: some drawn networks normalise groups of one or two numbers, and are ill-conditioned.
+--full adds the x4 upscaler at its own size.
 """
 
 import argparse
@@ -31,7 +32,7 @@ def distance(ours, theirs):
 
 class Comparison:
     def __init__(self, program, folder):
-        self.program, self.folder, self.worst, self.failed = program, Path(folder), 0.0, []
+        self.program, self.folder, self.worst, self.failed, self.unsure = program, Path(folder), 0.0, [], 0.0
 
     def run(self, part, inputs, *options):
         save_file({k: v.contiguous() for k, v in inputs.items()}, self.folder / "in.safetensors")
@@ -41,16 +42,19 @@ class Comparison:
             raise SystemExit(f"{part}: {done.stderr}")
         return load_file(self.folder / "out.safetensors")
 
-    def expect(self, what, ours, theirs, config, exact=None):
+    def expect(self, what, ours, theirs, config, exact=None, nudged=()):
         assert ours.shape == theirs.shape, (what, ours.shape, theirs.shape)
         off = distance(ours, theirs)
-        self.worst = max(self.worst, off)
         if off < LIMIT:
+            self.worst = max(self.worst, off)
             return
-        rounding = distance(theirs, exact) if exact is not None else 0
-        if exact is None or distance(ours, exact) > max(LIMIT, 4 * rounding):
-            self.failed.append(what)
-            print(f"{what} is off by {off:.1e} of its norm; PyTorch's own rounding is {rounding:.1e}: {describe(config)}", flush=True)
+        unsure = max((distance(other, exact) for other in (theirs, *nudged)), default=0) if exact is not None else 0
+        if exact is not None and distance(ours, exact) < max(LIMIT, 4 * unsure):
+            self.unsure = max(self.unsure, off / unsure)
+            return
+        self.worst = max(self.worst, off)
+        self.failed.append(what)
+        print(f"{what} is off by {off:.1e} of its norm; rounding the input moves it by {unsure:.1e}: {describe(config)}", flush=True)
 
     def unet(self, unet, draw, size, batch, stored=torch.float32):
         config = unet.config
@@ -80,9 +84,9 @@ class Comparison:
         theirs = gradients(unet, inputs, prefix)
         assert set(ours) == set(theirs), set(ours) ^ set(theirs)
         unchecked = [name for name in theirs if distance(ours[name], theirs[name]) >= LIMIT]
-        exact = gradients(unet.double(), {k: v.double() if v.is_floating_point() else v for k, v in inputs.items()}, prefix) if unchecked else {}
+        exact, nudged = conditioning(unet, inputs, prefix) if unchecked else ({}, [])
         for name, expected in theirs.items():
-            self.expect(f"lora {name}", ours[name], expected, unet.config, exact.get(name))
+            self.expect(f"lora {name}", ours[name], expected, unet.config, exact.get(name), [other[name] for other in nudged])
         unet.float().delete_adapters("default")
 
     def save_lora(self, unet, draw, alpha_is_rank):
@@ -125,6 +129,13 @@ def gradients(unet, inputs, prefix):
     return {"sample": output.detach(), "loss": loss.detach(), "grad.sample": sample.grad, **adapters}
 
 
+def conditioning(unet, inputs, prefix):
+    """The gradients in f64; and in f32 those of five samples that differ from the given one by about its rounding."""
+    samples = [inputs["sample"] * (1 + 2.0**-24 * torch.randn_like(inputs["sample"])) for _ in range(5)]
+    nudged = [gradients(unet, inputs | {"sample": sample}, prefix) for sample in samples]
+    return gradients(unet.double(), {k: v.double() if v.is_floating_point() else v for k, v in inputs.items()}, prefix), nudged
+
+
 def drawn(program, draw):
     with tempfile.TemporaryDirectory() as folder:
         comparison = Comparison(program, folder)
@@ -156,9 +167,15 @@ def main():
     failed = []
     for run, seed in runs:
         torch.manual_seed(seed)
-        comparison = run(args.program.resolve(), random.Random(seed))
+        try:
+            comparison = run(args.program.resolve(), random.Random(seed))
+        except ValueError as refusal:
+            # It has no group norm of a single number.
+            print(f"{run.__name__} {seed}: PyTorch refuses it: {refusal}", flush=True)
+            continue
         failed += comparison.failed
-        print(f"{run.__name__} {seed}: at most {comparison.worst:.1e} of the norm", flush=True)
+        unsure = f"; where it is ill-conditioned, {comparison.unsure:.1f} times what rounding the input does" if comparison.unsure else ""
+        print(f"{run.__name__} {seed}: at most {comparison.worst:.1e} of the norm{unsure}", flush=True)
     sys.exit(f"{len(failed)} results are off by more than {LIMIT}" if failed else 0)
 
 

@@ -1,0 +1,74 @@
+//! That all results of a pipeline were there, and every file that was looked at to find it out: while none of them changes, they still
+//! are. With thousands of stages that is quicker than to read the pipeline, compute all keys and look them up. It is a cache and nothing
+//! else. Knows nothing of pipelines: the question that it answers is a digest, and a stage a name.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use artifacts_schema::Digest;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::index::Kind;
+use super::result::Record;
+use super::signature::Signature;
+use super::{Store, parent};
+
+/// All results of a pipeline.
+#[derive(Serialize, Deserialize)]
+pub struct Standing {
+    /// The pipeline's name.
+    pub pipeline: String,
+    /// Its stages and their keys.
+    pub stages: Vec<(String, Digest)>,
+    /// Those results, by their stages, of which a run prints something.
+    pub told: Vec<(String, Record)>,
+}
+
+/// The same, with what it rests on.
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    standing: Standing,
+    looked: Vec<(String, Signature)>,
+}
+
+impl Store {
+    /// The answer that the same question had before, if nothing has changed since of what it rests on.
+    pub fn standing(&self, question: &Digest) -> Option<Standing> {
+        let Entry { standing, looked } = self.standings.get(Kind::Standing, question)?;
+        let stands = |(path, before): &(String, Signature)| Signature::at(Path::new(path)).as_ref() == Some(before);
+        looked.par_iter().all(stands).then_some(standing)
+    }
+
+    /// Keeps an answer which was found after `since` and rests on these files and folders. If one of them is gone or changed so late
+    /// that what was found may not be what is there now, nothing is kept.
+    pub fn put_standing(&self, question: &Digest, standing: Standing, files: BTreeSet<PathBuf>, since: SystemTime) {
+        let look = |path: PathBuf| {
+            let signature = Signature::at(&path).filter(|signature| signature.is_settled(since))?;
+            Some((path.into_os_string().into_string().ok()?, signature))
+        };
+        if let Some(looked) = files.into_par_iter().map(look).collect() {
+            self.standings.put(Kind::Standing, question, &Entry { standing, looked });
+            self.standings.keep(|path, bytes| drop(self.put(path, bytes)));
+        }
+    }
+
+    /// The files and folders that say of a result that it is there and sound, and that it is shown in these folders.
+    pub fn evidence(&self, record: &Record, folder: impl Fn(&str) -> PathBuf) -> Vec<PathBuf> {
+        let mut files = vec![self.result_path(&record.key), parent(&self.manifest_path(&record.key)).to_owned()];
+        for (output, file) in record.files() {
+            let (blob, folder) = (self.blob_path(&file.blob), folder(output));
+            let shown = folder.join(&file.path);
+            // Between the file and the artifact's folder may lie others.
+            files.extend(shown.ancestors().skip(1).take_while(|path| path.starts_with(&folder)).map(Path::to_owned));
+            if Signature::at(&shown) != Signature::at(&blob) {
+                files.push(shown);
+            }
+            files.push(blob);
+        }
+        // An artifact without files is an empty folder.
+        files.extend(record.outputs.keys().map(|output| folder(output)));
+        files
+    }
+}
