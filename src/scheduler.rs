@@ -179,7 +179,8 @@ impl Scheduler<'_> {
             let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
             Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
         };
-        node.stage.estimate(&node.wires.iter().filter_map(bytes).collect())
+        let estimate = node.stage.estimate(&node.wires.iter().filter_map(bytes).collect());
+        Estimate { device: estimate.device && node.stage.uses_device(), ..estimate }
     }
 
     fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {

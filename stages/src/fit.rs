@@ -74,6 +74,10 @@ impl Stage for Fit {
         training::extension(self.final_rate)
     }
 
+    fn uses_device(&self) -> bool {
+        true
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let levels = u64::from(self.field.levels) << self.field.log2_table;
         training::estimate(inputs, 8 * levels, self.steps, self.samples)

@@ -144,6 +144,10 @@ impl Stage for Render {
         shard::parts(self.shards, self.shard, |shard| AnyStage::Render(Self { shard, ..self.clone() }))
     }
 
+    fn uses_device(&self) -> bool {
+        true
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs).computing(64 << 20, 30.0)
     }
@@ -155,10 +159,11 @@ impl Stage for Render {
         // Renders of an opaque scene's own views are opaque; a path may lead the camera past what the scene has.
         let alpha = self.path.is_some() || cameras.views.iter().any(|view| view.alpha.is_some());
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
+        let renderer = nerf::Renderer::new(io.device, &field);
         let mut views = Vec::new();
         for (done, (name, camera)) in path.iter().enumerate() {
             let camera = convert::scaled(camera, self.scale);
-            views.push(convert::rendered_view(name, &camera, nerf::render(&field, &camera, &options), alpha));
+            views.push(convert::rendered_view(name, &camera, renderer.render(&camera, &options), alpha));
             io.progress(done + 1, path.len(), &[])?;
         }
         io.write("images", &ImageSet { views, bounds: cameras.bounds })

@@ -87,6 +87,10 @@ impl Stage for Sync {
         training::extension(self.final_rate)
     }
 
+    fn uses_device(&self) -> bool {
+        true
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         training::estimate(inputs, inputs.get("field").copied().unwrap_or(16 << 20), self.steps, self.samples)
     }

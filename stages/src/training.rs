@@ -1,7 +1,8 @@
 //! What `Fit` and `Sync` share: the training loop with its log. Knows nothing of where the views come from.
 
 use artifacts_schema::Log;
-use nerf::{Field, StepStats, TrainOptions, TrainView, Trainer};
+use compute::Counts;
+use nerf::{Field, StepStats, TrainOptions, TrainView, Training};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -46,30 +47,41 @@ pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &I
     let (config, bounds) = (field.config().clone(), field.bounds());
     let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
-        let trainer = Trainer::from_state(&config, bounds, views.clone(), options, io.seed, tensors);
-        Ok((trainer.map_err(|error| error.to_string())?, diary))
+        let training = Training::from_state(io.device, &config, bounds, views.clone(), options, io.seed, tensors);
+        Ok((training.map_err(|error| error.to_string())?, diary))
     })?;
-    let (mut trainer, mut diary) =
-        resumed.unwrap_or_else(|| (Trainer::new(field, views, options, io.seed), Diary::default()));
-    while trainer.steps_taken() < options.steps {
-        let stats = trainer.step();
-        let step = u64::from(trainer.steps_taken());
+    let (mut training, mut diary) =
+        resumed.unwrap_or_else(|| (Training::new(io.device, field, views, options, io.seed), Diary::default()));
+    let (begun, before) = (training.steps_taken(), io.device.counts());
+    while training.steps_taken() < options.steps {
+        let stats = training.step();
+        let step = u64::from(training.steps_taken());
         if !stats.loss.is_finite() {
             return Err(StageError::Diverged { step, rate: "rate" });
         }
-        diary.note(trainer.steps_taken(), &stats);
-        keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || checkpoint(&trainer, &diary))?;
+        diary.note(training.steps_taken(), &stats);
+        keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || checkpoint(&mut training, &diary))?;
     }
     if matches!(extension(options.final_rate), Extension::Possible(_)) {
-        keeper.keep(options.steps.into(), || checkpoint(&trainer, &diary));
+        keeper.keep(options.steps.into(), || checkpoint(&mut training, &diary));
     }
     io.metric("training psnr (running mean)", diary.psnr);
-    io.write("field", &convert::disk_field(&trainer.into_field())?)?;
+    tell_counts(io, before, options.steps - begun);
+    io.write("field", &convert::disk_field(&training.into_field())?)?;
     io.write("log", &diary.log())
 }
 
-fn checkpoint(trainer: &Trainer, diary: &Diary) -> Checkpoint {
-    Checkpoint { step: trainer.steps_taken().into(), tensors: trainer.state(), notes: json!(diary) }
+/// What a GPU was given to do in each of so many steps.
+fn tell_counts(io: &Io, before: Option<Counts>, steps: u32) {
+    let Some(done) = io.device.counts().zip(before).map(|(after, before)| after - before) else { return };
+    let per_step = |count: u64| count as f64 / f64::from(steps.max(1));
+    io.metric("dispatches per step", per_step(done.dispatches));
+    io.metric("bytes through device memory per step", per_step(done.bytes));
+    io.metric("floating-point operations per step", per_step(done.operations));
+}
+
+fn checkpoint(training: &mut Training, diary: &Diary) -> Checkpoint {
+    Checkpoint { step: training.steps_taken().into(), tensors: training.state(), notes: json!(diary) }
 }
 
 /// What the log will say of the steps so far.

@@ -88,6 +88,14 @@ impl Device {
         }
     }
 
+    /// The open GPU, for kernels of one's own ([`crate::kernels`]).
+    pub fn open_gpu(&self) -> Option<&Arc<Gpu>> {
+        match &self.backend {
+            Backend::Cpu => None,
+            Backend::Gpu(gpu) => Some(gpu),
+        }
+    }
+
     /// Returns once all that was recorded is computed.
     pub fn finish(&self) {
         if let Backend::Gpu(gpu) = &self.backend {

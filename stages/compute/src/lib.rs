@@ -29,6 +29,7 @@ pub mod device;
 pub mod elementwise;
 mod function;
 mod gpu;
+pub mod kernels;
 pub mod linear;
 pub mod matmul;
 pub mod norm;

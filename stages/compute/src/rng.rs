@@ -44,6 +44,11 @@ impl Rng {
         Rng { key: [mixed[0], mixed[1]] }
     }
 
+    /// The key of the counter, for a kernel that draws the same numbers.
+    pub fn key(&self) -> [u32; 2] {
+        self.key
+    }
+
     fn draw(&self, step: u64, element: u64) -> [u32; 4] {
         philox4x32_10([element as u32, (element >> 32) as u32, step as u32, (step >> 32) as u32], self.key)
     }

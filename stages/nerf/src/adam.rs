@@ -12,7 +12,7 @@ const EPSILON: f32 = 1e-15;
 /// Entries looked at together: all of them rest or all are worked out, and those that rest keep what they had.
 const GROUP: usize = 16;
 /// After so many steps the bias corrections are 1 in f32.
-const CORRECTED: usize = 2048;
+pub const CORRECTED: usize = 2048;
 
 /// First and second moments of a dense parameter.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,10 +33,14 @@ impl Moments {
 /// Step sizes for every count of steps an entry may have taken.
 pub struct Rates(Vec<f32>);
 
+/// The bias corrections of step `n`: sqrt(1 - beta2^n) / (1 - beta1^n).
+pub fn correction(n: i32) -> f64 {
+    (1.0 - f64::from(BETA2).powi(n)).sqrt() / (1.0 - f64::from(BETA1).powi(n))
+}
+
 impl Rates {
     /// `rate` with the bias corrections sqrt(1 - beta2^n) / (1 - beta1^n) for n = 1, 2, ...
     pub fn new(rate: f32) -> Self {
-        let correction = |n: i32| (1.0 - f64::from(BETA2).powi(n)).sqrt() / (1.0 - f64::from(BETA1).powi(n));
         Self((1..=CORRECTED as i32).map(|n| (f64::from(rate) * correction(n)) as f32).collect())
     }
 

@@ -64,6 +64,13 @@ pub struct Activations {
     d_hidden: [Vec<f32>; 2],
 }
 
+impl Transposed {
+    /// All matrices, one after the other.
+    pub fn values(&self) -> &[f32] {
+        &self.0
+    }
+}
+
 impl Network {
     /// Xavier-uniform weights for an encoding of `features` columns of which `used` are not padding.
     pub fn new(features: usize, used: usize, seed: u64) -> Self {

@@ -18,6 +18,12 @@ pub struct RenderOptions {
     pub background: [f32; 3],
 }
 
+impl RenderOptions {
+    pub(crate) fn rays_per_pixel(&self) -> usize {
+        (self.supersample.max(1) as usize).pow(2)
+    }
+}
+
 impl Default for RenderOptions {
     fn default() -> Self {
         Self { supersample: 1, background: [0.0; 3] }
@@ -50,47 +56,55 @@ pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Render
         .into_par_iter()
         .map_init(Block::default, |block, chunk| {
             let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
-            (render_pixels(field, camera, options, block, range), block.samples())
+            let segments = segments(field, camera, options, range);
+            let seen = block.forward(field, &segments, &vec![0.0; segments.len()]);
+            (averages(seen, &segments, camera, options), block.samples())
         })
         .collect();
-    let all = || chunks.iter().flat_map(|(pixels, _)| pixels);
+    let samples = chunks.iter().map(|(_, samples)| samples).sum();
+    image(camera, chunks.iter().flat_map(|(pixels, _)| pixels), samples)
+}
+
+/// The image that pixels make up.
+pub(crate) fn image<'p>(camera: &Camera, pixels: impl Iterator<Item = &'p Pixel> + Clone, samples: usize) -> Rendered {
     Rendered {
         width: camera.width,
         height: camera.height,
-        rgb: all().flat_map(|pixel| pixel.rgb).collect(),
-        depth: all().map(|pixel| pixel.depth).collect(),
-        opacity: all().map(|pixel| pixel.opacity).collect(),
-        samples: chunks.iter().map(|(_, samples)| samples).sum(),
+        rgb: pixels.clone().flat_map(|pixel| pixel.rgb).collect(),
+        depth: pixels.clone().map(|pixel| pixel.depth).collect(),
+        opacity: pixels.map(|pixel| pixel.opacity).collect(),
+        samples,
     }
 }
 
-struct Pixel {
+/// What a pixel shows.
+pub(crate) struct Pixel {
     rgb: [f32; 3],
     depth: f32,
     opacity: f32,
 }
 
-fn render_pixels(
+/// The rays of some pixels, one pixel's behind the other's.
+pub(crate) fn segments(
     field: &Field,
     camera: &Camera,
     options: &RenderOptions,
-    block: &mut Block,
     pixels: std::ops::Range<usize>,
-) -> Vec<Pixel> {
+) -> Vec<Segment> {
     let side = options.supersample.max(1) as usize;
     let segment = |pixel: usize, sub: usize| {
         let (x, y) = (pixel % camera.width as usize, pixel / camera.width as usize);
         let place = |pixel: usize, sub: usize| pixel as f64 + (sub as f64 + 0.5) / side as f64;
         Segment::new(&field.space, camera, place(x, sub % side), place(y, sub / side))
     };
-    let segments: Vec<Segment> =
-        pixels.flat_map(|pixel| (0..side * side).map(move |sub| segment(pixel, sub))).collect();
-    let seen = block.forward(field, &segments, &vec![0.0; segments.len()]);
-    let rays = side * side;
-    seen.chunks(rays)
-        .zip(segments.chunks(rays))
-        .map(|(seen, segments)| average(seen, segments, camera, options))
-        .collect()
+    pixels.flat_map(|pixel| (0..side * side).map(move |sub| segment(pixel, sub))).collect()
+}
+
+/// What pixels show whose rays see this.
+pub(crate) fn averages(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Vec<Pixel> {
+    let rays = options.rays_per_pixel();
+    let pixels = seen.chunks(rays).zip(segments.chunks(rays));
+    pixels.map(|(seen, segments)| average(seen, segments, camera, options)).collect()
 }
 
 fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Pixel {

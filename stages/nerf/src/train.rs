@@ -23,7 +23,7 @@ const PIXELS: [u32; 2] = [64, 16];
 /// Rays of the largest batch.
 const MOST_RAYS: u32 = 1 << 16;
 /// Steps between updates of the occupancy grid.
-const OCCUPANCY_EVERY: u32 = 16;
+pub(crate) const OCCUPANCY_EVERY: u32 = 16;
 
 /// What a training step did.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,9 +46,9 @@ pub struct Trainer {
     pub(crate) pixels: u32,
     pub(crate) table_moments: SparseMoments,
     pub(crate) network_moments: Moments,
-    views: Vec<TrainView>,
-    sampler: Sampler,
-    survey_rng: Rng,
+    pub(crate) views: Vec<TrainView>,
+    pub(crate) sampler: Sampler,
+    pub(crate) survey_rng: Rng,
     d_table: Vec<[f32; FEATURES]>,
     parts: Vec<Contribution>,
 }
@@ -125,7 +125,7 @@ impl Trainer {
 
     /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts a
     /// quarter of one that is trained on. At most twice or half as many as before.
-    fn next_pixels(&self, samples: usize, looked: usize) -> u32 {
+    pub(crate) fn next_pixels(&self, samples: usize, looked: usize) -> u32 {
         let cost = (3 * samples as u64 + looked as u64).max(1);
         let wanted = u64::from(self.pixels) * 4 * u64::from(self.options.samples) / cost;
         let near = wanted.clamp(u64::from(self.pixels / 2), u64::from(self.pixels) * 2) as u32;

@@ -50,6 +50,12 @@ pub struct Job<'a> {
     pub operations: u64,
 }
 
+/// Numbers on their way to the host.
+pub struct Requested {
+    staging: wgpu::Buffer,
+    submission: Option<wgpu::SubmissionIndex>,
+}
+
 /// Runs what computes on a GPU, and gives the fault that stopped it, if one did.
 pub fn attempt<T>(run: impl FnOnce() -> T) -> Result<T, GpuError> {
     catch_unwind(AssertUnwindSafe(run)).map_err(|load| match load.downcast::<GpuError>() {
@@ -166,6 +172,19 @@ impl Gpu {
 
     /// Records a job. It runs when a batch is full, or when values are read.
     pub fn run(&self, job: &Job) {
+        self.start(job);
+        self.account(job.operations, job.arrays.iter().map(|array| array.bytes()).sum());
+    }
+
+    /// Adds to what was done: operations, and bytes through device memory.
+    pub fn account(&self, operations: u64, bytes: u64) {
+        let mut work = lock(&self.work);
+        work.counts.operations += operations;
+        work.counts.bytes += bytes;
+    }
+
+    /// Records a job that touches a part of its arrays which only the device knows: whoever learns of it tells [`Gpu::account`].
+    pub fn start(&self, job: &Job) {
         self.check();
         assert!(job.groups.iter().all(|&count| count <= GROUPS), "{}: {:?} workgroups", job.kernel.name, job.groups);
         if job.groups.contains(&0) {
@@ -179,15 +198,13 @@ impl Gpu {
         let arrays: Vec<_> = job.arrays.iter().map(|array| (array.raw(), array.bytes())).collect();
         work.recorder.dispatch(&self.device, &pipeline, &arrays, job.words, job.groups);
         work.counts.dispatches += 1;
-        work.counts.operations += job.operations;
-        work.counts.bytes += job.arrays.iter().map(|array| array.bytes()).sum::<u64>();
     }
 
-    fn hand_over(&self, work: &mut Work) {
-        if work.recorder.submit(&self.queue) {
-            work.counts.submissions += 1;
-            self.pool.next_batch();
-        }
+    fn hand_over(&self, work: &mut Work) -> Option<wgpu::SubmissionIndex> {
+        let submission = work.recorder.submit(&self.queue)?;
+        work.counts.submissions += 1;
+        self.pool.next_batch();
+        Some(submission)
     }
 
     /// Hands over what is recorded.
@@ -197,7 +214,12 @@ impl Gpu {
 
     /// Waits until all that was handed over is done.
     pub fn wait(&self) {
-        if let Err(error) = self.device.poll(wgpu::PollType::wait_indefinitely()) {
+        self.wait_for(None);
+    }
+
+    /// Waits until one batch is done, or all that was handed over.
+    fn wait_for(&self, submission_index: Option<wgpu::SubmissionIndex>) {
+        if let Err(error) = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: None }) {
             self.fail(GpuError::Lost(error.to_string()));
         }
         self.check();
@@ -205,9 +227,12 @@ impl Gpu {
 
     /// The first `len` numbers of an array, once all commands before are done.
     pub fn read(&self, buffer: &Buffer, len: usize) -> Vec<f32> {
-        if len == 0 {
-            return Vec::new();
-        }
+        if len == 0 { Vec::new() } else { self.receive(self.request(buffer, len)) }
+    }
+
+    /// Asks for the first `len` numbers of an array (at least one) as they are after all commands so far. Later commands can be
+    /// recorded, and run, before they are received.
+    pub fn request(&self, buffer: &Buffer, len: usize) -> Requested {
         let bytes = 4 * len as u64;
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("read back"),
@@ -217,11 +242,16 @@ impl Gpu {
         });
         let mut work = lock(&self.work);
         work.recorder.copy(&self.device, buffer.raw(), &staging, bytes);
-        self.hand_over(&mut work);
+        let submission = self.hand_over(&mut work);
         work.counts.read_backs += 1;
         drop(work);
         staging.map_async(wgpu::MapMode::Read, .., |_| ());
-        self.wait();
+        Requested { staging, submission }
+    }
+
+    /// The numbers that were asked for. Waits for the commands before the request, not for those after it.
+    pub fn receive(&self, Requested { staging, submission }: Requested) -> Vec<f32> {
+        self.wait_for(submission);
         let mapped = staging.get_mapped_range(..);
         let mapped = mapped.unwrap_or_else(|error| self.fail(GpuError::Lost(error.to_string())));
         let values = mapped.as_chunks().0.iter().map(|bytes| f32::from_ne_bytes(*bytes)).collect();

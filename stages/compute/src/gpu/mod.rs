@@ -2,7 +2,7 @@
 //!
 //! A kernel is WGSL expanded from a template (`wgsl/*.wgsl`) for a class of shapes and compiled once. Commands are recorded and handed
 //! over in batches, in their order; values come back only where an operator gives a number to the host. Every sum has a fixed order
-//! and no kernel uses atomics: the same adapter and driver give the same bits.
+//! and no kernel here uses atomics: the same adapter and driver give the same bits. Other crates bring kernels of their own ([`crate::kernels`]).
 
 pub mod adapter;
 pub mod attention;
@@ -10,8 +10,8 @@ pub mod context;
 pub mod conv;
 pub mod counts;
 pub mod error;
-mod kernel;
-mod launch;
+pub mod kernel;
+pub mod launch;
 pub mod linear;
 pub mod map;
 pub mod norm;

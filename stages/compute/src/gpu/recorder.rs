@@ -62,16 +62,15 @@ impl Recorder {
         encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
-    /// Hands all over; whether there was anything.
-    pub fn submit(&mut self, queue: &wgpu::Queue) -> bool {
+    /// Hands all over, if there is anything.
+    pub fn submit(&mut self, queue: &wgpu::Queue) -> Option<wgpu::SubmissionIndex> {
         self.pass = None;
-        let Some(encoder) = self.encoder.take() else { return false };
+        let encoder = self.encoder.take()?;
         if !self.words.is_empty() {
             queue.write_buffer(&self.parameters, 0, &self.words);
             self.words.clear();
         }
-        queue.submit([encoder.finish()]);
-        true
+        Some(queue.submit([encoder.finish()]))
     }
 }
 

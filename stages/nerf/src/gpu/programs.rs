@@ -1,0 +1,109 @@
+//! The kernels as text: which templates each is made of, and the extents it is compiled for. Knows nothing of buffers.
+
+use crate::network::{Layer, Network};
+use compute::kernels::Kernel;
+
+/// Quads of samples that a workgroup works on together.
+const QUADS: u32 = 16;
+/// The same where all activations of a sample stay in the workgroup.
+const QUADS_BACKWARD: u32 = 4;
+/// Rows of features of the widest layer.
+const WIDEST: u32 = 64;
+
+macro_rules! templates {
+    ($($name:literal),+) => { &[$(include_str!(concat!("wgsl/", $name, ".wgsl"))),+] };
+}
+
+/// All kernels for fields of one shape.
+pub struct Programs {
+    /// How many samples of each ray are seen.
+    pub look: Kernel,
+    /// Sums of counts before each.
+    pub scan: Kernel,
+    /// Sums of the members of each word before it.
+    pub scan_bits: Kernel,
+    /// The samples that are seen.
+    pub gather: Kernel,
+    /// Raw densities and colours.
+    pub shade: Kernel,
+    /// What rays see.
+    pub composite: Kernel,
+    /// Gradients to raw densities and colours.
+    pub composite_backward: Kernel,
+    /// Gradients to weights and table.
+    pub backward: Kernel,
+    /// What a batch came to.
+    pub stats: Kernel,
+    /// A step of the networks.
+    pub adam_network: Kernel,
+    /// A step of the table.
+    pub adam_table: Kernel,
+    /// Random members of a set of cells.
+    pub pick: Kernel,
+    /// Fresh optical depths of cells.
+    pub survey: Kernel,
+    /// From where on a cell is occupied.
+    pub threshold: Kernel,
+    /// The bits of occupied cells.
+    pub occupy: Kernel,
+}
+
+impl Programs {
+    /// The kernels for fields with these networks.
+    pub fn new(network: &Network) -> Self {
+        let shape = constants(&network.layers);
+        let count = |body: &str| format!("fn count_of(x: u32) -> u32 {{ return {body}; }}\n");
+        let scan = |name, body| Kernel::new(name, templates!["scan"], [1, 1]).having(count(body));
+        let forward = [&shape[..], &[("QUADS", QUADS), ("ROWS", WIDEST)]].concat();
+        Self {
+            look: Kernel::new("look", templates!["params", "exponential", "rays", "march", "field", "look"], [5, 1])
+                .with(&forward),
+            scan: scan("scan", "x"),
+            scan_bits: scan("scan_bits", "countOneBits(x)"),
+            gather: Kernel::new("gather", templates!["params", "rays", "march", "gather"], [4, 2]),
+            shade: Kernel::new("shade", templates!["params", "harmonics", "rays", "field", "shade"], [5, 1])
+                .with(&forward),
+            composite: Kernel::new("composite", templates!["params", "exponential", "composite"], [2, 2]),
+            composite_backward: Kernel::new(
+                "composite_backward",
+                templates!["params", "exponential", "composite_backward"],
+                [6, 2],
+            ),
+            backward: Kernel::new("backward", templates!["params", "harmonics", "rays", "field", "backward"], [6, 2])
+                .with(&backward(&shape, network.layers[0].inputs as u32)),
+            stats: Kernel::new("stats", templates!["stats"], [3, 1]),
+            adam_network: Kernel::new("adam_network", templates!["adam", "adam_network"], [2, 2]).with(&shape),
+            adam_table: Kernel::new("adam_table", templates!["adam", "adam_table"], [2, 6]),
+            pick: Kernel::new("pick", templates!["random", "cells", "pick"], [2, 1]),
+            survey: Kernel::new("survey", templates!["exponential", "random", "cells", "field", "survey"], [5, 1])
+                .with(&forward),
+            threshold: Kernel::new("threshold", templates!["threshold"], [1, 1]),
+            occupy: Kernel::new("occupy", templates!["occupy"], [2, 1]),
+        }
+    }
+}
+
+/// Where the matrices lie.
+fn constants(layers: &[Layer; 5]) -> Vec<(&'static str, u32)> {
+    const NAMES: [[&str; 2]; 5] = [["W0", "T0"], ["W1", "T1"], ["W2", "T2"], ["W3", "T3"], ["W4", "T4"]];
+    let all: usize = layers.iter().map(|layer| layer.inputs * layer.outputs).sum();
+    let mut constants = vec![("ENCODING", layers[0].inputs as u32), ("WEIGHTS", all as u32)];
+    let mut at = 0;
+    for ([straight, turned], layer) in NAMES.into_iter().zip(layers) {
+        constants.extend([(straight, at as u32), (turned, (all + at) as u32)]);
+        at += layer.inputs * layer.outputs;
+    }
+    constants
+}
+
+/// The rows of a tile that holds all activations, from an encoding of so many rows on.
+fn backward(shape: &[(&'static str, u32)], encoding: u32) -> Vec<(&'static str, u32)> {
+    let mut constants = [shape, &[("QUADS", QUADS_BACKWARD), ("EACH0", encoding / 4)]].concat();
+    let mut end = encoding;
+    for (name, rows) in [("HIDDEN", 64), ("INPUT", 32), ("FIRST", 64), ("SECOND", 64), ("OUT", 16)] {
+        constants.push((name, end));
+        end += rows;
+    }
+    constants.push(("ROWS", end));
+    constants
+}

@@ -1,0 +1,61 @@
+//! Images of a field by a GPU. Knows nothing of training.
+
+use super::resident::Resident;
+use super::trace::{RAY, Rays, ray};
+use crate::block::Seen;
+use crate::field::Field;
+use crate::march::Segment;
+use crate::render::{Pixel, RenderOptions, Rendered, averages, image, segments};
+use compute::Device;
+use rayon::prelude::*;
+use scene::Camera;
+
+/// Rays that come back from the device together.
+const ROUND: usize = 1 << 18;
+
+/// Renders a field on a device, one image after the other.
+pub struct Renderer<'f> {
+    field: &'f Field,
+    /// The field on a GPU; on the CPU it is rendered where it lies.
+    resident: Option<Resident>,
+}
+
+impl<'f> Renderer<'f> {
+    /// For images of this field.
+    pub fn new(device: &Device, field: &'f Field) -> Self {
+        Self { field, resident: device.open_gpu().map(|gpu| Resident::new(gpu, field)) }
+    }
+
+    /// Renders what a camera sees; see [`crate::render`].
+    pub fn render(&self, camera: &Camera, options: &RenderOptions) -> Rendered {
+        let Some(resident) = &self.resident else { return crate::render(self.field, camera, options) };
+        let all = camera.width as usize * camera.height as usize;
+        let round = (ROUND / options.rays_per_pixel()).max(1);
+        let (mut pixels, mut samples): (Vec<Pixel>, usize) = (Vec::with_capacity(all), 0);
+        for first in (0..all).step_by(round) {
+            let segments = segments(self.field, camera, options, first..all.min(first + round));
+            let (seen, count) = see(resident, &segments);
+            pixels.extend(averages(&seen, &segments, camera, options));
+            samples += count;
+        }
+        image(camera, pixels.iter(), samples)
+    }
+}
+
+/// What rays see, and how many samples passed through both networks.
+fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
+    let numbers: Vec<[f32; RAY]> = segments.par_iter().map(|segment| ray(segment, 0.0, 0, 0)).collect();
+    let (gpu, rays) = (&resident.gpu, Rays::new(&resident.gpu, numbers.as_flattened()));
+    let at_once = resident.rays_at_once();
+    for first in (0..rays.count).step_by(at_once) {
+        resident.trace(&rays, first..rays.count.min(first + at_once));
+    }
+    let views = gpu.read(&rays.views, 8 * rays.count);
+    let counts = gpu.read(&rays.seen, rays.count);
+    let seen = views.as_chunks().0.iter().map(seen_by).collect();
+    (seen, counts.iter().map(|count| count.to_bits() as usize).sum())
+}
+
+fn seen_by(&[r, g, b, transmittance, distance, ..]: &[f32; 8]) -> Seen {
+    Seen { rgb: [r, g, b], transmittance, distance }
+}

@@ -1,0 +1,108 @@
+//! A field in the memory of a GPU. Knows where its parts lie there, and nothing of rays or training.
+
+use super::programs::Programs;
+use crate::field::Field;
+use crate::kernels::hash::Entry;
+use crate::network::Network;
+use compute::kernels::{Buffer, Gpu, Job, bits, folded};
+use half::f16;
+use std::sync::Arc;
+
+/// A field in the memory of a GPU.
+pub struct Resident {
+    /// The device.
+    pub gpu: Arc<Gpu>,
+    /// Kernels for fields of this shape.
+    pub programs: Programs,
+    /// Hash levels: scale, vertices along the axes, whether they are dense, entries and those of coarser levels.
+    pub levels: Buffer,
+    /// A pair of halves per entry.
+    pub table: Buffer,
+    /// All matrices as [inputs, outputs], then all as [outputs, inputs].
+    pub weights: Buffer,
+    /// Optical depths of the occupancy cells.
+    pub values: Buffer,
+    /// A bit per cell that is occupied.
+    pub bits: Buffer,
+    /// How many cells there are.
+    pub cells: usize,
+    geometry: Vec<u32>,
+    most_steps: usize,
+}
+
+impl Resident {
+    /// Moves a field to a GPU.
+    pub fn new(gpu: &Arc<Gpu>, field: &Field) -> Self {
+        let cells = field.occupancy.cells();
+        let resident = Self {
+            programs: Programs::new(&field.network),
+            levels: gpu.upload(bytemuck::cast_slice(&levels(field))),
+            table: gpu.upload(bytemuck::cast_slice(&pairs(&field.table))),
+            weights: gpu.upload(bytemuck::cast_slice(&both_ways(&field.network))),
+            values: gpu.upload(bytemuck::cast_slice(&field.occupancy.values)),
+            bits: gpu.buffer(cells.div_ceil(32)),
+            geometry: geometry(field),
+            most_steps: most_steps(field),
+            gpu: gpu.clone(),
+            cells,
+        };
+        resident.refresh();
+        resident
+    }
+
+    /// Rebuilds the bits of occupied cells from the values.
+    pub fn refresh(&self) {
+        let (gpu, programs, words) = (&self.gpu, &self.programs, &[self.cells as u32]);
+        let threshold = gpu.buffer(1);
+        let arrays = [&self.values, &threshold];
+        gpu.run(&Job { kernel: &programs.threshold, arrays: &arrays, words, groups: [1; 3], operations: 0 });
+        let (arrays, groups) = ([&self.values, &threshold, &self.bits], folded(self.cells.div_ceil(32 * 256)));
+        gpu.run(&Job { kernel: &programs.occupy, arrays: &arrays, words, groups, operations: 0 });
+    }
+
+    /// The first parameters of the kernels that follow rays: of `count` rays from `first` on.
+    pub fn words(&self, first: usize, count: usize) -> Vec<u32> {
+        [&[count as u32, first as u32], &self.geometry[..]].concat()
+    }
+
+    /// The most samples that a ray can have.
+    pub fn most_steps(&self) -> usize {
+        self.most_steps
+    }
+}
+
+fn levels(field: &Field) -> Vec<u32> {
+    let words = field.levels.iter().map(|level| {
+        let [nx, ny, _] = level.resolution;
+        [bits(level.scale), nx, ny, level.dense.into(), level.entries as u32, level.offset as u32]
+    });
+    words.flatten().collect()
+}
+
+/// Hash entries as the kernels read them.
+fn pairs(table: &[Entry]) -> Vec<u32> {
+    table.iter().map(|&[a, b]| u32::from(a.to_bits()) | u32::from(b.to_bits()) << 16).collect()
+}
+
+/// The other way.
+pub fn entries(pairs: impl Iterator<Item = u32>) -> Vec<Entry> {
+    pairs.map(|pair| [pair as u16, (pair >> 16) as u16].map(f16::from_bits)).collect()
+}
+
+fn both_ways(network: &Network) -> Vec<f32> {
+    [&network.weights[..], network.transposed().values()].concat()
+}
+
+/// Levels, marching and the occupancy grid, in the order of `params.wgsl`.
+fn geometry(field: &Field) -> Vec<u32> {
+    let (stride, grid) = (field.stride(), &field.occupancy);
+    let lengths = [stride.shortest, stride.cone, grid.resolution].map(bits);
+    let size = grid.size.map(|n| n as u32);
+    [&[field.levels.len() as u32], &lengths[..], &size].concat()
+}
+
+/// Steps along the box's diagonal, and one more at either end.
+fn most_steps(field: &Field) -> usize {
+    let diagonal = field.space.extent.iter().map(|side| side * side).sum::<f32>().sqrt();
+    (diagonal / field.stride().shortest).ceil() as usize + 2
+}

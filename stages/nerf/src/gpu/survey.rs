@@ -1,0 +1,107 @@
+//! Keeps the occupancy grid of a field on a GPU true while the field changes: the same cells and the same points in them as on the CPU.
+
+use super::resident::Resident;
+use super::trace::{TURNS, start};
+use crate::field::Field;
+use compute::kernels::{Buffer, Gpu, bits, zeros};
+use compute::rng::Rng;
+
+/// Updates that look at every cell, before sampling starts.
+const WARM_UP: u32 = 16;
+/// What a cell keeps of its value when it is looked at again.
+const DECAY: f32 = 0.95;
+/// Workgroups that take turns at drawing cells.
+const DRAWING: u32 = 64;
+
+/// The cells that some camera sees, a bit each, and how many there are before each word.
+pub struct Survey {
+    seen: Buffer,
+    before_seen: Buffer,
+    words: usize,
+}
+
+impl Survey {
+    /// For a field whose cells have been marked as seen or not.
+    pub fn new(resident: &Resident, field: &Field) -> Self {
+        let words = field.occupancy.cells().div_ceil(32);
+        let mut seen = vec![0u32; words];
+        field.occupancy.seen_cells().into_iter().for_each(|cell| seen[cell as usize / 32] |= 1 << (cell % 32));
+        let seen = resident.gpu.upload(bytemuck::cast_slice(&seen));
+        let before_seen = scan(resident, &seen, words);
+        Self { seen, before_seen, words }
+    }
+
+    /// Update number `round`.
+    pub fn update(&self, resident: &Resident, field: &Field, rng: &Rng, round: u32) {
+        if round < WARM_UP {
+            self.look(resident, field, [&self.seen, &self.before_seen], rng, round);
+        } else {
+            let marked = self.draw(resident, rng, round);
+            self.look(resident, field, [&marked, &scan(resident, &marked, self.words)], rng, round);
+        }
+        resident.refresh();
+    }
+
+    /// Some of the seen cells and some of the occupied ones.
+    fn draw(&self, resident: &Resident, rng: &Rng, round: u32) -> Buffer {
+        let (gpu, [low, high]) = (&*resident.gpu, rng.key());
+        let marked = zeros(gpu, self.words);
+        let occupied = scan(resident, &resident.bits, self.words);
+        for (part, set) in [(0, [&self.seen, &self.before_seen]), (1, [&resident.bits, &occupied])] {
+            let words = [self.words as u32, 4 * round + 3, part, low, high];
+            start(gpu, &resident.programs.pick, &[set[0], set[1], &marked], &words, DRAWING);
+        }
+        marked
+    }
+
+    /// Folds fresh optical depths of a set of cells into the grid.
+    fn look(&self, resident: &Resident, field: &Field, set: [&Buffer; 2], rng: &Rng, round: u32) {
+        let (grid, [low, high]) = (&field.occupancy, rng.key());
+        let decay = if round == 0 { 0.0 } else { DECAY };
+        let lengths = [decay, field.stride().shortest, grid.resolution].map(bits);
+        let first = [self.words as u32, field.levels.len() as u32, 4 * round, low, high];
+        let words = [&first[..], &lengths, &[grid.size[0] as u32, grid.size[1] as u32]].concat();
+        let Resident { gpu, programs, levels, table, weights, values, .. } = resident;
+        let arrays = [set[0], set[1], levels, table, weights, values];
+        start(gpu, &programs.survey, &arrays, &words, TURNS);
+    }
+}
+
+/// Members before every word of a set of cells.
+fn scan(resident: &Resident, members: &Buffer, words: usize) -> Buffer {
+    let gpu: &Gpu = &resident.gpu;
+    let before = gpu.buffer(words + 1);
+    start(gpu, &resident.programs.scan_bits, &[members, &before], &[words as u32, 0], 1);
+    before
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::FieldConfig;
+    use compute::Device;
+
+    #[test]
+    fn the_grid_is_that_of_the_cpu_during_the_warm_up_and_behind() {
+        let Ok(device) = Device::gpu(Some(0)) else { return };
+        let config = FieldConfig { levels: 3, log2_table: 8, occupancy_resolution: 9, ..Default::default() };
+        let mut field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.5]], 5);
+        let cells = field.occupancy.cells();
+        field.occupancy.see(&(0..cells).map(|cell| cell % 3 > 0).collect::<Vec<_>>());
+        let resident = Resident::new(device.open_gpu().unwrap(), &field);
+        let survey = Survey::new(&resident, &field);
+        let rng = Rng::new(3, "survey test");
+        for round in 0..24 {
+            survey.update(&resident, &field, &rng, round);
+            crate::survey::update(&mut field, &rng);
+        }
+        let values = resident.gpu.read(&resident.values, cells);
+        for (cell, (got, expected)) in values.iter().zip(&field.occupancy.values).enumerate() {
+            assert!((got - expected).abs() <= 1e-5 * expected.abs(), "cell {cell}: {got} beside {expected}");
+        }
+        let bits = resident.gpu.read(&resident.bits, cells.div_ceil(32));
+        let occupied = |cell: &u32| bits[*cell as usize / 32].to_bits() >> (cell % 32) & 1 == 1;
+        let got: Vec<u32> = (0..cells as u32).filter(occupied).collect();
+        assert_eq!(got, field.occupancy.occupied_cells());
+    }
+}

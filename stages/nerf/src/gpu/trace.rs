@@ -1,0 +1,96 @@
+//! Rays through a field on a GPU: which samples are seen, what they look like and what the rays see. Knows nothing of pixels or losses.
+
+use super::resident::Resident;
+use crate::march::Segment;
+use compute::kernels::{Buffer, Gpu, Job, Kernel};
+use std::ops::Range;
+
+/// Samples that have room on the device at once.
+const ROOM: usize = 1 << 20;
+/// Rays that are traced at once at most.
+const MOST_RAYS: usize = 1 << 18;
+/// Rays of one workgroup that looks along them.
+const RAYS_PER_GROUP: usize = 16;
+/// Workgroups that take turns at the samples: enough for the largest GPUs, and the same for all.
+pub const TURNS: u32 = 512;
+
+/// Numbers of a ray on the device.
+pub const RAY: usize = 12;
+
+/// Rays on the device.
+pub struct Rays {
+    /// How many.
+    pub count: usize,
+    /// Twelve numbers each: origin and start; direction and end; jitter, pixel and number within the pixel.
+    pub buffer: Buffer,
+    /// Samples of each that are seen.
+    pub seen: Buffer,
+    /// Samples of each that a CPU would have looked at.
+    pub looked: Buffer,
+    /// What each sees: colour and transmittance; then distance.
+    pub views: Buffer,
+}
+
+/// Part of the rays, traced: samples and what was found there.
+pub struct Traced {
+    /// Distance, length, ray and weight of every sample, behind their number.
+    pub samples: Buffer,
+    /// Raw density and colours of every sample.
+    pub raw: Buffer,
+    /// Samples before those of each ray, and the number of all.
+    pub before: Buffer,
+    /// The parameters that the pass's kernels have in common.
+    pub words: Vec<u32>,
+}
+
+/// The numbers of one ray.
+pub fn ray(segment: &Segment, jitter: f32, pixel: usize, within: usize) -> [f32; RAY] {
+    let [([a, b, c], start), ([x, y, z], end)] =
+        [(segment.origin, segment.range[0]), (segment.direction, segment.range[1])];
+    [a, b, c, start, x, y, z, end, jitter, pixel as f32, within as f32, 0.0]
+}
+
+/// Runs a kernel whose work only the device knows.
+pub fn start(gpu: &Gpu, kernel: &Kernel, arrays: &[&Buffer], words: &[u32], groups: u32) {
+    gpu.start(&Job { kernel, arrays, words, groups: [groups, 1, 1], operations: 0 });
+}
+
+/// Workgroups of 256 for `count` pieces of work.
+pub fn by_256(count: usize) -> u32 {
+    count.div_ceil(256) as u32
+}
+
+impl Rays {
+    /// Moves rays to a device.
+    pub fn new(gpu: &Gpu, numbers: &[f32]) -> Self {
+        let count = numbers.len() / RAY;
+        let buffer = gpu.upload(bytemuck::cast_slice(numbers));
+        Self { count, buffer, seen: gpu.buffer(count), looked: gpu.buffer(count), views: gpu.buffer(8 * count) }
+    }
+}
+
+impl Resident {
+    /// How many rays can be traced at once.
+    pub fn rays_at_once(&self) -> usize {
+        (ROOM / self.most_steps()).clamp(1, MOST_RAYS)
+    }
+
+    /// Traces some of the rays, as many as [`Resident::rays_at_once`] allows, and writes what they see.
+    pub fn trace(&self, rays: &Rays, which: Range<usize>) -> Traced {
+        let (gpu, programs, count) = (&*self.gpu, &self.programs, which.len());
+        let words = self.words(which.start, count);
+        let field = [&self.levels, &self.table, &self.weights];
+        let [levels, table, weights] = field;
+        let look = [&rays.buffer, &self.bits, levels, table, weights, &rays.seen];
+        start(gpu, &programs.look, &look, &words, count.div_ceil(RAYS_PER_GROUP) as u32);
+        let before = gpu.buffer(count + 1);
+        start(gpu, &programs.scan, &[&rays.seen, &before], &[count as u32, which.start as u32], 1);
+        let room = count * self.most_steps();
+        let (samples, raw) = (gpu.buffer(4 * (1 + room)), gpu.buffer(4 * room));
+        let gather = [&rays.buffer, &self.bits, &rays.seen, &before, &samples, &rays.looked];
+        start(gpu, &programs.gather, &gather, &words, by_256(count));
+        start(gpu, &programs.shade, &[&rays.buffer, &samples, levels, table, weights, &raw], &words, TURNS);
+        start(gpu, &programs.composite, &[&before, &raw, &samples, &rays.views], &words, by_256(count));
+        Traced { samples, raw, before, words }
+    }
+}

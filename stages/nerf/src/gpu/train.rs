@@ -1,0 +1,264 @@
+//! Training of a field on a GPU: batches are drawn by the host, all else is done on the device. Knows the CPU's trainer, whose numbers it
+//! takes over and gives back, so that states and fields are the same format.
+
+use super::resident::{Resident, entries};
+use super::survey::Survey;
+use super::trace::{RAY, Rays, Traced, by_256, ray, start};
+use super::work::{self, Extent, Work};
+use crate::adam::{CORRECTED, correction};
+use crate::batch::Pixel;
+use crate::field::{Field, Tensors};
+use crate::loss::psnr;
+use crate::march::Segment;
+use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
+use compute::kernels::{Buffer, Gpu, Job, Requested, bits, folded, zeros};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the gradient to the weights.
+pub const PARTS: u32 = 256;
+/// Numbers of a pixel on the device.
+const PIXEL: usize = 8;
+
+/// A field in training on a GPU.
+pub struct GpuTrainer {
+    /// Options, views, random numbers and counters; its field and moments are those of the last [`GpuTrainer::fetch`].
+    host: Trainer,
+    gpu: Arc<Gpu>,
+    resident: Resident,
+    survey: Survey,
+    moments: Moments,
+    /// Gradient to the table, two numbers of two words per entry.
+    d_table: Buffer,
+    /// Bias corrections by the number of steps.
+    corrections: Buffer,
+    /// What the last step gave the kernels to do.
+    work: Vec<(&'static str, Work)>,
+}
+
+/// Adam's state.
+struct Moments {
+    /// First, then second moments of the networks' weights.
+    network: Buffer,
+    /// The table's values and their moments.
+    values: Buffer,
+    first: Buffer,
+    second: Buffer,
+    steps: Buffer,
+}
+
+/// A batch on the device.
+struct Batch {
+    rays: Rays,
+    pixels: Buffer,
+    losses: Buffer,
+    count: usize,
+    /// Rays that are traced together: those of whole pixels.
+    passes: Vec<Range<usize>>,
+}
+
+impl Moments {
+    fn new(gpu: &Gpu, host: &Trainer) -> Self {
+        let (table, network) = (&host.table_moments, &host.network_moments);
+        let steps: Vec<u32> = table.steps.iter().map(|&n| n.into()).collect();
+        Self {
+            network: gpu.upload(bytemuck::cast_slice(&[&network.first[..], &network.second].concat())),
+            values: gpu.upload(bytemuck::cast_slice(&table.values)),
+            first: gpu.upload(bytemuck::cast_slice(&table.first)),
+            second: gpu.upload(bytemuck::cast_slice(&table.second)),
+            steps: gpu.upload(bytemuck::cast_slice(&steps)),
+        }
+    }
+}
+
+impl GpuTrainer {
+    /// Goes on from where a trainer on the CPU stands.
+    pub fn new(gpu: &Arc<Gpu>, host: Trainer) -> Self {
+        let resident = Resident::new(gpu, &host.field);
+        let corrections: Vec<f32> = (1..=CORRECTED as i32).map(|n| correction(n) as f32).collect();
+        Self {
+            survey: Survey::new(&resident, &host.field),
+            moments: Moments::new(gpu, &host),
+            d_table: zeros(gpu, 4 * host.field.table.len()),
+            corrections: gpu.upload(bytemuck::cast_slice(&corrections)),
+            gpu: gpu.clone(),
+            work: Vec::new(),
+            resident,
+            host,
+        }
+    }
+
+    /// Steps taken so far.
+    pub fn steps_taken(&self) -> u32 {
+        self.host.step
+    }
+
+    /// What the last step gave the kernels to do, by name, without the occupancy grid's update.
+    pub fn work(&self) -> &[(&'static str, Work)] {
+        &self.work
+    }
+
+    /// Everything that the coming steps depend on, as [`Trainer::state`] tells it.
+    pub fn state(&mut self) -> Tensors {
+        self.fetch();
+        self.host.state()
+    }
+
+    /// Ends training.
+    pub fn into_field(mut self) -> Field {
+        self.fetch();
+        self.host.into_field()
+    }
+
+    /// One training step. Returns when its loss is known, while the device still learns from it.
+    pub fn step(&mut self) -> StepStats {
+        let batch = self.draw();
+        let parts = self.gpu.buffer(PARTS as usize * self.host.field.network.weights.len());
+        let (stats, asked) = self.learn(&batch, &parts);
+        self.descend(&parts, &stats);
+        self.host.step += 1;
+        if self.host.step.is_multiple_of(OCCUPANCY_EVERY) {
+            let round = self.host.field.occupancy.updates;
+            self.survey.update(&self.resident, &self.host.field, &self.host.survey_rng, round);
+            self.host.field.occupancy.updates += 1;
+        }
+        self.gpu.submit();
+        self.finish(batch.rays.count, &self.gpu.receive(asked))
+    }
+
+    /// Rays and wanted colours of the next batch.
+    fn draw(&self) -> Batch {
+        let count = self.host.pixels as usize;
+        let drawn: Vec<(Vec<[f32; RAY]>, [f32; PIXEL])> =
+            (0..count).into_par_iter().map(|element| self.pixel(element)).collect();
+        let passes = passes(drawn.iter().map(|(rays, _)| rays.len()), self.resident.rays_at_once());
+        let rays: Vec<f32> = drawn.iter().flat_map(|(rays, _)| rays.as_flattened()).copied().collect();
+        let pixels: Vec<f32> = drawn.iter().flat_map(|(_, pixel)| pixel).copied().collect();
+        Batch {
+            rays: Rays::new(&self.gpu, &rays),
+            pixels: self.gpu.upload(bytemuck::cast_slice(&pixels)),
+            losses: self.gpu.buffer(2 * count),
+            count,
+            passes,
+        }
+    }
+
+    /// A pixel of the batch and its rays: the colour that it should have, its view's weight, the background, how many rays it has.
+    fn pixel(&self, element: usize) -> (Vec<[f32; RAY]>, [f32; PIXEL]) {
+        let Trainer { views, sampler, options, step, pixels, field, .. } = &self.host;
+        let mut pixel: Pixel = sampler.pixel(views, (*step).into(), element as u64, (*pixels).into());
+        if !options.random_background {
+            pixel.background = [0.0; 3];
+        }
+        let view = &views[pixel.view];
+        let sub_rays = sampler.sub_rays(pixel, view.supersample, (*step).into());
+        let rays: Vec<_> = sub_rays
+            .enumerate()
+            .map(|(within, (px, py, jitter))| {
+                ray(&Segment::new(&field.space, &view.camera, px, py), jitter, element, within)
+            })
+            .collect();
+        let ([r, g, b], [x, y, z]) = (view.target(&pixel), pixel.background);
+        let count = rays.len() as f32;
+        (rays, [r, g, b, view.weight, x, y, z, count])
+    }
+
+    /// Gradients of the batch, and what it came to, which is asked for before the last way back.
+    fn learn(&self, batch: &Batch, parts: &Buffer) -> (Buffer, Requested) {
+        let (gpu, stats) = (&*self.gpu, self.gpu.buffer(4));
+        let mut asked = None;
+        for (i, pass) in batch.passes.iter().enumerate() {
+            let traced = self.resident.trace(&batch.rays, pass.clone());
+            let d_raw = self.compare(batch, &traced, pass.len());
+            if i + 1 == batch.passes.len() {
+                let words = [batch.rays.count as u32, batch.count as u32];
+                let arrays = [&batch.losses, &batch.rays.seen, &batch.rays.looked, &stats];
+                start(gpu, &self.resident.programs.stats, &arrays, &words, 1);
+                asked = Some(gpu.request(&stats, 4));
+            }
+            let Resident { programs, levels, table, weights, .. } = &self.resident;
+            let arrays = [&batch.rays.buffer, &traced.samples, &d_raw, levels, table, weights, parts, &self.d_table];
+            start(gpu, &programs.backward, &arrays, &traced.words, PARTS);
+        }
+        let asked = asked.unwrap_or_else(|| gpu.request(&stats, 4));
+        (stats, asked)
+    }
+
+    /// Losses of the pixels of a pass, and gradients to the raw densities and colours of its samples.
+    fn compare(&self, batch: &Batch, traced: &Traced, rays: usize) -> Buffer {
+        let options = &self.host.options;
+        let strengths = [options.beta, options.distortion, options.fog, options.fog_range].map(|x| bits(x as f32));
+        let words = [&traced.words[..], &[batch.count as u32], &strengths].concat();
+        let d_raw = self.gpu.buffer(traced.raw.bytes() as usize / 4);
+        let Batch { rays: Rays { buffer, views, .. }, pixels, losses, .. } = batch;
+        let arrays = [buffer, &traced.before, &traced.samples, &traced.raw, views, pixels, &d_raw, losses];
+        start(&self.gpu, &self.resident.programs.composite_backward, &arrays, &words, by_256(rays));
+        d_raw
+    }
+
+    /// A step down, unless the loss is no number.
+    fn descend(&self, parts: &Buffer, stats: &Buffer) {
+        let Self { gpu, resident: Resident { programs, table, weights, .. }, moments, host, .. } = self;
+        let rate = host.options.rate_after(host.step);
+        let count = host.field.network.weights.len();
+        let of_network = (rate * correction(host.step as i32 + 1)) as f32;
+        let words = [PARTS, bits(of_network), bits(host.options.l2 as f32)];
+        start(gpu, &programs.adam_network, &[parts, stats, weights, &moments.network], &words, by_256(count));
+        let entries = host.field.table.len();
+        let Moments { values, first, second, steps, .. } = moments;
+        gpu.start(&Job {
+            kernel: &programs.adam_table,
+            arrays: &[stats, &self.corrections, &self.d_table, values, first, second, steps, table],
+            words: &[entries as u32, bits(rate as f32), CORRECTED as u32],
+            groups: folded(entries.div_ceil(256)),
+            operations: 0,
+        });
+    }
+
+    /// What the step came to, and the size of the next batch.
+    fn finish(&mut self, rays: usize, stats: &[f32]) -> StepStats {
+        let host = &mut self.host;
+        let [loss, squared_error, samples, looked] = [0, 1, 2, 3].map(|i| stats[i]);
+        let [samples, looked] = [samples, looked].map(|count| count.to_bits() as usize);
+        let extent = Extent { rays, pixels: host.pixels as usize, looked, samples };
+        self.work = work::of_step(&extent, &host.field.levels, &host.field.network);
+        self.work.iter().for_each(|(_, work)| self.gpu.account(work.operations, work.bytes));
+        let count = 3.0 * f64::from(host.pixels);
+        host.pixels = host.next_pixels(samples, looked);
+        StepStats { loss: f64::from(loss) / count, psnr: psnr(f64::from(squared_error) / count), rays, samples }
+    }
+
+    /// Brings the field and Adam's state back to the host.
+    fn fetch(&mut self) {
+        let Self { gpu, resident, moments, host, .. } = self;
+        let (entries_count, weights) = (host.field.table.len(), host.field.network.weights.len());
+        let pairs = |buffer: &Buffer| gpu.read(buffer, 2 * entries_count).as_chunks().0.to_vec();
+        let words = |buffer: &Buffer| gpu.read(buffer, entries_count).into_iter().map(f32::to_bits);
+        host.field.table = entries(words(&resident.table));
+        host.table_moments.values = pairs(&moments.values);
+        host.table_moments.first = pairs(&moments.first);
+        host.table_moments.second = pairs(&moments.second);
+        host.table_moments.steps = words(&moments.steps).map(|n| n as u16).collect();
+        host.field.network.weights = gpu.read(&resident.weights, weights);
+        let mut network = gpu.read(&moments.network, 2 * weights);
+        host.network_moments.second = network.split_off(weights);
+        host.network_moments.first = network;
+        host.field.occupancy.values = gpu.read(&resident.values, resident.cells);
+        host.field.occupancy.refresh();
+    }
+}
+
+/// Rays of whole pixels, at most so many together where a pixel has no more.
+fn passes(pixels: impl Iterator<Item = usize>, at_once: usize) -> Vec<Range<usize>> {
+    let mut passes: Vec<Range<usize>> = Vec::new();
+    let mut end = 0;
+    for rays in pixels {
+        match passes.last_mut() {
+            Some(pass) if pass.len() + rays <= at_once => pass.end += rays,
+            _ => passes.push(end..end + rays),
+        }
+        end += rays;
+    }
+    passes
+}

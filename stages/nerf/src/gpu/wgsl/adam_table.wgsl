@@ -1,0 +1,64 @@
+// A step down for the hash entries that have a gradient; the others rest. Each counts its own steps, and the table that look-ups read
+// holds the values rounded to halves. Clears the gradient.
+struct Params {
+    entries: u32,
+    rate: f32,
+    corrected: u32,
+}
+
+@group(0) @binding(0) var<uniform> p: Params;
+@group(0) @binding(1) var<storage, read> stats: array<u32>;
+@group(0) @binding(2) var<storage, read> corrections: array<f32>;
+@group(0) @binding(3) var<storage, read_write> d_table: array<vec4u>;
+@group(0) @binding(4) var<storage, read_write> values: array<vec2f>;
+@group(0) @binding(5) var<storage, read_write> first: array<vec2f>;
+@group(0) @binding(6) var<storage, read_write> second: array<vec2f>;
+@group(0) @binding(7) var<storage, read_write> steps: array<u32>;
+@group(0) @binding(8) var<storage, read_write> table: array<u32>;
+
+// A number of two words, the lower first, in units of 2^-52.
+fn number(words: vec2u) -> f32 {
+    let negative = words.y > 0x7fffffffu;
+    let low = select(words.x, 0u - words.x, negative);
+    let high = select(words.y, ~words.y + select(0u, 1u, words.x == 0u), negative);
+    let size = f32(high) * 9.536743e-7 + f32(low) * 2.220446e-16;
+    return select(size, -size, negative);
+}
+
+// The nearest half, to even; what is too large becomes the largest half.
+fn narrow(x: f32) -> u32 {
+    let size = min(abs(x), 65504.0);
+    let bits = bitcast<u32>(size);
+    let normal = ((bits + 0xfffu + (bits >> 13u & 1u)) >> 13u) - 0x1c000u;
+    let half = select(normal, u32(round(size * 16777216.0)), size < 6.1035156e-5);
+    return half | (bitcast<u32>(x) >> 16u & 0x8000u);
+}
+
+@compute @workgroup_size(256)
+fn main(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) t: u32,
+) {
+    let i = (group.y * groups.x + group.x) * 256u + t;
+    if (i >= p.entries) {
+        return;
+    }
+    let words = d_table[i];
+    if (all(words == vec4u())) {
+        return;
+    }
+    d_table[i] = vec4u();
+    if (!is_finite(stats[0])) {
+        return;
+    }
+    let count = min(steps[i] + 1u, p.corrected);
+    steps[i] = count;
+    let rate = p.rate * corrections[count - 1u];
+    let x = descend(Moments(values[i].x, first[i].x, second[i].x), number(words.xy), rate);
+    let y = descend(Moments(values[i].y, first[i].y, second[i].y), number(words.zw), rate);
+    values[i] = vec2f(x.value, y.value);
+    first[i] = vec2f(x.first, y.first);
+    second[i] = vec2f(x.second, y.second);
+    table[i] = narrow(x.value) | narrow(y.value) << 16u;
+}

@@ -1,0 +1,23 @@
+// Marks as many members of a set of cells, drawn at random, as an eighth of them.
+struct Params {
+    words: u32,
+    step: u32,
+    // Tells the draws from different sets apart.
+    part: u32,
+    key_low: u32,
+    key_high: u32,
+}
+
+@group(0) @binding(0) var<uniform> p: Params;
+@group(0) @binding(1) var<storage, read> members: array<u32>;
+@group(0) @binding(2) var<storage, read> before: array<u32>;
+@group(0) @binding(3) var<storage, read_write> marked: array<atomic<u32>>;
+
+@compute @workgroup_size(256)
+fn main(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let count = before[p.words];
+    for (var i = id.x; i < count / 8u; i += groups.x * 256u) {
+        let cell = member(below(p.step, vec2u(i, p.part), count, vec2u(p.key_low, p.key_high)));
+        atomicOr(&marked[cell / 32u], 1u << (cell % 32u));
+    }
+}

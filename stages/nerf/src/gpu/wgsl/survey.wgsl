@@ -1,0 +1,65 @@
+// Looks at a random point in each cell of a set, 64 at a time, and folds the optical depth of the shortest step there into the grid.
+struct Params {
+    words: u32,
+    levels: u32,
+    // The step of the random numbers of x; those of y and z follow.
+    step: u32,
+    key_low: u32,
+    key_high: u32,
+    decay: f32,
+    shortest: f32,
+    resolution: f32,
+    size_x: u32,
+    size_y: u32,
+}
+
+@group(0) @binding(0) var<uniform> p: Params;
+@group(0) @binding(1) var<storage, read> members: array<u32>;
+@group(0) @binding(2) var<storage, read> before: array<u32>;
+@group(0) @binding(3) var<storage, read> levels: array<Level>;
+@group(0) @binding(4) var<storage, read> table: array<u32>;
+@group(0) @binding(5) var<storage, read> weights: array<f32>;
+@group(0) @binding(6) var<storage, read_write> values: array<f32>;
+
+var<workgroup> tile: array<vec4f, QUADS * ROWS>;
+var<workgroup> places: array<vec4f, 64>;
+var<workgroup> total: u32;
+
+fn point_in(cell: u32) -> vec3f {
+    let corner = vec3f(vec3u(cell % p.size_x, cell / p.size_x % p.size_y, cell / (p.size_x * p.size_y)));
+    var fraction = vec3f();
+    for (var axis = 0u; axis < 3u; axis++) {
+        fraction[axis] = uniform_number(p.step + axis, vec2u(cell, 0u), vec2u(p.key_low, p.key_high));
+    }
+    return (corner + fraction) / p.resolution;
+}
+
+@compute @workgroup_size(256)
+fn main(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) t: u32,
+) {
+    if (t == 0u) {
+        total = before[p.words];
+    }
+    let end = workgroupUniformLoad(&total);
+    for (var first = group.x * 64u; first < end; first += groups.x * 64u) {
+        var cell = 0u;
+        if (t < 64u) {
+            cell = member(min(first + t, end - 1u));
+            places[t] = vec4f(point_in(cell), 0.0);
+        }
+        workgroupBarrier();
+#use encode TO=0
+#use layer INPUTS=${ENCODING} OUTPUTS=64 AT=${W0} FROM=0 TO=0 FUNCTION=rectified EACH=4
+#use layer INPUTS=64 OUTPUTS=16 AT=${W1} FROM=0 TO=0 FUNCTION=kept EACH=1
+        if (t < 64u && first + t < end) {
+            let fresh = density_of(tile[t / 4u * ROWS][t % 4u]) * p.shortest;
+            if (values[cell] >= 0.0) {
+                values[cell] = max(p.decay * values[cell], fresh);
+            }
+        }
+        workgroupBarrier();
+    }
+}

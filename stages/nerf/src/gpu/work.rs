@@ -1,0 +1,53 @@
+//! How much a training step gives a device to do, by formula: how many samples there are, the device alone knows until the step is over.
+
+use super::train::PARTS;
+use crate::config::Level;
+use crate::network::{COLOR_OUTPUT, HIDDEN, Network};
+
+/// What a kernel has to do: operations, a multiplication and its addition being two, and bytes through device memory if each array goes through once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Floating-point operations of look-ups and networks.
+    pub operations: u64,
+    /// Bytes.
+    pub bytes: u64,
+}
+
+/// The sizes that decide the work of a step.
+pub struct Extent {
+    /// Rays.
+    pub rays: usize,
+    /// Pixels.
+    pub pixels: usize,
+    /// Samples whose density was looked at.
+    pub looked: usize,
+    /// Samples that passed through both networks.
+    pub samples: usize,
+}
+
+/// Of every kernel of a training step, without the occupancy grid's update.
+pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'static str, Work)> {
+    let &Extent { rays, pixels, looked, samples } = extent;
+    let (weights, encoding) = (network.weights.len(), network.layers[0].inputs);
+    // Eight corners of two features each. An entry has four bytes, its gradient two words for each feature, read and written.
+    let (look_up, corners, scattered) = (32 * levels.len(), 32 * levels.len(), 8 * levels.len() * 2 * 8);
+    let look = 2 * (encoding * HIDDEN + HIDDEN) + look_up;
+    let backward = 2 * (weights - HIDDEN * COLOR_OUTPUT) + 4 * weights + 2 * look_up;
+    let touched: usize = levels.iter().map(|level| level.entries.min(8 * samples)).sum();
+    let entries: usize = levels.iter().map(|level| level.entries).sum();
+    let parts = PARTS as usize * weights * 4;
+    let works = [
+        ("look", looked * look, looked * corners + rays * 52),
+        ("scan", 0, rays * 8),
+        ("gather", 0, samples * 16 + rays * 60),
+        ("shade", samples * (2 * weights + look_up), samples * (32 + corners) + 4 * weights),
+        ("composite", 0, samples * 36 + rays * 36),
+        ("composite backward", 0, samples * 64 + rays * 84 + pixels * 40),
+        ("stats", 0, rays * 8 + pixels * 8),
+        ("backward", samples * backward, samples * (32 + corners + scattered) + parts),
+        ("Adam, networks", PARTS as usize * weights, parts + weights * 28),
+        ("Adam, table", 0, entries * 16 + touched * 76),
+    ];
+    let work = |(name, operations, bytes)| (name, Work { operations: operations as u64, bytes: bytes as u64 });
+    works.map(work).to_vec()
+}
