@@ -46,6 +46,8 @@ pub struct Scheduler<'a> {
     pub pool: &'a rayon::ThreadPool,
     /// Where stages compute.
     pub device: &'a Device,
+    /// Whether a stage whose GPU fails goes on on the CPU.
+    pub fallback: bool,
     /// Where people find results.
     pub view: &'a View,
     /// Set when the run is to stop.
@@ -270,10 +272,9 @@ impl Scheduler<'_> {
         let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
         // Who forces a stage wants all of it computed.
         let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
-        let (key, Self { cancelled, checkpoint_every, .. }) = (queued.key, self);
+        let (key, &Self { cancelled, checkpoint_every, fallback, .. }) = (queued.key, self);
         let device = device_of(&*node.stage, self.device);
-        let checkpoint_every = *checkpoint_every;
-        Ok(Task { node, key, work, inputs, device, cancelled, extension, earlier, checkpoint_every, replace })
+        Ok(Task { node, key, work, inputs, device, fallback, cancelled, extension, earlier, checkpoint_every, replace })
     }
 
     /// The life of a stage's thread. Nobody listens any more only when the run is over.

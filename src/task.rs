@@ -61,6 +61,8 @@ pub struct Task<'a> {
     pub inputs: BTreeMap<String, (PathBuf, Digest)>,
     /// Where it computes.
     pub device: &'a Device,
+    /// Whether it goes on on the CPU where that is a GPU and fails.
+    pub fallback: bool,
     /// Set when it should stop.
     pub cancelled: &'a AtomicBool,
     /// What it has in common with results of fewer steps, if more can go on from fewer.
@@ -82,11 +84,10 @@ impl Task<'_> {
             return Err(Failure::Lost(holder));
         }
         match end {
-            Ok(Ok(())) => {
+            Ok(Ok(device)) => {
                 self.extension.map_or(Ok(()), |extension| self.work.keep_state(&extension))?;
                 let outputs: Vec<(&str, ArtifactKind)> =
                     self.node.stage.outputs().iter().map(|port| (port.name, port.kind)).collect();
-                let device = self.device.kind().to_owned();
                 let facts = Facts { stage: self.node.name.clone(), seconds: begun.elapsed().as_secs_f64(), device };
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }
@@ -102,39 +103,59 @@ impl Task<'_> {
         }
     }
 
-    fn compute(&self, messages: &(dyn Fn(Message) + Sync)) -> Result<(), StageError> {
+    /// Runs the stage and says where.
+    fn compute(&self, messages: &(dyn Fn(Message) + Sync)) -> Result<String, StageError> {
+        let kind = self.device.kind().to_owned();
+        match attempt(|| self.compute_on(self.device, kind.clone(), messages)) {
+            Ok(end) => end,
+            Err(fault) if self.fallback => {
+                let text = format!("{fault}; going on on the CPU, from the last checkpoint if there is one");
+                messages(Message::Warning(text));
+                self.compute_on(&CPU, format!("{kind}, then cpu"), messages)
+            }
+            Err(fault) => Err(fault.into()),
+        }
+    }
+
+    fn compute_on(
+        &self,
+        device: &Device,
+        kind: String,
+        messages: &(dyn Fn(Message) + Sync),
+    ) -> Result<String, StageError> {
         let io = Io {
             seed: self.node.seed,
-            device: self.device,
+            device,
             inputs: self.inputs.iter().map(|(name, (folder, _))| (name.clone(), folder.clone())).collect(),
             outputs: self.work.outputs(),
             scratch: self.work.scratch(),
             checkpoint_every: self.checkpoint_every,
             earlier: self.earlier.clone(),
-            provenance: self.provenance(),
+            provenance: self.provenance(&kind),
             messages,
             cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),
         };
-        attempt(|| self.node.stage.run(&io)).unwrap_or_else(|fault| Err(fault.into()))
+        self.node.stage.run(&io).map(|()| kind)
     }
 
-    fn provenance(&self) -> Provenance {
+    fn provenance(&self, device: &str) -> Provenance {
         Provenance {
             program: format!("srnerf-dag {}", env!("CARGO_PKG_VERSION")),
             stage: self.node.name.clone(),
             kind: self.node.stage.kind().to_owned(),
             version: self.node.stage.version().to_string(),
             key: self.key.to_string(),
-            device: self.device.kind().to_owned(),
+            device: device.to_owned(),
             params: self.node.params.clone(),
             inputs: self.inputs.iter().map(|(name, (_, digest))| (name.clone(), digest.to_string())).collect(),
         }
     }
 }
 
+static CPU: Device = Device::cpu();
+
 /// Where a stage computes, if the user chose `chosen`.
 pub fn device_of<'d>(stage: &dyn Stage, chosen: &'d Device) -> &'d Device {
-    static CPU: Device = Device::cpu();
     if stage.uses_device() { chosen } else { &CPU }
 }
 

@@ -59,6 +59,7 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         context: &context,
         pool: &pool,
         device: &Device::cpu(),
+        fallback: false,
         view: &view,
         cancelled: &cancelled,
         checkpoint_every: Duration::ZERO,

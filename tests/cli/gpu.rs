@@ -84,6 +84,30 @@ fn a_network_gives_nearly_the_same_on_a_gpu_the_same_in_each_run_and_counts_what
     assert!(refused.code == 2 && refused.err.contains("a GPU multiplies in f32 only"), "{}", refused.err);
 }
 
+/// A field whose gradient is more than a software GPU lets a kernel see at once.
+const TOO_LARGE: &str = r#"(
+    name: "large",
+    stages: {
+        "scene": Scene(source: Procedural(world: "still_life", views: 4, size: (64, 48)), downscale: 4, holdout: 4),
+        "fit": Fit(images: "scene.train", steps: 1, samples: 256, field: (levels: 1, log2_table: 24, base_resolution: 450)),
+    },
+)"#;
+
+#[test]
+fn a_stage_too_large_for_the_gpu_fails_with_what_to_lower_or_goes_on_on_the_cpu() {
+    let space = Space::new();
+    if !is_there(&space) {
+        return;
+    }
+    fs::write(space.path("large.ron"), TOO_LARGE).unwrap();
+    let refused = space.say(&["run", "large.ron", "--device", "gpu:0"]);
+    assert!(refused.code != 0 && refused.err.contains("`--device cpu`"), "{}", refused.err);
+    let said = space.ok(&["run", "large.ron", "--device", "gpu:0", "--fallback", "cpu"]);
+    assert!(said.err.contains("fit: warning") && said.err.contains("going on on the CPU"), "{}", said.err);
+    let record = space.ok(&["inspect", "fit", "large.ron", "--device", "gpu:0"]).out;
+    assert!(record.contains(", then cpu"), "{record}");
+}
+
 #[test]
 #[ignore = "make test-full"]
 fn every_stage_runs_with_a_gpu_and_two_runs_give_the_same_files() {

@@ -30,7 +30,7 @@ pub enum GpuError {
     /// The memory of the device is full.
     #[error(
         "the GPU's memory is full: {held} MiB are in use and {asked} MiB more were needed; lower the crop, the views per step, \
-         the tile of the autoencoder or `--keep`, close what else uses the GPU, or take `--device cpu`"
+         the tile of the autoencoder, a field's `samples` or `log2_table` or `--keep`, close what else uses the GPU, or take `--device cpu`"
     )]
     OutOfMemory {
         /// MiB asked for.
@@ -41,7 +41,7 @@ pub enum GpuError {
     /// One array is larger than a kernel of this adapter can see at once.
     #[error(
         "an array of {asked} MiB is more than {limit} MiB, the most that a kernel on this GPU sees of one array; lower the crop, \
-         the views per step or the tile of the autoencoder, or take `--device cpu`"
+         the views per step, the tile of the autoencoder or a field's `log2_table`, or take `--device cpu`"
     )]
     TooLarge {
         /// MiB asked for.

@@ -27,7 +27,8 @@ pub struct Resident {
     /// How many cells there are.
     pub cells: usize,
     geometry: Vec<u32>,
-    most_steps: usize,
+    /// The most samples that a ray can have.
+    pub most_steps: usize,
 }
 
 impl Resident {
@@ -63,11 +64,6 @@ impl Resident {
     /// The first parameters of the kernels that follow rays: of `count` rays from `first` on.
     pub fn words(&self, first: usize, count: usize) -> Vec<u32> {
         [&[count as u32, first as u32], &self.geometry[..]].concat()
-    }
-
-    /// The most samples that a ray can have.
-    pub fn most_steps(&self) -> usize {
-        self.most_steps
     }
 }
 

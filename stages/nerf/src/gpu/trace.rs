@@ -72,7 +72,7 @@ impl Rays {
 impl Resident {
     /// How many rays can be traced at once.
     pub fn rays_at_once(&self) -> usize {
-        (ROOM / self.most_steps()).clamp(1, MOST_RAYS)
+        (ROOM / self.most_steps).clamp(1, MOST_RAYS)
     }
 
     /// Traces some of the rays, as many as [`Resident::rays_at_once`] allows, and writes what they see.
@@ -85,7 +85,7 @@ impl Resident {
         start(gpu, &programs.look, &look, &words, count.div_ceil(RAYS_PER_GROUP) as u32);
         let before = gpu.buffer(count + 1);
         start(gpu, &programs.scan, &[&rays.seen, &before], &[count as u32, which.start as u32], 1);
-        let room = count * self.most_steps();
+        let room = count * self.most_steps;
         let (samples, raw) = (gpu.buffer(4 * (1 + room)), gpu.buffer(4 * room));
         let gather = [&rays.buffer, &self.bits, &rays.seen, &before, &samples, &rays.looked];
         start(gpu, &programs.gather, &gather, &words, by_256(count));
