@@ -128,7 +128,7 @@ fn test(index: usize) -> Result<Test, GpuError> {
     Ok(Test { errors: errors.collect() })
 }
 
-/// One operator of each family, on numbers of its own generator.
+/// One operator of each family, on numbers of its own generator, and a small field.
 fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
     let rng = Rng::new(0, "doctor");
     let random = |step, shape: &[usize]| rng.normals(step, shape, device);
@@ -143,7 +143,10 @@ fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
         ("attention", &attended.out),
         ("its gradient", &gradients[0]),
     ];
-    results.map(|(name, array)| (name, array.to_vec())).to_vec()
+    let field = nerf::check(device);
+    let mut results = results.map(|(name, array)| (name, array.to_vec())).to_vec();
+    results.extend([("field", field.image), ("its training", field.losses)]);
+    results
 }
 
 fn distance(expected: &[f32], got: &[f32]) -> f32 {

@@ -84,6 +84,36 @@ fn a_network_gives_nearly_the_same_on_a_gpu_the_same_in_each_run_and_counts_what
     assert!(refused.code == 2 && refused.err.contains("a GPU multiplies in f32 only"), "{}", refused.err);
 }
 
+/// Every stage that computes on a GPU but those of the diffusion networks.
+const FIELDS: &str = r#"(
+    name: "fields",
+    stages: {
+        "scene": Scene(source: Procedural(world: "still_life", views: 4, size: (64, 48)), downscale: 4, holdout: 4),
+        "fit": Fit(images: "scene.train", steps: 20, samples: 256, supersample: 1, field: (levels: 4, march_steps: 32)),
+        "render": Render(field: "fit", cameras: "scene.train", scale: 2),
+        "sync": Sync(field: "fit", images: "render", low: "scene.train", steps: 4, samples: 256),
+    },
+)"#;
+
+#[test]
+fn the_stages_of_a_field_give_the_same_files_in_each_run_and_say_where_they_ran() {
+    let space = Space::new();
+    if !is_there(&space) {
+        return;
+    }
+    fs::write(space.path("fields.ron"), FIELDS).unwrap();
+    // A checkpoint after every step, and none.
+    for (out, every) in [("one", "0"), ("two", "1h")] {
+        let store = format!("{out}.store");
+        let options = ["--device", "gpu:0", "--store", &store, "--out", out, "--checkpoint-every", every];
+        let said = space.ok(&[&["run", "fields.ron"], &options[..]].concat());
+        assert!(said.err.contains("fit: dispatches per step 10."), "{}", said.err);
+    }
+    assert!(space.files("one") == space.files("two"), "the two runs differ");
+    let field = fs::read(space.path("one/fields/sync/field/field.safetensors")).unwrap();
+    assert!(String::from_utf8_lossy(&field).contains("gpu: "), "the field does not say where it was computed");
+}
+
 /// A field whose gradient is more than a software GPU lets a kernel see at once.
 const TOO_LARGE: &str = r#"(
     name: "large",

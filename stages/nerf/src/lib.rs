@@ -33,7 +33,7 @@ mod training;
 pub use batch::TrainView;
 pub use config::{FieldConfig, Level};
 pub use field::{Field, FieldError, Tensors};
-pub use gpu::{GpuTrainer, Renderer, Work};
+pub use gpu::{Check, GpuTrainer, Renderer, Work, check};
 pub use options::TrainOptions;
 pub use probe::Fullness;
 pub use render::{RenderOptions, Rendered, render};

@@ -3,6 +3,8 @@
 //! Values come back only once per step, and while they do the device goes on: it is never told how many samples there are. Every sum has
 //! one order, or is one of whole numbers; the same adapter and driver give the same bits. Faults unwind to [`compute::device::attempt`].
 
+mod batch;
+mod check;
 mod programs;
 mod render;
 mod resident;
@@ -11,6 +13,7 @@ mod trace;
 mod train;
 mod work;
 
+pub use check::{Check, check};
 pub use render::Renderer;
 pub use train::GpuTrainer;
 pub use work::Work;

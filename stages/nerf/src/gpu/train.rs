@@ -1,25 +1,20 @@
 //! Training of a field on a GPU: batches are drawn by the host, all else is done on the device. Knows the CPU's trainer, whose numbers it
 //! takes over and gives back, so that states and fields are the same format.
 
+use super::batch::Batch;
 use super::resident::{Resident, entries};
 use super::survey::Survey;
-use super::trace::{RAY, Rays, Traced, by_256, ray, start};
+use super::trace::{Rays, Traced, by_256, start};
 use super::work::{self, Extent, Work};
 use crate::adam::{CORRECTED, correction};
-use crate::batch::Pixel;
 use crate::field::{Field, Tensors};
 use crate::loss::psnr;
-use crate::march::Segment;
 use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
 use compute::kernels::{Buffer, Gpu, Job, Requested, bits, folded, zeros};
-use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the gradient to the weights.
 pub const PARTS: u32 = 256;
-/// Numbers of a pixel on the device.
-const PIXEL: usize = 8;
 
 /// A field in training on a GPU.
 pub struct GpuTrainer {
@@ -46,16 +41,6 @@ struct Moments {
     first: Buffer,
     second: Buffer,
     steps: Buffer,
-}
-
-/// A batch on the device.
-struct Batch {
-    rays: Rays,
-    pixels: Buffer,
-    losses: Buffer,
-    count: usize,
-    /// Rays that are traced together: those of whole pixels.
-    passes: Vec<Range<usize>>,
 }
 
 impl Moments {
@@ -113,7 +98,7 @@ impl GpuTrainer {
 
     /// One training step. Returns when its loss is known, while the device still learns from it.
     pub fn step(&mut self) -> StepStats {
-        let batch = self.draw();
+        let batch = Batch::draw(&self.host, &self.resident);
         let parts = self.gpu.buffer(PARTS as usize * self.host.field.network.weights.len());
         let (stats, asked) = self.learn(&batch, &parts);
         self.descend(&parts, &stats);
@@ -125,43 +110,6 @@ impl GpuTrainer {
         }
         self.gpu.submit();
         self.finish(batch.rays.count, &self.gpu.receive(asked))
-    }
-
-    /// Rays and wanted colours of the next batch.
-    fn draw(&self) -> Batch {
-        let count = self.host.pixels as usize;
-        let drawn: Vec<(Vec<[f32; RAY]>, [f32; PIXEL])> =
-            (0..count).into_par_iter().map(|element| self.pixel(element)).collect();
-        let passes = passes(drawn.iter().map(|(rays, _)| rays.len()), self.resident.rays_at_once());
-        let rays: Vec<f32> = drawn.iter().flat_map(|(rays, _)| rays.as_flattened()).copied().collect();
-        let pixels: Vec<f32> = drawn.iter().flat_map(|(_, pixel)| pixel).copied().collect();
-        Batch {
-            rays: Rays::new(&self.gpu, &rays),
-            pixels: self.gpu.upload(bytemuck::cast_slice(&pixels)),
-            losses: self.gpu.buffer(2 * count),
-            count,
-            passes,
-        }
-    }
-
-    /// A pixel of the batch and its rays: the colour that it should have, its view's weight, the background, how many rays it has.
-    fn pixel(&self, element: usize) -> (Vec<[f32; RAY]>, [f32; PIXEL]) {
-        let Trainer { views, sampler, options, step, pixels, field, .. } = &self.host;
-        let mut pixel: Pixel = sampler.pixel(views, (*step).into(), element as u64, (*pixels).into());
-        if !options.random_background {
-            pixel.background = [0.0; 3];
-        }
-        let view = &views[pixel.view];
-        let sub_rays = sampler.sub_rays(pixel, view.supersample, (*step).into());
-        let rays: Vec<_> = sub_rays
-            .enumerate()
-            .map(|(within, (px, py, jitter))| {
-                ray(&Segment::new(&field.space, &view.camera, px, py), jitter, element, within)
-            })
-            .collect();
-        let ([r, g, b], [x, y, z]) = (view.target(&pixel), pixel.background);
-        let count = rays.len() as f32;
-        (rays, [r, g, b, view.weight, x, y, z, count])
     }
 
     /// Gradients of the batch, and what it came to, which is asked for before the last way back.
@@ -249,20 +197,6 @@ impl GpuTrainer {
     }
 }
 
-/// Rays of whole pixels, at most so many together where a pixel has no more.
-fn passes(pixels: impl Iterator<Item = usize>, at_once: usize) -> Vec<Range<usize>> {
-    let mut passes: Vec<Range<usize>> = Vec::new();
-    let mut end = 0;
-    for rays in pixels {
-        match passes.last_mut() {
-            Some(pass) if pass.len() + rays <= at_once => pass.end += rays,
-            _ => passes.push(end..end + rays),
-        }
-        end += rays;
-    }
-    passes
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -271,13 +205,6 @@ mod tests {
     use crate::options::TrainOptions;
     use compute::Device;
     use scene::Camera;
-
-    #[test]
-    fn a_pass_takes_whole_pixels() {
-        assert_eq!(passes([4, 4, 4, 1, 4].into_iter(), 8), [0..8, 8..13, 13..17]);
-        assert_eq!(passes([9, 9, 1].into_iter(), 8), [0..9, 9..18, 18..19], "a pixel is never cut");
-        assert_eq!(passes(std::iter::empty(), 8), []);
-    }
 
     /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many samples.
     fn losses(device: &Device, most_steps: Option<usize>) -> Vec<f64> {
