@@ -5,12 +5,13 @@ use crate::config::FEATURES;
 use crate::kernels::hash::Entry;
 use half::slice::HalfFloatSliceExt;
 use pulp::{Arch, Simd, WithSimd};
+use std::sync::LazyLock;
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
 const EPSILON: f32 = 1e-15;
-/// Entries looked at together: all of them rest or all are worked out, and those that rest keep what they had.
-const GROUP: usize = 16;
+/// Entries that go through all that a step takes together; they stay in the first-level cache.
+const CHUNK: usize = 128;
 /// After so many steps the bias corrections are 1 in f32.
 pub const CORRECTED: usize = 2048;
 
@@ -30,45 +31,56 @@ impl Moments {
     }
 }
 
-/// Step sizes for every count of steps an entry may have taken.
-pub struct Rates(Vec<f32>);
-
 /// The bias corrections of step `n`: sqrt(1 - beta2^n) / (1 - beta1^n).
 pub fn correction(n: i32) -> f64 {
     (1.0 - f64::from(BETA2).powi(n)).sqrt() / (1.0 - f64::from(BETA1).powi(n))
 }
 
-impl Rates {
-    /// `rate` with the bias corrections sqrt(1 - beta2^n) / (1 - beta1^n) for n = 1, 2, ...
-    pub fn new(rate: f32) -> Self {
-        Self((1..=CORRECTED as i32).map(|n| (f64::from(rate) * correction(n)) as f32).collect())
-    }
+/// [`correction`] for n = 0 (which has none), 1, 2, ...
+static CORRECTIONS: LazyLock<[f32; CORRECTED + 1]> =
+    LazyLock::new(|| std::array::from_fn(|n| if n == 0 { 0.0 } else { correction(n as i32) as f32 }));
 
-    fn at(&self, steps: u32) -> f32 {
-        self.0[(steps.max(1) as usize).min(CORRECTED) - 1]
-    }
-}
-
+/// A step of some values: value, first and second moment after it.
 #[inline(always)]
-fn update(parameter: &mut f32, gradient: f32, first: &mut f32, second: &mut f32, rate: f32) {
-    *first = BETA1 * *first + (1.0 - BETA1) * gradient;
-    *second = BETA2 * *second + (1.0 - BETA2) * gradient * gradient;
-    *parameter -= rate * *first / (second.sqrt() + EPSILON);
+fn advance<S: Simd>(simd: S, [value, first, second]: [S::f32s; 3], gradient: S::f32s, rate: S::f32s) -> [S::f32s; 3] {
+    let mean = |beta: f32, mean, fresh| {
+        simd.mul_add_f32s(simd.splat_f32s(beta), mean, simd.mul_f32s(simd.splat_f32s(1.0 - beta), fresh))
+    };
+    let first = mean(BETA1, first, gradient);
+    let second = mean(BETA2, second, simd.mul_f32s(gradient, gradient));
+    let size = simd.add_f32s(simd.sqrt_f32s(second), simd.splat_f32s(EPSILON));
+    [simd.sub_f32s(value, simd.div_f32s(simd.mul_f32s(rate, first), size)), first, second]
 }
 
-/// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient.
-pub fn update_dense(
-    parameters: &mut [f32],
-    gradient: &[f32],
-    moments: &mut Moments,
-    rates: &Rates,
-    step: u32,
+/// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient. Their sizes are multiples
+/// of 16.
+pub fn update_dense(parameters: &mut [f32], gradient: &[f32], moments: &mut Moments, rate: f32, step: u32, l2: f32) {
+    assert!(parameters.len() == gradient.len() && parameters.len().is_multiple_of(16), "update_dense: sizes");
+    let rate = rate * CORRECTIONS[(step as usize).min(CORRECTED)];
+    Arch::new().dispatch(UpdateDense { parameters, gradient, moments, rate, l2 });
+}
+
+struct UpdateDense<'a> {
+    parameters: &'a mut [f32],
+    gradient: &'a [f32],
+    moments: &'a mut Moments,
+    rate: f32,
     l2: f32,
-) {
-    let rate = rates.at(step);
-    let moments = moments.first.iter_mut().zip(&mut moments.second);
-    for ((parameter, gradient), (first, second)) in parameters.iter_mut().zip(gradient).zip(moments) {
-        update(parameter, gradient + l2 * *parameter, first, second, rate);
+}
+
+impl WithSimd for UpdateDense<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (rate, l2) = (simd.splat_f32s(self.rate), simd.splat_f32s(self.l2));
+        let first = S::as_mut_simd_f32s(&mut self.moments.first).0.iter_mut();
+        let moments = first.zip(S::as_mut_simd_f32s(&mut self.moments.second).0);
+        let parameters = S::as_mut_simd_f32s(self.parameters).0.iter_mut().zip(S::as_simd_f32s(self.gradient).0);
+        for ((parameter, gradient), (first, second)) in parameters.zip(moments) {
+            let gradient = simd.mul_add_f32s(l2, *parameter, *gradient);
+            [*parameter, *first, *second] = advance(simd, [*parameter, *first, *second], gradient, rate);
+        }
     }
 }
 
@@ -107,7 +119,7 @@ impl SparseMoments {
     }
 }
 
-/// The entries of one level in [`SparseMoments`].
+/// Some of the entries in [`SparseMoments`], such as those of one level.
 pub struct SparsePart<'a> {
     values: &'a mut [[f32; FEATURES]],
     first: &'a mut [[f32; FEATURES]],
@@ -116,50 +128,77 @@ pub struct SparsePart<'a> {
 }
 
 /// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in instant-ngp. Writes the
-/// table that look-ups read, and clears the gradient for the next step.
-pub fn update_sparse(table: &mut [Entry], gradient: &mut [[f32; FEATURES]], part: SparsePart<'_>, rates: &Rates) {
+/// table that look-ups read, and clears the gradient for the next step. Entries come in groups of eight, as those of levels
+/// do.
+pub fn update_sparse(table: &mut [Entry], gradient: &mut [[f32; FEATURES]], part: SparsePart<'_>, rate: f32) {
     assert!(table.len() == gradient.len() && table.len() == part.values.len(), "update_sparse: sizes differ");
-    Arch::new().dispatch(UpdateSparse { table, gradient, part, rates });
+    assert!(table.len().is_multiple_of(8), "update_sparse: a group is not whole");
+    Arch::new().dispatch(UpdateSparse { table, gradient, part, rate });
 }
 
 struct UpdateSparse<'a> {
     table: &'a mut [Entry],
     gradient: &'a mut [[f32; FEATURES]],
     part: SparsePart<'a>,
-    rates: &'a Rates,
+    rate: f32,
 }
 
 impl WithSimd for UpdateSparse<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let SparsePart { values, first, second, steps } = self.part;
-        let state = (values.chunks_mut(GROUP).zip(first.chunks_mut(GROUP)))
-            .zip(second.chunks_mut(GROUP).zip(steps.chunks_mut(GROUP)));
-        let tables = self.table.chunks_mut(GROUP).zip(self.gradient.chunks_mut(GROUP));
-        for ((table, gradient), ((values, first), (second, steps))) in tables.zip(state) {
-            let gradient = gradient.as_flattened_mut();
-            if gradient.iter().all(|&g| g == 0.0) {
+        let state = (values.chunks_mut(CHUNK).zip(first.chunks_mut(CHUNK)))
+            .zip(second.chunks_mut(CHUNK).zip(steps.chunks_mut(CHUNK)))
+            .map(|((values, first), (second, steps))| SparsePart { values, first, second, steps });
+        let tables = self.table.chunks_mut(CHUNK).zip(self.gradient.chunks_mut(CHUNK));
+        for (mut part, (table, gradient)) in state.zip(tables) {
+            let mut rates = [[0.0; FEATURES]; CHUNK];
+            count(gradient, part.steps, self.rate, &CORRECTIONS, &mut rates);
+            part.descend(simd, gradient, &rates);
+            table.as_flattened_mut().convert_from_f32_slice(part.values.as_flattened());
+        }
+    }
+}
+
+/// Counts the steps of some entries, and says how large a step of theirs is: 0 for one that rests.
+#[inline(always)]
+fn count(
+    gradient: &[[f32; FEATURES]],
+    steps: &mut [u16],
+    rate: f32,
+    corrections: &[f32; CORRECTED + 1],
+    rates: &mut [[f32; FEATURES]],
+) {
+    let moves = |[a, b]: &[f32; FEATURES]| u16::from((a.to_bits() | b.to_bits()) << 1 != 0);
+    for (steps, gradient) in steps.iter_mut().zip(gradient) {
+        *steps = (*steps + moves(gradient)).min(CORRECTED as u16);
+    }
+    for ((rates, steps), gradient) in rates.iter_mut().zip(steps).zip(gradient) {
+        *rates = [f32::from(moves(gradient)) * rate * corrections[usize::from(*steps).min(CORRECTED)]; FEATURES];
+    }
+}
+
+impl SparsePart<'_> {
+    /// Takes the step, and clears the gradient.
+    #[inline(always)]
+    fn descend<S: Simd>(&mut self, simd: S, gradient: &mut [[f32; FEATURES]], rates: &[[f32; FEATURES]]) {
+        let zero = simd.splat_f32s(0.0);
+        let first = S::as_mut_simd_f32s(self.first.as_flattened_mut()).0.iter_mut();
+        let moments = first.zip(S::as_mut_simd_f32s(self.second.as_flattened_mut()).0);
+        let values = S::as_mut_simd_f32s(self.values.as_flattened_mut()).0.iter_mut();
+        let gradients = S::as_mut_simd_f32s(gradient.as_flattened_mut()).0.iter_mut();
+        let rates = S::as_simd_f32s(rates.as_flattened()).0;
+        for ((gradient, rate), (value, (first, second))) in gradients.zip(rates).zip(values.zip(moments)) {
+            let rests = simd.equal_f32s(*rate, zero);
+            if simd.first_true_m32s(simd.not_m32s(rests)) == S::F32_LANES {
                 continue;
             }
-            let mut rate = [[0f32; FEATURES]; GROUP];
-            for ((rate, gradient), steps) in rate.iter_mut().zip(gradient.as_chunks::<FEATURES>().0).zip(steps) {
-                if *gradient != [0.0; FEATURES] {
-                    *steps = (*steps + 1).min(CORRECTED as u16);
-                    *rate = [self.rates.at(u32::from(*steps)); FEATURES];
-                }
-            }
-            let values = values.as_flattened_mut();
-            let state = values.iter_mut().zip(first.as_flattened_mut()).zip(second.as_flattened_mut());
-            for (((value, first), second), (&g, &rate)) in state.zip(gradient.iter().zip(rate.as_flattened())) {
-                let (mut v, mut m, mut s) = (*value, *first, *second);
-                update(&mut v, g, &mut m, &mut s, rate);
-                // An entry that rests has rate 0.
-                (*value, *first, *second) = if rate > 0.0 { (v, m, s) } else { (*value, *first, *second) };
-            }
-            table.as_flattened_mut().convert_from_f32_slice(values);
-            gradient.fill(0.0);
+            let stay = [*value, *first, *second];
+            let go = advance(simd, stay, *gradient, *rate);
+            [*value, *first, *second] = std::array::from_fn(|i| simd.select_f32s(rests, stay[i], go[i]));
+            *gradient = zero;
         }
     }
 }
@@ -171,42 +210,68 @@ mod tests {
 
     #[test]
     fn the_first_step_has_the_size_of_the_rate() {
-        let mut parameters = [1.0, 1.0];
-        update_dense(&mut parameters, &[0.3, -7.0], &mut Moments::new(2), &Rates::new(0.01), 1, 0.0);
+        let (mut parameters, mut gradient) = ([1.0; 16], [0.3; 16]);
+        gradient[1] = -7.0;
+        update_dense(&mut parameters, &gradient, &mut Moments::new(16), 0.01, 1, 0.0);
         assert!((parameters[0] - 0.99).abs() < 1e-6 && (parameters[1] - 1.01).abs() < 1e-6);
     }
 
     #[test]
     fn l2_pulls_towards_zero() {
-        let mut parameters = [1.0];
-        update_dense(&mut parameters, &[0.0], &mut Moments::new(1), &Rates::new(0.01), 1, 1e-6);
+        let mut parameters = [1.0; 16];
+        update_dense(&mut parameters, &[0.0; 16], &mut Moments::new(16), 0.01, 1, 1e-6);
         assert!((parameters[0] - 0.99).abs() < 1e-6);
     }
 
     fn step(table: &mut [Entry], gradient: &mut [[f32; 2]], moments: &mut SparseMoments) {
         let part = moments.split(std::iter::once(table.len())).pop().unwrap();
-        update_sparse(table, gradient, part, &Rates::new(0.01));
+        update_sparse(table, gradient, part, 0.01);
     }
 
     #[test]
     fn an_entry_without_a_gradient_rests_and_keeps_its_count() {
-        let mut table = [[f16::ONE; 2]; 2];
+        let mut table = [[f16::ONE; 2]; 8];
         let mut moments = SparseMoments::new(&table);
-        step(&mut table, &mut [[0.5, 0.5], [0.0, 0.0]], &mut moments);
-        step(&mut table, &mut [[0.0, 0.0], [0.5, 0.0]], &mut moments);
-        assert_eq!(moments.steps, [1, 1]);
+        let only =
+            |entry: usize, d: [f32; 2]| std::array::from_fn::<_, 8, _>(|i| if i == entry { d } else { [0.0; 2] });
+        step(&mut table, &mut only(0, [0.5, 0.5]), &mut moments);
+        step(&mut table, &mut only(1, [0.5, 0.0]), &mut moments);
+        assert_eq!(moments.steps[..3], [1, 1, 0]);
         assert!((moments.values[0][0] - 0.99).abs() < 1e-6, "one step, then rest");
         assert!((moments.values[1][0] - 0.99).abs() < 1e-6, "its first step has the first step's correction");
-        assert_eq!(moments.values[1][1], 1.0);
+        assert_eq!((moments.values[1][1], moments.values[2]), (1.0, [1.0; 2]));
         assert_eq!(table[0], moments.values[0].map(f16::from_f32));
     }
 
     #[test]
     fn the_gradient_is_cleared() {
-        let (mut table, mut gradient) = ([[f16::ONE; 2]; 40], [[0.5, 0.5]; 40]);
+        let (mut table, mut gradient) = ([[f16::ONE; 2]; 3 * CHUNK / 2], [[0.5, 0.5]; 3 * CHUNK / 2]);
         let mut moments = SparseMoments::new(&table);
         step(&mut table, &mut gradient, &mut moments);
-        assert_eq!(gradient, [[0.0; 2]; 40]);
-        assert!(moments.values.iter().all(|entry| *entry == moments.values[0]), "a part of a group is no exception");
+        assert!(gradient.iter().all(|d| *d == [0.0; 2]));
+        assert!(moments.values.iter().all(|entry| *entry == moments.values[0]), "a part of a chunk is no exception");
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    /// Values, moments and table after two steps with the vectors of one instruction set.
+    fn two_steps<S: Simd>(simd: S) -> (Vec<Entry>, SparseMoments) {
+        let rng = compute::rng::Rng::new(1, "adam test");
+        let mut table: Vec<Entry> = (0..264).map(|i| [0, 1].map(|f| f16::from_f32(rng.normal(f, i)))).collect();
+        let mut moments = SparseMoments::new(&table);
+        for round in 0..2 {
+            let d = |i: u64| [2, 3].map(|f| rng.normal(2 * round + f, i) * f32::from(rng.uniform(9 + round, i) < 0.6));
+            let mut gradient: Vec<_> = (0..264).map(d).collect();
+            let part = moments.split(std::iter::once(264)).pop().unwrap();
+            simd.vectorize(UpdateSparse { table: &mut table, gradient: &mut gradient, part, rate: 0.01 });
+        }
+        (table, moments)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn every_vector_width_gives_the_same_bits() {
+        let portable = two_steps(pulp::Scalar);
+        assert!(pulp::x86::V3::try_new().is_none_or(|simd| two_steps(simd) == portable));
+        assert!(pulp::x86::V4::try_new().is_none_or(|simd| two_steps(simd) == portable));
     }
 }

@@ -84,6 +84,11 @@ impl Sampler {
 }
 
 impl TrainView {
+    /// Sub-rays of a pixel.
+    pub(crate) fn rays_per_pixel(&self) -> usize {
+        self.supersample as usize * self.supersample as usize
+    }
+
     /// What a pixel should be in front of a background.
     pub fn target(&self, pixel: &Pixel) -> [f32; 3] {
         let i = pixel.y as usize * self.camera.width as usize + pixel.x as usize;

@@ -1,16 +1,17 @@
-//! A block of rays through the field: march, encode, networks, compositing, and all the way back. Knows nothing of
-//! pixels, losses or optimisers.
+//! A block of rays through the field: from the features of their samples through the networks to what the rays see, and all
+//! the way back. Knows nothing of pixels, losses or optimisers.
 //!
-//! The arrays of a block fit into the second-level cache; one thread takes a block from the march to the gradients.
+//! The arrays of a block fit into the second-level cache; one thread takes a block from the features to the gradients.
 
 use crate::composite;
 use crate::config::FEATURES;
 use crate::exponential::sigmoid;
-use crate::field::{Field, sigma_backward};
-use crate::look::Look;
-use crate::march::{Segment, march};
+use crate::features::Features;
+use crate::field::{Field, sigma, sigma_backward};
+use crate::march::Segment;
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY, Transposed};
 use crate::positions::Positions;
+use crate::samples::Samples;
 use crate::spherical::harmonics;
 use std::ops::Range;
 
@@ -51,9 +52,9 @@ pub struct Regularizer {
 pub struct FieldGradient {
     /// Summed, in the layout of the networks' weights.
     pub weights: Vec<f32>,
-    /// Sample positions, padded.
+    /// Sample positions.
     pub positions: Positions,
-    /// `[level][position]`; zero for padding.
+    /// `[level][position]`.
     pub levels: Vec<Vec<[f32; FEATURES]>>,
 }
 
@@ -66,104 +67,100 @@ impl FieldGradient {
         self.levels.resize(field.levels.len(), vec![]);
         self.levels.iter_mut().for_each(Vec::clear);
     }
+
+    /// Fills the last group of positions with some that get nothing.
+    pub fn pad(&mut self) {
+        self.positions.pad();
+        self.levels.iter_mut().for_each(|level| level.resize(self.positions.len(), [0.0; FEATURES]));
+    }
 }
 
-/// Scratch space for a block of rays, to be used again and again.
+/// The rays of a block.
+#[derive(Clone)]
+pub struct Rays<'a> {
+    /// These and others, with their samples.
+    pub samples: &'a Samples,
+    /// Which of them are the block's; at least one.
+    pub range: Range<usize>,
+    /// What was looked up.
+    pub features: &'a Features,
+    /// By sample: its place among the features.
+    pub rows: &'a [u32],
+}
+
+impl Rays<'_> {
+    /// The samples of all rays.
+    fn span(&self) -> Range<usize> {
+        let rays = &self.samples.rays[self.range.clone()];
+        rays[0].start..rays[rays.len() - 1].end
+    }
+
+    /// Every ray with the places of its samples among the block's.
+    fn each(&self) -> impl Iterator<Item = (&Segment, Range<usize>)> {
+        let rays = &self.samples.rays[self.range.clone()];
+        let first = rays[0].start;
+        self.samples.segments[self.range.clone()]
+            .iter()
+            .zip(rays.iter().map(move |ray| ray.start - first..ray.end - first))
+    }
+}
+
+/// What a forward pass leaves for the backward pass, and scratch space, to be used again and again.
 #[derive(Default)]
 pub struct Block {
-    positions: Positions,
-    rays: Vec<Range<usize>>,
-    look: Look,
-    t: Vec<f32>,
-    dt: Vec<f32>,
+    /// Free for others between a backward pass and the next forward pass.
+    pub activations: Activations,
+    sigma: Vec<f32>,
+    colors: Vec<[f32; 3]>,
     weights: Vec<f32>,
     seen: Vec<Seen>,
-    activations: Activations,
+    d_weights: Vec<f32>,
+    d_sigma: Vec<f32>,
 }
 
 impl Block {
-    /// What each ray sees. `jitter` shifts a ray's steps by a part of a step.
-    pub fn forward(&mut self, field: &Field, segments: &[Segment], jitter: &[f32]) -> &[Seen] {
-        self.march(field, segments, jitter);
-        self.look.along(field, &self.rays, &self.positions, &self.dt, &mut self.activations);
-        self.cut();
-        self.color(field, segments);
-        self.composite();
+    /// What each ray sees.
+    pub fn forward(&mut self, field: &Field, rays: &Rays<'_>) -> &[Seen] {
+        let span = rays.span();
+        let rows = rays.rows[span.clone()].iter().map(|&row| row as usize);
+        rays.features.rows(rows, field.encoding_width(), &mut self.activations.encoding);
+        field.network.density(&mut self.activations);
+        self.sigma.clear();
+        self.sigma.extend(self.activations.geometry.chunks_exact(GEOMETRY).take(span.len()).map(|row| sigma(row[0])));
+        self.color(field, rays);
+        self.composite(rays);
         &self.seen
     }
 
-    /// Samples that passed through both networks in the last forward pass.
-    pub fn samples(&self) -> usize {
-        self.look.kept.len()
-    }
-
-    /// Samples whose density was looked at in the last forward pass.
-    pub fn looked(&self) -> usize {
-        self.look.looked
-    }
-
-    fn march(&mut self, field: &Field, segments: &[Segment], jitter: &[f32]) {
-        self.positions.clear();
-        self.rays.clear();
-        self.t.clear();
-        self.dt.clear();
-        for (segment, &jitter) in segments.iter().zip(jitter) {
-            let first = self.t.len();
-            march(&field.occupancy, field.stride(), segment, jitter, |t, dt| {
-                // Rounding may put a point just below the box, where the grid has no cells.
-                self.positions.push(segment.at(t).map(|x| x.max(0.0)));
-                self.t.push(t);
-                self.dt.push(dt);
-            });
-            self.rays.push(first..self.t.len());
-        }
-    }
-
-    /// Drops the samples that are not seen, and closes the gaps.
-    fn cut(&mut self) {
-        let kept = &self.look.kept;
-        let mut end = 0;
-        for ray in &mut self.rays {
-            let first = end;
-            end += kept[first..].iter().take_while(|&&sample| (sample as usize) < ray.end).count();
-            *ray = first..end;
-        }
-        let [x, y, z] = &mut self.positions.0;
-        for values in [x, y, z, &mut self.t, &mut self.dt] {
-            kept.iter().enumerate().for_each(|(to, &from)| values[to] = values[from as usize]);
-            values.truncate(kept.len());
-        }
-        self.positions.pad();
-    }
-
-    fn color(&mut self, field: &Field, segments: &[Segment]) {
+    fn color(&mut self, field: &Field, rays: &Rays<'_>) {
         let Activations { geometry, color_input, .. } = &mut self.activations;
         color_input.clear();
-        color_input.resize(self.positions.len() * COLOR_INPUT, 0.0);
-        for (ray, segment) in self.rays.iter().zip(segments) {
+        color_input.resize(geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);
+        for (segment, ray) in rays.each() {
             let direction = harmonics(segment.direction);
-            for i in ray.clone() {
-                let row = &mut color_input[i * COLOR_INPUT..(i + 1) * COLOR_INPUT];
-                row[..GEOMETRY].copy_from_slice(&geometry[i * GEOMETRY..(i + 1) * GEOMETRY]);
+            let rows = color_input[ray.start * COLOR_INPUT..].chunks_exact_mut(COLOR_INPUT);
+            for (row, geometry) in rows.zip(geometry[ray.start * GEOMETRY..ray.end * GEOMETRY].chunks_exact(GEOMETRY)) {
+                row[..GEOMETRY].copy_from_slice(geometry);
                 row[GEOMETRY..].copy_from_slice(&direction);
             }
         }
         field.network.color(&mut self.activations);
+        let rows = self.activations.color.chunks_exact(COLOR_OUTPUT).take(self.sigma.len());
+        self.colors.clear();
+        self.colors.extend(rows.map(|row| [sigmoid(row[0]), sigmoid(row[1]), sigmoid(row[2])]));
     }
 
-    fn composite(&mut self) {
-        self.weights.resize(self.t.len(), 0.0);
+    fn composite(&mut self, rays: &Rays<'_>) {
+        let (t, dt) = (&rays.samples.t[rays.span()], &rays.samples.dt[rays.span()]);
+        self.weights.resize(t.len(), 0.0);
         self.seen.clear();
-        for ray in self.rays.iter().cloned() {
+        for (_, ray) in rays.each() {
             let weights = &mut self.weights[ray.clone()];
-            let transmittance = composite::weights(&self.look.sigma[ray.clone()], &self.dt[ray.clone()], weights);
+            let transmittance = composite::weights(&self.sigma[ray.clone()], &dt[ray.clone()], weights);
             let mut seen = Seen { transmittance, ..Seen::default() };
-            for i in ray {
-                let weight = self.weights[i];
-                seen.distance += weight * self.t[i];
-                for (sum, raw) in seen.rgb.iter_mut().zip(&self.activations.color[i * COLOR_OUTPUT..]) {
-                    *sum += weight * sigmoid(*raw);
-                }
+            for ((weight, t), color) in weights.iter().zip(&t[ray.clone()]).zip(&self.colors[ray]) {
+                seen.distance += weight * t;
+                seen.rgb.iter_mut().zip(color).for_each(|(sum, color)| *sum += weight * color);
             }
             self.seen.push(seen);
         }
@@ -175,73 +172,75 @@ impl Block {
         &mut self,
         field: &Field,
         transposed: &Transposed,
-        segments: &[Segment],
+        rays: &Rays<'_>,
         d_seen: &[SeenGradient],
         regularizer: Regularizer,
         gradient: &mut FieldGradient,
     ) -> f32 {
-        let mut d_raw = vec![0.0; self.t.len()];
+        self.d_weights.clear();
+        self.d_weights.resize(self.sigma.len(), 0.0);
+        self.d_sigma.resize(self.sigma.len(), 0.0);
+        self.activations.color.fill(0.0);
         let mut distortion = 0.0;
-        for (r, (segment, d)) in segments.iter().zip(d_seen).enumerate() {
-            distortion += self.ray_backward(self.rays[r].clone(), self.seen[r], segment, d, regularizer, &mut d_raw);
+        for (r, ((segment, ray), d)) in rays.each().zip(d_seen).enumerate() {
+            distortion += self.ray_backward(rays, r, segment, ray, d, regularizer);
         }
-        self.activations.color[self.t.len() * COLOR_OUTPUT..].fill(0.0);
         field.network.color_backward(transposed, &mut self.activations, &mut gradient.weights);
         let Activations { geometry, color_input, .. } = &mut self.activations;
-        geometry.fill(0.0);
+        geometry[self.sigma.len() * GEOMETRY..].fill(0.0);
         let rows = geometry.chunks_exact_mut(GEOMETRY).zip(color_input.chunks_exact(COLOR_INPUT));
-        for ((row, d_input), d_raw) in rows.zip(&d_raw) {
+        for ((row, d_input), d_sigma) in rows.zip(&self.d_sigma) {
             row.copy_from_slice(&d_input[..GEOMETRY]);
-            row[0] += d_raw;
+            row[0] += d_sigma;
         }
         field.network.density_backward(transposed, &mut self.activations, &mut gradient.weights);
-        self.append(field.encoding_width(), gradient);
+        self.append(rays, field.encoding_width(), gradient);
         distortion
     }
 
-    /// Gradients of one ray: raw colours in place, raw densities in `d_raw`. Returns the ray's distortion loss.
+    /// Gradients of one ray: to raw colours, and to raw densities in `d_sigma`. Returns the ray's distortion loss.
     fn ray_backward(
         &mut self,
-        ray: Range<usize>,
-        seen: Seen,
+        rays: &Rays<'_>,
+        r: usize,
         segment: &Segment,
+        ray: Range<usize>,
         d: &SeenGradient,
         regularizer: Regularizer,
-        d_raw: &mut [f32],
     ) -> f32 {
-        let mut d_weight = vec![0.0; ray.len()];
-        for (i, d_weight) in ray.clone().zip(&mut d_weight) {
-            let raw = &mut self.activations.color[i * COLOR_OUTPUT..(i + 1) * COLOR_OUTPUT];
-            for (raw, d_rgb) in raw.iter_mut().zip(d.rgb) {
-                let color = sigmoid(*raw);
+        let (weights, d_weights) = (&self.weights[ray.clone()], &mut self.d_weights[ray.clone()]);
+        let raw = self.activations.color[ray.start * COLOR_OUTPUT..].chunks_exact_mut(COLOR_OUTPUT);
+        for (((raw, color), weight), d_weight) in
+            raw.zip(&self.colors[ray.clone()]).zip(weights).zip(d_weights.iter_mut())
+        {
+            for ((raw, color), d_rgb) in raw.iter_mut().zip(color).zip(d.rgb) {
                 *d_weight += d_rgb * color;
-                *raw = d_rgb * self.weights[i] * color * (1.0 - color);
+                *raw = d_rgb * weight * color * (1.0 - color);
             }
-            raw[3..].fill(0.0);
         }
-        let (weights, dt) = (&self.weights[ray.clone()], &self.dt[ray.clone()]);
+        let samples = rays.samples.rays[rays.range.start + r].clone();
+        let (t, dt) = (&rays.samples.t[samples.clone()], &rays.samples.dt[samples]);
         let mut distortion = 0.0;
         if regularizer.distortion > 0.0 {
-            let s: Vec<f32> = self.t[ray.clone()].iter().map(|&t| segment.fraction(t)).collect();
+            let s: Vec<f32> = t.iter().map(|&t| segment.fraction(t)).collect();
             let ds: Vec<f32> = dt.iter().map(|dt| dt / (segment.range[1] - segment.range[0])).collect();
-            distortion = composite::distortion(&s, &ds, weights, regularizer.distortion, &mut d_weight);
+            distortion = composite::distortion(&s, &ds, weights, regularizer.distortion, d_weights);
         }
-        let mut d_sigma = vec![0.0; ray.len()];
-        composite::weights_backward(dt, weights, seen.transmittance, &d_weight, d.transmittance, &mut d_sigma);
-        for (i, d_sigma) in ray.zip(d_sigma) {
-            let raw = self.activations.geometry[i * GEOMETRY];
-            d_raw[i] = d_sigma * sigma_backward(raw);
-            if segment.fraction(self.t[i]) < regularizer.fog_range && raw > -10.0 {
-                d_raw[i] += regularizer.fog;
+        let d_sigma = &mut self.d_sigma[ray.clone()];
+        composite::weights_backward(dt, weights, self.seen[r].transmittance, d_weights, d.transmittance, d_sigma);
+        for (((d_sigma, sigma), t), i) in d_sigma.iter_mut().zip(&self.sigma[ray.clone()]).zip(t).zip(ray) {
+            *d_sigma *= sigma_backward(*sigma);
+            if segment.fraction(*t) < regularizer.fog_range && self.activations.geometry[i * GEOMETRY] > -10.0 {
+                *d_sigma += regularizer.fog;
             }
         }
         distortion
     }
 
-    fn append(&self, width: usize, to: &mut FieldGradient) {
-        to.positions.extend(&self.positions);
+    fn append(&self, rays: &Rays<'_>, width: usize, to: &mut FieldGradient) {
+        to.positions.extend(&rays.samples.positions, rays.span());
         for (l, level) in to.levels.iter_mut().enumerate() {
-            let rows = self.activations.encoding.chunks_exact(width);
+            let rows = self.activations.encoding.chunks_exact(width).take(self.sigma.len());
             level.extend(rows.map(|row| [row[FEATURES * l], row[FEATURES * l + 1]]));
         }
     }

@@ -2,38 +2,31 @@
 //! Knows nothing of optimisers.
 
 use crate::batch::{Pixel, Sampler, TrainView};
-use crate::block::{Block, FieldGradient, Regularizer, Seen, SeenGradient};
+use crate::block::{Block, FieldGradient, Rays, Regularizer, Seen, SeenGradient};
+use crate::features::Features;
 use crate::field::Field;
+use crate::look::Look;
 use crate::loss::{smooth_l1, smooth_l1_backward};
 use crate::march::Segment;
 use crate::network::Transposed;
 use crate::options::TrainOptions;
+use crate::samples::Samples;
 use std::ops::Range;
 
-/// What one part of a batch adds to a step.
+/// One part of a batch, and what it adds to a step.
 #[derive(Default)]
 pub struct Contribution {
+    pixels: Vec<Pixel>,
+    /// The samples of the pixels' sub-rays.
+    pub samples: Samples,
+    /// Which of them are seen.
+    pub look: Look,
     /// The gradients to the field.
     pub gradient: FieldGradient,
     /// The photometric loss, summed.
     pub loss: f64,
     /// The squared error, summed, without the views' weights.
     pub squared_error: f64,
-    /// Rays traced.
-    pub rays: usize,
-    /// Samples that passed through both networks.
-    pub samples: usize,
-    /// Samples whose density was looked at.
-    pub looked: usize,
-}
-
-impl Contribution {
-    /// Forgets everything, and makes room for a field.
-    pub fn clear(&mut self, field: &Field) {
-        let mut gradient = std::mem::take(&mut self.gradient);
-        gradient.clear(field);
-        *self = Self { gradient, ..Self::default() };
-    }
 }
 
 /// A batch of pixels, and what it is traced through and compared with.
@@ -55,13 +48,40 @@ pub struct Batch<'a> {
 }
 
 impl Batch<'_> {
-    /// Adds what some of the batch's pixels contribute, `per_block` at a time.
-    pub fn trace_all(&self, elements: Range<u32>, per_block: u32, block: &mut Block, part: &mut Contribution) {
-        for first in elements.clone().step_by(per_block as usize) {
-            let elements = first..elements.end.min(first + per_block);
-            let pixels: Vec<Pixel> = elements.map(|element| self.pixel(element)).collect();
-            self.trace(block, &pixels, part);
+    /// Begins a part with some of the batch's pixels: marches along their sub-rays.
+    pub fn march(&self, elements: Range<u32>, part: &mut Contribution) {
+        let Contribution { pixels, samples, look, .. } = part;
+        pixels.clear();
+        pixels.extend(elements.map(|element| self.pixel(element)));
+        samples.clear();
+        for &pixel in pixels.iter() {
+            let view = &self.views[pixel.view];
+            for (px, py, shift) in self.sampler.sub_rays(pixel, view.supersample, u64::from(self.step)) {
+                samples.march(self.field, Segment::new(&self.field.space, &view.camera, px, py), shift);
+            }
         }
+        look.start(samples);
+    }
+
+    /// Ends a part for which everything has been looked up: what its rays see, compared with the photos, and all the way back;
+    /// `per_block` pixels at a time.
+    pub fn learn(&self, features: &Features, per_block: usize, block: &mut Block, part: &mut Contribution) {
+        let Contribution { pixels, samples, look, gradient, loss, squared_error } = part;
+        look.cut(samples);
+        gradient.clear(self.field);
+        (*loss, *squared_error) = (0.0, 0.0);
+        let mut first = 0;
+        for pixels in pixels.chunks(per_block) {
+            let count = pixels.iter().map(|pixel| self.views[pixel.view].rays_per_pixel()).sum::<usize>();
+            let rays = Rays { samples, range: first..first + count, features, rows: &look.rows };
+            first += count;
+            let (d_seen, more, squared) = self.compare(pixels, block.forward(self.field, &rays));
+            let regularizer = self.regularizer(count as f32 / pixels.len() as f32);
+            block.backward(self.field, self.transposed, &rays, &d_seen, regularizer, gradient);
+            *loss += more;
+            *squared_error += squared;
+        }
+        gradient.pad();
     }
 
     fn pixel(&self, element: u32) -> Pixel {
@@ -71,27 +91,6 @@ impl Batch<'_> {
             pixel.background = [0.0; 3];
         }
         pixel
-    }
-
-    /// Traces the sub-rays of some pixels, compares, and goes all the way back.
-    fn trace(&self, block: &mut Block, pixels: &[Pixel], part: &mut Contribution) {
-        let (mut segments, mut jitter) = (vec![], vec![]);
-        for &pixel in pixels {
-            let view = &self.views[pixel.view];
-            for (px, py, shift) in self.sampler.sub_rays(pixel, view.supersample, u64::from(self.step)) {
-                segments.push(Segment::new(&self.field.space, &view.camera, px, py));
-                jitter.push(shift);
-            }
-        }
-        let seen = block.forward(self.field, &segments, &jitter);
-        let (d_seen, loss, squared_error) = self.compare(pixels, seen);
-        let regularizer = self.regularizer(segments.len() as f32 / pixels.len() as f32);
-        block.backward(self.field, self.transposed, &segments, &d_seen, regularizer, &mut part.gradient);
-        part.loss += loss;
-        part.squared_error += squared_error;
-        part.rays += segments.len();
-        part.samples += block.samples();
-        part.looked += block.looked();
     }
 
     /// The strengths per ray, so that their sum over a batch does not depend on its size.
@@ -111,7 +110,7 @@ impl Batch<'_> {
         let mut rest = seen;
         for pixel in pixels {
             let view = &self.views[pixel.view];
-            let (rays, behind) = rest.split_at((view.supersample * view.supersample) as usize);
+            let (rays, behind) = rest.split_at(view.rays_per_pixel());
             rest = behind;
             let (target, share) = (view.target(pixel), 1.0 / rays.len() as f32);
             let mut d = SeenGradient::default();

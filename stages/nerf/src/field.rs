@@ -2,12 +2,12 @@
 //! nothing of cameras or training.
 
 use crate::config::{FEATURES, FieldConfig, Level};
-use crate::kernels::hash::{Entry, encode};
+use crate::features::{Features, LookUp};
+use crate::kernels::hash::Entry;
 use crate::kernels::matrix::COLUMNS;
 use crate::march::Stride;
 use crate::network::{Activations, GEOMETRY, Layer, Network};
 use crate::occupancy::OccupancyGrid;
-use crate::positions::Positions;
 use crate::space::Space;
 use compute::rng::Rng;
 use half::f16;
@@ -90,19 +90,27 @@ impl Field {
         Stride { shortest: 1.0 / self.config.march_steps as f32, cone: self.config.march_cone as f32 }
     }
 
-    /// Hash features and the density network's outputs at padded positions.
-    pub(crate) fn density(&self, positions: &Positions, activations: &mut Activations) {
-        activations.encoding.resize(positions.len() * self.encoding_width(), 0.0);
-        encode(&self.levels, &self.table, positions, &mut activations.encoding, self.encoding_width());
+    /// The density network's outputs at points in unit space.
+    pub(crate) fn density(
+        &self,
+        points: impl ExactSizeIterator<Item = [f32; 3]>,
+        features: &mut Features,
+        activations: &mut Activations,
+    ) {
+        let count = points.len();
+        features.clear(self);
+        points.for_each(|point| features.positions.push(point));
+        features.positions.pad();
+        features.look_ups(self).for_each(LookUp::run);
+        features.rows(0..count, self.encoding_width(), &mut activations.encoding);
         self.network.density(activations);
     }
 
     /// Densities at points in world space, per world length. Points outside the box are taken as they are.
     pub fn densities(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        let (mut positions, mut activations) = (Positions::default(), Activations::default());
-        points.iter().for_each(|&point| positions.push(self.space.to_unit(point).map(|x| x.max(0.0))));
-        positions.pad();
-        self.density(&positions, &mut activations);
+        let mut activations = Activations::default();
+        let inside = points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0)));
+        self.density(inside, &mut Features::default(), &mut activations);
         let rows = activations.geometry.chunks_exact(GEOMETRY).take(points.len());
         rows.map(|row| sigma(row[0]) * self.space.scale).collect()
     }
@@ -147,10 +155,10 @@ pub(crate) fn sigma(raw: f32) -> f32 {
     crate::exponential::exp(raw - 1.0)
 }
 
-/// The derivative of [`sigma`], held back where it would explode.
+/// The derivative of [`sigma`] where it is `sigma`, held back where it would explode: above exp(15).
 #[inline(always)]
-pub(crate) fn sigma_backward(raw: f32) -> f32 {
-    crate::exponential::exp((raw - 1.0).min(15.0))
+pub(crate) fn sigma_backward(sigma: f32) -> f32 {
+    sigma.min(3_269_017.4)
 }
 
 fn encoding_width(config: &FieldConfig) -> usize {

@@ -1,40 +1,34 @@
-//! Which samples of a block of rays are seen: densities from front to back, until little of what lies behind would show.
+//! Which samples of some rays are seen: densities from front to back, until little of what lies behind would show.
 //! Knows nothing of colours or gradients.
 
 use crate::composite;
+use crate::features::{Features, LookUp};
 use crate::field::{Field, sigma};
 use crate::network::{Activations, GEOMETRY};
-use crate::positions::Positions;
+use crate::samples::Samples;
 use std::ops::Range;
 
 /// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to go far behind a surface.
 const WAVE: usize = 16;
-/// The row of a sample that was not kept.
+/// Samples that pass through the density network together; their activations stay in the second-level cache.
+const ROWS: usize = 256;
+/// The row of a sample that is not seen.
 const NONE: u32 = u32::MAX;
 
-/// Samples that are seen, in order, and scratch space to find them, to be used again and again.
+/// The search for the ends of some rays, wave by wave: [`Look::ask`] says which features it needs next, and [`Look::answer`]
+/// goes on once they are there.
 #[derive(Default)]
 pub struct Look {
-    /// Indices of the samples that are seen among all, ascending.
-    pub kept: Vec<u32>,
-    /// Their densities.
-    pub sigma: Vec<f32>,
+    /// By sample that is seen: its place among the features.
+    pub rows: Vec<u32>,
     /// How many samples were looked at.
     pub looked: usize,
-    wave: Wave,
-    found: Activations,
-    /// By sample: its row in `found`.
-    row: Vec<u32>,
-    rows: Vec<u32>,
-}
-
-/// Samples that are looked at together.
-#[derive(Default)]
-struct Wave {
-    samples: Vec<u32>,
-    positions: Positions,
-    activations: Activations,
-    kept: Vec<u32>,
+    open: Vec<Open>,
+    /// Samples asked for, and the place of the first among the features.
+    wave: Vec<u32>,
+    first: usize,
+    /// Optical depths of the wave.
+    depths: Vec<f32>,
 }
 
 /// A ray whose end is not found yet.
@@ -44,67 +38,65 @@ struct Open {
 }
 
 impl Look {
-    /// Looks along `rays` (ranges of samples with these `positions` and step lengths `dt`); leaves the density network's
-    /// activations of the samples that are seen, padded.
-    pub fn along(
-        &mut self,
-        field: &Field,
-        rays: &[Range<usize>],
-        positions: &Positions,
-        dt: &[f32],
-        activations: &mut Activations,
-    ) {
-        self.row.clear();
-        self.row.resize(dt.len(), NONE);
-        self.found.clear();
-        self.looked = 0;
-        let mut open: Vec<_> = rays.iter().map(|ray| Open { rest: ray.clone(), optical_depth: 0.0 }).collect();
-        while !open.is_empty() {
-            self.wave.look(field, &open, positions);
-            self.looked += self.wave.samples.len();
-            self.keep(&mut open, dt);
-            self.found.append(&self.wave.activations, &self.wave.kept, field.encoding_width());
-        }
-        self.kept.clear();
-        self.kept.extend((0..dt.len() as u32).filter(|&sample| self.row[sample as usize] != NONE));
+    /// Begins with the rays of `samples`.
+    pub fn start(&mut self, samples: &Samples) {
+        self.open.clear();
+        self.open.extend(samples.rays.iter().map(|ray| Open { rest: ray.clone(), optical_depth: 0.0 }));
         self.rows.clear();
-        self.rows.extend(self.kept.iter().map(|&sample| self.row[sample as usize]));
-        activations.clear();
-        activations.append(&self.found, &self.rows, field.encoding_width());
-        activations.pad(field.encoding_width());
-        self.sigma.clear();
-        self.sigma.extend(activations.geometry.chunks_exact(GEOMETRY).take(self.kept.len()).map(|row| sigma(row[0])));
+        self.rows.resize(samples.t.len(), NONE);
+        self.looked = 0;
     }
 
-    /// Notes which samples of a wave are seen, and closes the rays that end.
-    fn keep(&mut self, open: &mut Vec<Open>, dt: &[f32]) {
-        let Wave { samples, activations, kept, .. } = &mut self.wave;
-        kept.clear();
-        let first = (self.found.geometry.len() / GEOMETRY) as u32;
+    /// Adds the positions of the next samples of every open ray to `features`; whether there are any.
+    pub fn ask(&mut self, samples: &Samples, features: &mut Features) -> bool {
+        self.wave.clear();
+        self.wave.extend(self.open.iter().flat_map(|ray| ray.rest.clone().take(WAVE)).map(|sample| sample as u32));
+        self.first = features.positions.len();
+        features.positions.gather(&samples.positions, &self.wave);
+        features.positions.pad();
+        self.looked += self.wave.len();
+        !self.wave.is_empty()
+    }
+
+    /// Notes which samples of the wave are seen, and closes the rays that end.
+    pub fn answer(&mut self, field: &Field, samples: &Samples, features: &Features, activations: &mut Activations) {
+        self.depths.clear();
+        for wave in self.wave.chunks(ROWS) {
+            let first = self.first + self.depths.len();
+            features.rows(first..first + wave.len(), field.encoding_width(), &mut activations.encoding);
+            field.network.density(activations);
+            let densities = activations.geometry.chunks_exact(GEOMETRY).map(|row| sigma(row[0]));
+            self.depths.extend(densities.zip(wave).map(|(sigma, &sample)| sigma * samples.dt[sample as usize]));
+        }
         let mut row = 0;
-        open.retain_mut(|ray| {
+        self.open.retain_mut(|ray| {
             let length = ray.rest.len().min(WAVE);
-            let depth = |row: usize| sigma(activations.geometry[row * GEOMETRY]) * dt[samples[row] as usize];
-            let seen = composite::visible((row..row + length).map(depth), &mut ray.optical_depth);
-            for (row, &sample) in (row..).zip(&samples[row..row + seen]) {
-                self.row[sample as usize] = first + kept.len() as u32;
-                kept.push(row as u32);
+            let depths = self.depths[row..row + length].iter().copied();
+            let seen = composite::visible(depths, &mut ray.optical_depth);
+            for (row, sample) in (self.first + row..).zip(ray.rest.start..ray.rest.start + seen) {
+                self.rows[sample] = row as u32;
             }
             row += length;
             ray.rest.start += length;
             seen == length && !ray.rest.is_empty()
         });
     }
-}
 
-impl Wave {
-    /// Densities of the next samples of every open ray.
-    fn look(&mut self, field: &Field, open: &[Open], positions: &Positions) {
-        self.samples.clear();
-        self.samples.extend(open.iter().flat_map(|ray| ray.rest.clone().take(WAVE)).map(|sample| sample as u32));
-        self.positions.clear();
-        self.positions.gather(positions, &self.samples);
-        self.positions.pad();
-        field.density(&self.positions, &mut self.activations);
+    /// Drops the samples that are not seen.
+    pub fn cut(&mut self, samples: &mut Samples) {
+        let kept: Vec<u32> = (0..self.rows.len() as u32).filter(|&sample| self.rows[sample as usize] != NONE).collect();
+        self.rows.retain(|&row| row != NONE);
+        samples.keep(&kept);
+    }
+
+    /// The whole search on one thread.
+    pub fn along(&mut self, field: &Field, samples: &mut Samples, features: &mut Features, scratch: &mut Activations) {
+        features.clear(field);
+        self.start(samples);
+        while self.ask(samples, features) {
+            features.look_ups(field).for_each(LookUp::run);
+            self.answer(field, samples, features, scratch);
+        }
+        self.cut(samples);
     }
 }

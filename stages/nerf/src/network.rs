@@ -184,34 +184,6 @@ impl Network {
     }
 }
 
-impl Activations {
-    /// Buffers of the density pass and the widths of their rows.
-    fn density_pass(&mut self, features: usize) -> [(&mut Vec<f32>, usize); 3] {
-        let Self { encoding, density_hidden, geometry, .. } = self;
-        [(encoding, features), (density_hidden, HIDDEN), (geometry, GEOMETRY)]
-    }
-
-    /// Forgets a density pass.
-    pub fn clear(&mut self) {
-        self.density_pass(0).into_iter().for_each(|(buffer, _)| buffer.clear());
-    }
-
-    /// Adds rows of another's density pass.
-    pub fn append(&mut self, from: &Self, rows: &[u32], features: usize) {
-        let all = [&from.encoding, &from.density_hidden, &from.geometry];
-        for ((to, width), from) in self.density_pass(features).into_iter().zip(all) {
-            rows.iter().for_each(|&row| to.extend_from_slice(&from[row as usize * width..(row as usize + 1) * width]));
-        }
-    }
-
-    /// Adds zero rows to a density pass up to whole groups of 16.
-    pub fn pad(&mut self, features: usize) {
-        for (buffer, width) in self.density_pass(features) {
-            buffer.resize((buffer.len() / width).next_multiple_of(16) * width, 0.0);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,18 +246,5 @@ mod tests {
             check(a.color_input[at], at_shift(5e-4, true) - at_shift(-5e-4, true));
         }
         assert!(wrong * 10 < checked, "{wrong} of {checked} gradients are wrong");
-    }
-
-    #[test]
-    fn appended_rows_stay_together() {
-        let mut from = Activations { encoding: vec![1.0, 2.0, 3.0, 4.0], ..Default::default() };
-        from.density_hidden.resize(4 * HIDDEN, 0.0);
-        from.geometry.resize(4 * GEOMETRY, 0.0);
-        let mut a = Activations::default();
-        a.append(&from, &[3], 1);
-        a.append(&from, &[1, 2], 1);
-        assert_eq!((&a.encoding[..], a.geometry.len()), (&[4.0, 2.0, 3.0][..], 3 * GEOMETRY));
-        a.pad(1);
-        assert_eq!((a.encoding.len(), a.encoding[3]), (16, 0.0));
     }
 }

@@ -1,6 +1,7 @@
 //! Places in unit space, laid out for the kernels. Knows nothing of what is there.
 
 use crate::kernels::hash::LANES;
+use std::ops::Range;
 
 /// Positions in unit space, one array per axis.
 #[derive(Clone, Debug, Default)]
@@ -23,9 +24,9 @@ impl Positions {
         self.0.iter_mut().for_each(|axis| axis.resize(len, 0.0));
     }
 
-    /// Adds whole groups.
-    pub fn extend(&mut self, more: &Self) {
-        self.0.iter_mut().zip(&more.0).for_each(|(axis, more)| axis.extend_from_slice(more));
+    /// Adds some of `from`.
+    pub fn extend(&mut self, from: &Self, range: Range<usize>) {
+        self.0.iter_mut().zip(&from.0).for_each(|(axis, from)| axis.extend_from_slice(&from[range.clone()]));
     }
 
     /// Adds those of `from` with these indices.
@@ -40,9 +41,8 @@ impl Positions {
         self.0.iter_mut().for_each(Vec::clear);
     }
 
-    /// A group's coordinates, one array per axis.
-    #[inline(always)]
-    pub fn group(&self, group: usize) -> [&[f32; LANES]; 3] {
-        self.0.each_ref().map(|axis| &axis.as_chunks::<LANES>().0[group])
+    /// The coordinates of all positions from number `first` on, one array per axis.
+    pub fn since(&self, first: usize) -> [&[f32]; 3] {
+        self.0.each_ref().map(|axis| &axis[first..])
     }
 }

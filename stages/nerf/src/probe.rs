@@ -1,9 +1,9 @@
 //! Asks a field about single points rather than rays: their colours, and how full its box is. Knows nothing of cameras.
 
 use crate::exponential::sigmoid;
+use crate::features::Features;
 use crate::field::Field;
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY};
-use crate::positions::Positions;
 use crate::spherical::harmonics;
 
 /// How full a field's box is, in cells of its occupancy grid.
@@ -20,11 +20,10 @@ pub struct Fullness {
 impl Field {
     /// Colours at points in world space, each seen along its own unit direction, in the space the field was trained in.
     pub fn colors(&self, points: &[[f32; 3]], directions: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        let (mut positions, mut activations) = (Positions::default(), Activations::default());
-        points.iter().for_each(|&point| positions.push(self.space.to_unit(point).map(|x| x.max(0.0))));
-        positions.pad();
-        self.density(&positions, &mut activations);
-        activations.color_input.resize(positions.len() * COLOR_INPUT, 0.0);
+        let mut activations = Activations::default();
+        let inside = points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0)));
+        self.density(inside, &mut Features::default(), &mut activations);
+        activations.color_input.resize(activations.geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);
         let rows = activations.color_input.chunks_exact_mut(COLOR_INPUT);
         for ((row, geometry), direction) in rows.zip(activations.geometry.chunks_exact(GEOMETRY)).zip(directions) {
             row[..GEOMETRY].copy_from_slice(geometry);

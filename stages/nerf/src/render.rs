@@ -1,13 +1,20 @@
 //! Images of a field: colour, depth and opacity for a camera. Knows nothing of training.
 
-use crate::block::{Block, Seen};
+use crate::block::{Block, Rays, Seen};
+use crate::features::Features;
 use crate::field::Field;
+use crate::look::Look;
 use crate::march::Segment;
+use crate::pool::Pool;
+use crate::samples::Samples;
 use rayon::prelude::*;
 use scene::Camera;
+use std::ops::Range;
 
 /// Pixels one task renders at a time; fixed, so that images do not depend on the number of threads.
-const PIXELS: usize = 64;
+const PIXELS: usize = 256;
+/// Rays that pass through the networks together: their activations stay in the second-level cache.
+const RAYS_PER_BLOCK: usize = 32;
 
 /// How to render.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,13 +59,15 @@ pub struct Rendered {
 /// Renders what a camera sees. Another size of the same view is [`Camera::scaled`].
 pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Rendered {
     let pixels = camera.width as usize * camera.height as usize;
+    let scratch = Pool::default();
     let chunks: Vec<(Vec<Pixel>, usize)> = (0..pixels.div_ceil(PIXELS))
         .into_par_iter()
-        .map_init(Block::default, |block, chunk| {
+        .map(|chunk| {
             let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
-            let segments = segments(field, camera, options, range);
-            let seen = block.forward(field, &segments, &vec![0.0; segments.len()]);
-            (averages(seen, &segments, camera, options), block.samples())
+            scratch.lend(|glance: &mut Glance| {
+                let pixels = glance.pixels(field, segments(field, camera, options, range), camera, options);
+                (pixels, glance.samples.t.len())
+            })
         })
         .collect();
     let samples = chunks.iter().map(|(_, samples)| samples).sum();
@@ -85,12 +94,7 @@ pub(crate) struct Pixel {
 }
 
 /// The rays of some pixels, one pixel's behind the other's.
-pub(crate) fn segments(
-    field: &Field,
-    camera: &Camera,
-    options: &RenderOptions,
-    pixels: std::ops::Range<usize>,
-) -> Vec<Segment> {
+pub(crate) fn segments(field: &Field, camera: &Camera, options: &RenderOptions, pixels: Range<usize>) -> Vec<Segment> {
     let side = options.supersample.max(1) as usize;
     let segment = |pixel: usize, sub: usize| {
         let (x, y) = (pixel % camera.width as usize, pixel / camera.width as usize);
@@ -105,6 +109,36 @@ pub(crate) fn averages(seen: &[Seen], segments: &[Segment], camera: &Camera, opt
     let rays = options.rays_per_pixel();
     let pixels = seen.chunks(rays).zip(segments.chunks(rays));
     pixels.map(|(seen, segments)| average(seen, segments, camera, options)).collect()
+}
+
+/// Scratch space for some pixels.
+#[derive(Default)]
+struct Glance {
+    samples: Samples,
+    look: Look,
+    features: Features,
+    block: Block,
+}
+
+impl Glance {
+    fn pixels(&mut self, field: &Field, rays: Vec<Segment>, camera: &Camera, options: &RenderOptions) -> Vec<Pixel> {
+        self.samples.clear();
+        rays.into_iter().for_each(|segment| self.samples.march(field, segment, 0.0));
+        averages(&self.seen(field), &self.samples.segments, camera, options)
+    }
+
+    /// What every ray sees.
+    fn seen(&mut self, field: &Field) -> Vec<Seen> {
+        let Self { samples, look, features, block } = self;
+        look.along(field, samples, features, &mut block.activations);
+        let count = samples.rays.len();
+        let mut seen = Vec::with_capacity(count);
+        for first in (0..count).step_by(RAYS_PER_BLOCK) {
+            let range = first..count.min(first + RAYS_PER_BLOCK);
+            seen.extend_from_slice(block.forward(field, &Rays { samples, range, features, rows: &look.rows }));
+        }
+        seen
+    }
 }
 
 fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Pixel {

@@ -1,8 +1,9 @@
 //! Keeps a field's occupancy grid true while the field changes. Knows cameras and densities, and nothing of losses.
 
+use crate::features::Features;
 use crate::field::{Field, sigma};
 use crate::network::{Activations, GEOMETRY};
-use crate::positions::Positions;
+use crate::pool::Pool;
 use compute::rng::Rng;
 use rayon::prelude::*;
 use scene::Camera;
@@ -13,6 +14,9 @@ const WARM_UP: u32 = 16;
 const SHARE: usize = 8;
 /// Cells one task looks at; fixed, to bound the memory of a task.
 const CHUNK: usize = 512;
+
+/// Scratch space of a task.
+pub type Survey = (Features, Activations);
 
 /// Marks the cells that no camera can see, between its near and far and within its image, as empty for good.
 pub fn see(field: &mut Field, cameras: &[&Camera]) {
@@ -48,13 +52,13 @@ fn sees(camera: &Camera, window: [f64; 4], center: [f64; 3], radius: f64) -> boo
 
 /// One update of the grid: all seen cells at first, then some at random and some of the occupied, each at a random point
 /// in it. The optical depth of a cell is that of the shortest marching step.
-pub fn update(field: &mut Field, rng: &Rng) {
+pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
     let round = u64::from(field.occupancy.updates);
     let cells = cells_to_look_at(field, rng, round);
     let shortest = field.stride().shortest;
     let fresh: Vec<f32> = cells
         .par_chunks(CHUNK)
-        .map_init(Default::default, |scratch, cells| densities(field, cells, scratch, rng, round))
+        .map(|cells| scratch.lend(|scratch| densities(field, cells, scratch, rng, round)))
         .collect::<Vec<_>>()
         .concat();
     let optical_depths: Vec<f32> = fresh.iter().map(|sigma| sigma * shortest).collect();
@@ -78,20 +82,12 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
     cells
 }
 
-fn densities(
-    field: &Field,
-    cells: &[u32],
-    (positions, activations): &mut (Positions, Activations),
-    rng: &Rng,
-    round: u64,
-) -> Vec<f32> {
-    positions.clear();
-    for &cell in cells {
+fn densities(field: &Field, cells: &[u32], (features, activations): &mut Survey, rng: &Rng, round: u64) -> Vec<f32> {
+    let points = cells.iter().map(|&cell| {
         let fraction = [0, 1, 2].map(|axis| rng.uniform(4 * round + axis, u64::from(cell)));
-        positions.push(field.occupancy.point(cell as usize, fraction));
-    }
-    positions.pad();
-    field.density(positions, activations);
+        field.occupancy.point(cell as usize, fraction)
+    });
+    field.density(points, features, activations);
     activations.geometry.chunks_exact(GEOMETRY).take(cells.len()).map(|row| sigma(row[0])).collect()
 }
 
@@ -149,7 +145,7 @@ mod tests {
     #[test]
     fn haze_is_occupied_with_its_own_optical_depth() {
         let (mut field, rng) = (field(), Rng::new(1, "survey test"));
-        (0..100).for_each(|_| update(&mut field, &rng));
+        (0..100).for_each(|_| update(&mut field, &rng, &Pool::default()));
         assert_eq!(field.occupancy.updates, 100);
         assert_eq!(field.occupancy.occupied_cells().len(), field.occupancy.cells(), "an even haze");
         let haze = field.occupancy.values[0];

@@ -1,23 +1,25 @@
 //! Fits a field to photos: batches, gradients, optimiser, occupancy. Knows nothing of how a ray is traced or a kernel
 //! runs.
 
-use crate::adam::{Moments, Rates, SparseMoments, update_dense, update_sparse};
+use crate::adam::{Moments, SparseMoments, update_dense, update_sparse};
 use crate::batch::{Sampler, TrainView};
 use crate::block::Block;
 use crate::config::FEATURES;
 use crate::contribution::{Batch, Contribution};
+use crate::features::{Features, LookUp};
 use crate::field::Field;
 use crate::kernels::hash::encode_backward;
 use crate::loss::psnr;
 use crate::options::TrainOptions;
-use crate::survey;
+use crate::pool::Pool;
+use crate::survey::{self, Survey};
 use compute::rng::Rng;
 use rayon::prelude::*;
 
 /// Parts of a batch whose gradients are summed in order; fixed, so that sums do not depend on the number of threads.
 const PARTS: u32 = 32;
-/// Rays that go from the march to the gradients together: their activations stay in the second-level cache.
-const RAYS_PER_BLOCK: u32 = 32;
+/// Rays that go from the features to the gradients together: their activations stay in the second-level cache.
+const RAYS_PER_BLOCK: usize = 16;
 /// Pixels of the first batch, and the fewest of any.
 const PIXELS: [u32; 2] = [64, 16];
 /// Rays of the largest batch.
@@ -49,8 +51,12 @@ pub struct Trainer {
     pub(crate) views: Vec<TrainView>,
     pub(crate) sampler: Sampler,
     pub(crate) survey_rng: Rng,
-    d_table: Vec<[f32; FEATURES]>,
     parts: Vec<Contribution>,
+    features: Features,
+    blocks: Pool<Block>,
+    survey: Pool<Survey>,
+    /// The gradient to one level's entries; zero between steps.
+    d_tables: Pool<Vec<[f32; FEATURES]>>,
 }
 
 impl Trainer {
@@ -68,8 +74,11 @@ impl Trainer {
             network_moments: Moments::new(field.network.weights.len()),
             sampler: Sampler::new(&views, seed),
             survey_rng: Rng::new(seed, "occupancy update"),
-            d_table: vec![[0.0; FEATURES]; field.table.len()],
             parts: (0..PARTS).map(|_| Contribution::default()).collect(),
+            features: Features::default(),
+            blocks: Pool::default(),
+            survey: Pool::default(),
+            d_tables: Pool::default(),
             options: options.clone(),
             field,
             views,
@@ -101,9 +110,9 @@ impl Trainer {
         }
         self.step += 1;
         if self.step.is_multiple_of(OCCUPANCY_EVERY) {
-            survey::update(&mut self.field, &self.survey_rng);
+            survey::update(&mut self.field, &self.survey_rng, &self.survey);
         }
-        self.pixels = self.next_pixels(stats.samples, parts.iter().map(|part| part.looked).sum());
+        self.pixels = self.next_pixels(stats.samples, parts.iter().map(|part| part.look.looked).sum());
         self.parts = parts;
         stats
     }
@@ -113,14 +122,14 @@ impl Trainer {
         StepStats {
             loss: parts.iter().map(|part| part.loss).sum::<f64>() / count,
             psnr: psnr(parts.iter().map(|part| part.squared_error).sum::<f64>() / count),
-            rays: parts.iter().map(|part| part.rays).sum(),
-            samples: parts.iter().map(|part| part.samples).sum(),
+            rays: parts.iter().map(|part| part.samples.rays.len()).sum(),
+            samples: parts.iter().map(|part| part.samples.t.len()).sum(),
         }
     }
 
     /// Rays of a pixel of the view that has the most.
-    fn rays_per_pixel(&self) -> u32 {
-        self.views.iter().map(|view| view.supersample * view.supersample).max().unwrap_or(1)
+    fn rays_per_pixel(&self) -> usize {
+        self.views.iter().map(TrainView::rays_per_pixel).max().unwrap_or(1)
     }
 
     /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts a
@@ -134,41 +143,50 @@ impl Trainer {
 
     /// The nearest number of pixels that a batch may have.
     pub(crate) fn within_limits(&self, pixels: u32) -> u32 {
-        pixels.clamp(PIXELS[1], MOST_RAYS / self.rays_per_pixel())
+        pixels.clamp(PIXELS[1], MOST_RAYS / self.rays_per_pixel() as u32)
     }
 
-    /// Gradients of the batch, part by part.
-    fn contribute(&self, parts: &mut [Contribution]) {
-        let transposed = self.field.network.transposed();
-        let Self { field, views, sampler, options, step, pixels, .. } = self;
-        let batch = Batch { field, views, sampler, options, step: *step, pixels: *pixels, transposed: &transposed };
+    /// Gradients of the batch, part by part; features are looked up for all parts together, level by level.
+    fn contribute(&mut self, parts: &mut [Contribution]) {
         let per_block = (RAYS_PER_BLOCK / self.rays_per_pixel()).max(1);
-        parts.par_iter_mut().enumerate().for_each_init(Block::default, |block, (part, contribution)| {
+        let transposed = self.field.network.transposed();
+        let Self { field, views, sampler, options, step, pixels, features, blocks, .. } = self;
+        let batch = Batch { field, views, sampler, options, step: *step, pixels: *pixels, transposed: &transposed };
+        parts.par_iter_mut().enumerate().for_each(|(part, contribution)| {
             let start = |part: u32| (u64::from(part) * u64::from(*pixels) / u64::from(PARTS)) as u32;
-            contribution.clear(field);
-            batch.trace_all(start(part as u32)..start(part as u32 + 1), per_block, block, contribution);
+            batch.march(start(part as u32)..start(part as u32 + 1), contribution);
         });
+        features.clear(field);
+        while parts.iter_mut().map(|part| part.look.ask(&part.samples, features)).max() == Some(true) {
+            let look_ups: Vec<LookUp<'_>> = features.look_ups(field).collect();
+            look_ups.into_par_iter().with_max_len(1).for_each(LookUp::run);
+            parts.par_iter_mut().for_each(|Contribution { look, samples, .. }| {
+                blocks.lend(|block| look.answer(field, samples, features, &mut block.activations));
+            });
+        }
+        parts.par_iter_mut().for_each(|part| blocks.lend(|block| batch.learn(features, per_block, block, part)));
     }
 
     /// Sums the gradients in the order of the parts and takes a step down.
     fn descend(&mut self, parts: &[Contribution]) {
-        let rates = Rates::new(self.options.rate_after(self.step) as f32);
+        let rate = self.options.rate_after(self.step) as f32;
         let (d_weights, weights) = (sum_weights(parts), &mut self.field.network.weights);
-        update_dense(weights, &d_weights, &mut self.network_moments, &rates, self.step + 1, self.options.l2 as f32);
+        update_dense(weights, &d_weights, &mut self.network_moments, rate, self.step + 1, self.options.l2 as f32);
         let levels = &self.field.levels;
         let moments = self.table_moments.split(levels.iter().map(|level| level.entries));
-        let (mut table, mut d_table) = (&mut self.field.table[..], &mut self.d_table[..]);
-        let tables = levels.iter().map(|level| {
-            let table = table.split_off_mut(..level.entries).unwrap_or_default();
-            (table, d_table.split_off_mut(..level.entries).unwrap_or_default())
-        });
+        let (mut table, d_tables) = (&mut self.field.table[..], &self.d_tables);
+        let tables = levels.iter().map(|level| table.split_off_mut(..level.entries).unwrap_or_default());
         // Levels are disjoint, so each is one task and no two write to the same entry.
-        let tasks: Vec<_> = tables.zip(moments).enumerate().collect();
-        tasks.into_par_iter().with_max_len(1).for_each(|(l, ((table, d_table), moments))| {
-            for part in parts {
-                encode_backward(&levels[l], &part.gradient.positions, &part.gradient.levels[l], d_table);
-            }
-            update_sparse(table, d_table, moments, &rates);
+        let tasks: Vec<_> = levels.iter().zip(tables).zip(moments).enumerate().collect();
+        tasks.into_par_iter().with_max_len(1).for_each(|(l, ((level, table), moments))| {
+            d_tables.lend(|d_table| {
+                d_table.resize(d_table.len().max(level.entries), [0.0; FEATURES]);
+                let d_table = &mut d_table[..level.entries];
+                for part in parts {
+                    encode_backward(level, part.gradient.positions.since(0), &part.gradient.levels[l], d_table);
+                }
+                update_sparse(table, d_table, moments, rate);
+            });
         });
     }
 }

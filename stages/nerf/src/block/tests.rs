@@ -3,6 +3,7 @@
 use super::*;
 use crate::config::FieldConfig;
 use crate::kernels::hash::encode_backward;
+use crate::look::Look;
 use compute::rng::Rng;
 use half::f16;
 
@@ -47,24 +48,35 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
     ((0..12).map(segment).collect(), (0..12).map(|i| rng.uniform(6, i)).collect(), (0..12).map(gradient).collect())
 }
 
+/// Marched and looked along: what a block needs, and how many samples were looked at.
+fn look(field: &Field) -> (Samples, Features, Look) {
+    let (mut samples, mut features, mut look) = (Samples::default(), Features::default(), Look::default());
+    let (segments, jitter, _) = rays();
+    segments.into_iter().zip(jitter).for_each(|(segment, jitter)| samples.march(field, segment, jitter));
+    look.along(field, &mut samples, &mut features, &mut Activations::default());
+    (samples, features, look)
+}
+
 const REGULARIZER: Regularizer = Regularizer { distortion: 0.7, fog: 0.0, fog_range: 0.0 };
 
 fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient) {
-    let (segments, jitter, d_seen) = rays();
-    let mut block = Block::default();
+    let (samples, features, look) = look(field);
+    let (d_seen, mut block) = (rays().2, Block::default());
+    let rays = Rays { samples: &samples, range: 0..d_seen.len(), features: &features, rows: &look.rows };
     let linear = |(seen, d): (&Seen, &SeenGradient)| {
         let colors = seen.rgb.iter().zip(d.rgb).map(|(c, d)| f64::from(c * d)).sum::<f64>();
         colors + f64::from(seen.transmittance * d.transmittance)
     };
-    let seen: f64 = block.forward(field, &segments, &jitter).iter().zip(&d_seen).map(linear).sum();
+    let seen: f64 = block.forward(field, &rays).iter().zip(&d_seen).map(linear).sum();
     let mut passed = FieldGradient::default();
     passed.clear(field);
     let transposed = field.network.transposed();
-    let distortion = block.backward(field, &transposed, &segments, &d_seen, regularizer, &mut passed);
+    let distortion = block.backward(field, &transposed, &rays, &d_seen, regularizer, &mut passed);
+    passed.pad();
     let mut table = vec![[0.0; 2]; field.table.len()];
     for (level, d) in field.levels.iter().zip(&passed.levels) {
         let table = &mut table[level.offset..level.offset + level.entries];
-        encode_backward(level, &passed.positions, d, table);
+        encode_backward(level, passed.positions.since(0), d, table);
     }
     (seen + f64::from(regularizer.distortion * distortion), Gradient { table, weights: passed.weights })
 }
@@ -130,16 +142,18 @@ fn fog_is_pulled_down_near_the_camera_only() {
 #[test]
 fn what_a_wall_hides_is_cut_off() {
     let mut field = field();
-    let (segments, jitter, _) = rays();
-    let mut block = Block::default();
-    let seen = block.forward(&field, &segments, &jitter).to_vec();
-    assert!(block.samples() <= block.looked());
+    let see = |field: &Field| {
+        let (samples, features, look) = look(field);
+        let rays = Rays { samples: &samples, range: 0..samples.rays.len(), features: &features, rows: &look.rows };
+        (Block::default().forward(field, &rays).to_vec(), samples.t.len(), look.looked)
+    };
+    let (seen, kept, before) = see(&field);
+    assert!(kept <= before);
     // A hundredfold density network makes the haze a wall.
     field.network.matrix_mut(1).iter_mut().for_each(|w| *w = w.abs() * 100.0);
-    let before = block.looked();
-    let walled = block.forward(&field, &segments, &jitter).to_vec();
-    assert!(block.samples() < before / 2, "{} of {before}", block.samples());
-    assert!(block.looked() < before, "a ray that has ended is not looked along any further");
+    let (walled, kept, looked) = see(&field);
+    assert!(kept < before / 2, "{kept} of {before}");
+    assert!(looked < before, "a ray that has ended is not looked along any further");
     assert!(
         walled
             .iter()

@@ -79,6 +79,7 @@ fn scan(resident: &Resident, members: &Buffer, words: usize) -> Buffer {
 mod tests {
     use super::*;
     use crate::config::FieldConfig;
+    use crate::pool::Pool;
     use compute::Device;
 
     #[test]
@@ -93,7 +94,7 @@ mod tests {
         let rng = Rng::new(3, "survey test");
         for round in 0..24 {
             survey.update(&resident, &field, &rng, round);
-            crate::survey::update(&mut field, &rng);
+            crate::survey::update(&mut field, &rng, &Pool::default());
         }
         let values = resident.gpu.read(&resident.values, cells);
         for (cell, (got, expected)) in values.iter().zip(&field.occupancy.values).enumerate() {

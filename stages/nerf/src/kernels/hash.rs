@@ -8,7 +8,6 @@
 #[cfg(target_arch = "x86_64")]
 use super::wide::Avx512;
 use crate::config::{FEATURES, Level};
-use crate::positions::Positions;
 use half::f16;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -106,22 +105,22 @@ fn widen(half: f16) -> f32 {
     f32::from_bits((bits & 0x8000) << 16 | (bits & 0x7fff) << 13) * BIAS
 }
 
-/// Features of all levels at all positions: `out[i * width + 2 l + f]`; columns past the levels are left alone.
-pub fn encode(levels: &[Level], table: &[Entry], positions: &Positions, out: &mut [f32], width: usize) {
-    assert_eq!(out.len(), positions.len() * width, "encode: output size");
+/// The features of a level, whose entries `table` holds, at all positions.
+pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut [[f32; FEATURES]]) {
+    assert_eq!(out.len(), positions[0].len(), "encode: output size");
+    assert_eq!(table.len(), level.entries, "encode: a table of another level");
     #[cfg(target_arch = "x86_64")]
     if let Some(avx512) = Avx512::new() {
-        return Simd::vectorize(avx512.0, Encode { levels, table, positions, out, width, kernel: avx512 });
+        return Simd::vectorize(avx512.0, Encode { level, table, positions, out, kernel: avx512 });
     }
-    Arch::new().dispatch(Encode { levels, table, positions, out, width, kernel: Portable });
+    Arch::new().dispatch(Encode { level, table, positions, out, kernel: Portable });
 }
 
 struct Encode<'a, K> {
-    levels: &'a [Level],
+    level: &'a Level,
     table: &'a [Entry],
-    positions: &'a Positions,
-    out: &'a mut [f32],
-    width: usize,
+    positions: [&'a [f32]; 3],
+    out: &'a mut [[f32; FEATURES]],
     kernel: K,
 }
 
@@ -130,27 +129,26 @@ impl<K: Kernel> WithSimd for Encode<'_, K> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for (l, level) in self.levels.iter().enumerate() {
-            let table = &self.table[level.offset..level.offset + level.entries];
-            for (group, out) in self.out.chunks_exact_mut(LANES * self.width).enumerate() {
-                let features = self.kernel.look_up(level, table, self.positions.group(group));
-                for (out, features) in out.chunks_exact_mut(self.width).zip(features) {
-                    out[FEATURES * l..FEATURES * (l + 1)].copy_from_slice(&features);
-                }
-            }
+        for (group, out) in self.out.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+            *out = self.kernel.look_up(self.level, self.table, lanes(self.positions, group));
         }
     }
 }
 
-/// The backward pass of one level of [`encode`]: adds to `d_table` (that level's entries) from `d_features`, one pair per
-/// position. Positions are taken in order, so the sums have one order.
+/// A group's coordinates, one array per axis.
+#[inline(always)]
+fn lanes(positions: [&[f32]; 3], group: usize) -> [&[f32; LANES]; 3] {
+    positions.map(|axis| &axis.as_chunks::<LANES>().0[group])
+}
+
+/// The backward pass of [`encode`]: adds to `d_table` from `d_features`, one pair per position. Positions are taken in order, so the sums have one order.
 pub fn encode_backward(
     level: &Level,
-    positions: &Positions,
+    positions: [&[f32]; 3],
     d_features: &[[f32; FEATURES]],
     d_table: &mut [[f32; FEATURES]],
 ) {
-    assert_eq!(d_features.len(), positions.len(), "encode_backward: gradients");
+    assert_eq!(d_features.len(), positions[0].len(), "encode_backward: gradients");
     assert_eq!(d_table.len(), level.entries, "encode_backward: table");
     #[cfg(target_arch = "x86_64")]
     if let Some(avx512) = Avx512::new() {
@@ -161,7 +159,7 @@ pub fn encode_backward(
 
 struct EncodeBackward<'a, K> {
     level: &'a Level,
-    positions: &'a Positions,
+    positions: [&'a [f32]; 3],
     d_features: &'a [[f32; FEATURES]],
     d_table: &'a mut [[f32; FEATURES]],
     kernel: K,
@@ -173,7 +171,7 @@ impl<K: Kernel> WithSimd for EncodeBackward<'_, K> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         for (group, d_features) in self.d_features.chunks_exact(LANES).enumerate() {
-            let corners = self.kernel.corners(self.level, self.positions.group(group));
+            let corners = self.kernel.corners(self.level, lanes(self.positions, group));
             for (lane, d) in d_features.iter().enumerate() {
                 for corner in 0..CORNERS {
                     let entry = &mut self.d_table[corners.entry[corner][lane] as usize];
