@@ -7,6 +7,7 @@ mod board;
 pub mod budget;
 #[cfg(test)]
 mod laws;
+mod start;
 #[cfg(test)]
 mod tests;
 
@@ -19,18 +20,16 @@ use std::time::{Duration, Instant};
 use artifacts_schema::Digest;
 use compute::Device;
 use rayon::prelude::*;
-use stages::{Estimate, Message};
+use stages::Message;
 
 use crate::explain::Reason;
-use crate::extension;
 use crate::plan::{Assessment, Context, Found, Inputs};
 use crate::progress::{Event, Progress};
 use crate::store::error::StoreError;
-use crate::store::result::{Lookup, Record};
+use crate::store::result::Record;
 use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
-use crate::store::work::Work;
-use crate::task::{Failure, Task, device_of};
+use crate::task::Failure;
 pub use board::Outcome;
 use board::{Board, Queued};
 use budget::Budget;
@@ -152,39 +151,6 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    /// Begins a stage, unless another process has it.
-    fn begin<'s>(
-        &'s self,
-        board: &mut Board,
-        at: usize,
-        queued: Queued,
-        scope: &'s Scope<'s, '_>,
-        sender: &Sender<News>,
-    ) -> Result<(), StoreError> {
-        let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else { return Ok(()) };
-        self.context.store.put_manifest(&queued.key, &queued.manifest)?;
-        let task = self.task(at, &queued, work, &board.outcome.records)?;
-        if let Some(text) = self.budget.complaint(&queued.estimate) {
-            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
-        }
-        let obstacle = extension::obstacle(task.node.stage.extension(), &queued.reason);
-        board.begin(at, queued, obstacle);
-        let sender = sender.clone();
-        scope.spawn(move || self.work(at, task, &sender));
-        Ok(())
-    }
-
-    /// What a stage will take, now that its inputs are there.
-    fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
-        let node = &self.context.graph.nodes[at];
-        let bytes = |wire: &crate::pipeline::graph::Wire| {
-            let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
-            Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
-        };
-        let estimate = node.stage.estimate(&node.wires.iter().filter_map(bytes).collect());
-        Estimate { device: estimate.device && node.stage.uses_device(), ..estimate }
-    }
-
     fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {
         let wires = &self.context.graph.nodes[at].wires;
         let digest = |wire: &crate::pipeline::graph::Wire| {
@@ -220,75 +186,6 @@ impl Scheduler<'_> {
     fn tell(&self, board: &mut Board) {
         let notices = self.context.remote.iter().flat_map(|remote| remote.notices());
         notices.for_each(|text| board.progress.event(&Event::Notice { text: &text }));
-    }
-
-    /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has the folder,
-    /// or had it and has left a result by now.
-    fn claim(
-        &self,
-        board: &mut Board,
-        at: usize,
-        key: Digest,
-        reason: &Reason,
-    ) -> Result<Option<Work<'_>>, StoreError> {
-        let store = self.context.store;
-        let work = match store.work(key)? {
-            Ok(work) => work,
-            Err(holder) => {
-                board.wait(at, &holder);
-                return Ok(None);
-            }
-        };
-        if *reason != Reason::Forced
-            && let Lookup::Sound(record) = store.lookup(&key)?
-        {
-            work.abandon()?;
-            self.reuse(board, at, record)?;
-            return Ok(None);
-        }
-        if let Reason::Broken(breakage) = reason {
-            let text = format!("{breakage}; computing it again");
-            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
-            store.discard(&key, breakage)?;
-        }
-        Ok(Some(work))
-    }
-
-    fn task<'s>(
-        &'s self,
-        at: usize,
-        queued: &Queued,
-        work: Work<'s>,
-        records: &BTreeMap<usize, Record>,
-    ) -> Result<Task<'s>, StoreError> {
-        let node = &self.context.graph.nodes[at];
-        let mut inputs = BTreeMap::new();
-        for wire in &node.wires {
-            if let Some(output) = self.result(wire.from, records).and_then(|record| record.outputs.get(wire.output)) {
-                inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
-            }
-        }
-        let replace = queued.reason == Reason::Forced;
-        let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
-        // Who forces a stage wants all of it computed.
-        let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
-        let (key, &Self { cancelled, checkpoint_every, fallback, .. }) = (queued.key, self);
-        let device = device_of(&*node.stage, self.device);
-        Ok(Task { node, key, work, inputs, device, fallback, cancelled, extension, earlier, checkpoint_every, replace })
-    }
-
-    /// The life of a stage's thread. Nobody listens any more only when the run is over.
-    fn work(&self, at: usize, task: Task, sender: &Sender<News>) {
-        let begun = Instant::now();
-        let say = {
-            let sender = sender.clone();
-            move |message| drop(sender.send(News::Said(at, message)))
-        };
-        let result = task.run(self.pool, &say);
-        if let (Ok(record), Some(remote)) = (&result, self.context.remote) {
-            remote.publish(self.context.store, record);
-        }
-        let _ = sender.send(News::Ended(at, Box::new(result), begun.elapsed().as_secs_f64()));
     }
 
     fn take(&self, board: &mut Board, news: News) -> Result<(), StoreError> {

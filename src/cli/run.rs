@@ -97,6 +97,8 @@ impl Run {
         }
         let seconds = begun.elapsed().as_secs_f64();
         let record = ManuallyDrop::new(record(&context, &outcome, started, seconds));
+        let own = outcome.stages.iter().filter(|(_, stage)| stage.end == End::Ran);
+        store.remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
         store.put_run(&record)?;
         if let Some(question) = &question {
             standing::keep(question, (&session, &context, &store), &outcome, &view, asked);

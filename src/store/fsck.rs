@@ -3,19 +3,20 @@
 //! Other processes may use the store meanwhile: what they have replaced since it was looked at is left alone, and so is all that
 //! a running stage may still need. Results that are sound are never touched.
 
+mod blobs;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::Path;
 
 use artifacts_schema::Digest;
-use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use walkdir::WalkDir;
 
 use super::Store;
 use super::blob::digest_file;
-use super::census::{Entry, References, label, references};
+use super::census::{Entry, label, references};
 use super::error::{At, StoreError};
 use super::fault::{Fault, Finding, Remedy};
 use super::link::same_entry;
@@ -140,83 +141,6 @@ impl Fsck<'_> {
             }
         }
         Ok(records)
-    }
-
-    /// Reads all blobs through.
-    fn blobs(&mut self, references: &References) -> Result<(), StoreError> {
-        let files = self.files("cas")?;
-        let digests: Vec<_> = files.par_iter().map(|entry| digest_file(&entry.path)).collect();
-        for (entry, digest) in files.iter().zip(digests) {
-            match digest {
-                Ok((digest, bytes)) if entry.path == self.store.blob_path(&digest) => {
-                    self.sound_blob(entry, digest, bytes, references)?;
-                }
-                Ok((digest, bytes)) => self.wrong_blob(entry, digest, bytes, references)?,
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                Err(error) => {
-                    let of = entry.digest().and_then(|name| references.get(&name)).map(|(_, of)| of.clone());
-                    self.remove(entry, Fault::Unreadable { problem: error.to_string() }, of)?;
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn sound_blob(
-        &mut self,
-        entry: &Entry,
-        digest: Digest,
-        bytes: u64,
-        references: &References,
-    ) -> Result<(), StoreError> {
-        self.sound.insert(digest);
-        self.report.blobs.0 += 1;
-        self.report.blobs.1 += bytes;
-        let of = references.get(&digest).map(|(_, of)| of.clone());
-        if of.is_none() {
-            self.note(&entry.path, Fault::Orphan { bytes }, None, Remedy::None);
-        }
-        if !entry.data.permissions().readonly() {
-            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
-            if self.mend {
-                self.store.disk.protect(&entry.path).at("protect", &entry.path)?;
-            }
-            self.note(&entry.path, Fault::Writable, of, remedy);
-        }
-        Ok(())
-    }
-
-    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is missed, it goes there.
-    fn wrong_blob(
-        &mut self,
-        entry: &Entry,
-        found: Digest,
-        bytes: u64,
-        references: &References,
-    ) -> Result<(), StoreError> {
-        let place = self.store.blob_path(&found);
-        if let Some((_, of)) = references.get(&found)
-            && fs::symlink_metadata(&place).is_err()
-        {
-            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
-            if self.mend {
-                let disk = &self.store.disk;
-                disk.create_folders(super::parent(&place)).at("create", super::parent(&place))?;
-                disk.rename(&entry.path, &place).at("move", &entry.path)?;
-                disk.protect(&place).at("protect", &place)?;
-                self.sound.insert(found);
-            }
-            self.note(&entry.path, Fault::Misnamed { blob: found }, Some(of.clone()), remedy);
-            return Ok(());
-        }
-        let known = entry.digest().and_then(|name| references.get(&name));
-        let fault = match known {
-            Some((expected, _)) if bytes < *expected => Fault::Truncated { bytes, expected: *expected },
-            Some((expected, _)) if bytes > *expected => Fault::Grown { bytes, expected: *expected },
-            _ if entry.digest().is_none() => Fault::Misnamed { blob: found },
-            _ => Fault::Changed,
-        };
-        self.remove(entry, fault, known.map(|(_, of)| of.clone()))
     }
 
     /// The results whose blobs are all sound; those of the others that are there still are damage.

@@ -182,6 +182,22 @@ impl Store {
         (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
     }
 
+    /// Remembers results that this process has just written, so that the next one need not read them through: those whose blobs are still
+    /// as they were written, and were left alone for long enough that it would show if they were not.
+    pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
+        let now = SystemTime::now();
+        for record in records {
+            let still = |file: &StoredFile| {
+                Signature::at(&self.blob_path(&file.blob))
+                    .filter(|now| file.glance.0.is_some_and(|before| now.has_content_of(&before)))
+            };
+            let blobs = record.files().map(|(_, file)| still(file)).collect();
+            if let (Some(result), Some(blobs)) = (Signature::at(&self.result_path(&record.key)), blobs) {
+                self.remember(now, Seen { result, blobs, record: record.clone() });
+            }
+        }
+    }
+
     fn remember(&self, now: SystemTime, seen: Seen) {
         if seen.blobs.iter().chain([&seen.result]).all(|signature| signature.is_settled(now)) {
             self.index.put(Kind::Result, &seen.record.key, &seen);

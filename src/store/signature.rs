@@ -35,6 +35,11 @@ impl Signature {
         Self::of(&fs::metadata(path).ok()?)
     }
 
+    /// Whether the file has the content that it had: a second name for it changes no more than when its inode changed.
+    pub fn has_content_of(&self, before: &Self) -> bool {
+        (self.0, self.1, self.2) == (before.0, before.1, before.2)
+    }
+
     /// Whether the file was left alone for long enough before `now` that any change after it would show.
     pub fn is_settled(&self, now: SystemTime) -> bool {
         let now = now.duration_since(UNIX_EPOCH).unwrap_or_default().saturating_sub(RACY).as_nanos();

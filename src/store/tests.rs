@@ -8,6 +8,7 @@ use artifacts_schema::{Artifact, ArtifactKind, Digest, Metrics, Provenance, Row}
 use super::Store;
 use super::blob::Damage;
 use super::holder::Holder;
+use super::index::Kind;
 use super::result::{Breakage, Lookup, Record};
 use super::runs::{Run, now};
 use super::view::View;
@@ -54,6 +55,28 @@ fn a_committed_result_is_found_and_leaves_no_work_behind() {
     assert_eq!(fs::read_dir(folder.path().join("work")).unwrap().count(), 0);
     assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
     assert!(fs::metadata(blob(&store, &record)).unwrap().permissions().readonly());
+}
+
+/// Its own results need not be read through by the next process; but not what changed since it wrote them, or may have.
+#[test]
+fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let [old, damaged] = [("old", 1.0), ("damaged", 2.0)].map(|(name, value)| commit(&store, key(name), value, "s"));
+    std::thread::sleep(std::time::Duration::from_millis(1000));
+    overwrite(&blob(&store, &damaged), &fs::read(blob(&store, &old)).unwrap());
+    std::thread::sleep(std::time::Duration::from_millis(1100));
+    let fresh = commit(&store, key("fresh"), 3.0, "s");
+    // A second name is no change.
+    fs::hard_link(blob(&store, &old), folder.path().join("shown")).unwrap();
+    store.remember_own([&old, &damaged, &fresh].into_iter());
+    store.keep_index();
+    assert_eq!(Store::open(folder.path()).unwrap().index.places(Kind::Result).len(), 0, "`old` has just got that name");
+    std::thread::sleep(std::time::Duration::from_millis(2100));
+    store.remember_own([&old, &damaged, &fresh].into_iter());
+    store.keep_index();
+    assert_eq!(Store::open(folder.path()).unwrap().index.places(Kind::Result).len(), 2);
+    assert!(matches!(lookup(folder.path(), key("damaged")), Lookup::Broken(_)));
 }
 
 #[test]

@@ -15,6 +15,7 @@ use super::error::{At, StoreError};
 use super::holder::Holder;
 use super::lease::{Claim, Lease};
 use super::result::{Glance, Output, Record, StoredFile};
+use super::signature::Signature;
 use super::{Store, parent};
 
 /// The private folder of one key. Only one process at a time has it.
@@ -136,7 +137,8 @@ impl Work<'_> {
                 let path =
                     relative(entry.path(), &folder).ok_or_else(|| refused("a file's name is not text".into()))?;
                 let (blob, bytes) = self.store.take_blob(entry.path())?;
-                files.push(StoredFile { path, blob, bytes, glance: Glance::default() });
+                let glance = Glance(Signature::at(&self.store.blob_path(&blob)));
+                files.push(StoredFile { path, blob, bytes, glance });
             }
         }
         Ok(Output { kind, digest, files })

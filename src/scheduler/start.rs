@@ -1,0 +1,124 @@
+//! The start of a stage: its lease, its inputs, its thread. Does not decide which stage is next.
+
+use std::collections::BTreeMap;
+use std::sync::mpsc::Sender;
+use std::thread::Scope;
+use std::time::Instant;
+
+use artifacts_schema::Digest;
+use stages::Estimate;
+
+use super::board::{Board, Queued};
+use super::{News, Scheduler};
+use crate::explain::Reason;
+use crate::extension;
+use crate::pipeline::graph::Wire;
+use crate::progress::Event;
+use crate::store::error::StoreError;
+use crate::store::result::{Lookup, Record};
+use crate::store::work::Work;
+use crate::task::{Task, device_of};
+
+impl Scheduler<'_> {
+    /// Begins a stage, unless another process has it.
+    pub(super) fn begin<'s>(
+        &'s self,
+        board: &mut Board,
+        at: usize,
+        queued: Queued,
+        scope: &'s Scope<'s, '_>,
+        sender: &Sender<News>,
+    ) -> Result<(), StoreError> {
+        let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else { return Ok(()) };
+        self.context.store.put_manifest(&queued.key, &queued.manifest)?;
+        let task = self.task(at, &queued, work, &board.outcome.records)?;
+        if let Some(text) = self.budget.complaint(&queued.estimate) {
+            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+        }
+        let obstacle = extension::obstacle(task.node.stage.extension(), &queued.reason);
+        board.begin(at, queued, obstacle);
+        let sender = sender.clone();
+        scope.spawn(move || self.work(at, task, &sender));
+        Ok(())
+    }
+
+    /// What a stage will take, now that its inputs are there.
+    pub(super) fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
+        let node = &self.context.graph.nodes[at];
+        let bytes = |wire: &Wire| {
+            let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
+            Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
+        };
+        let estimate = node.stage.estimate(&node.wires.iter().filter_map(bytes).collect());
+        Estimate { device: estimate.device && node.stage.uses_device(), ..estimate }
+    }
+
+    /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has the folder,
+    /// or had it and has left a result by now.
+    fn claim(
+        &self,
+        board: &mut Board,
+        at: usize,
+        key: Digest,
+        reason: &Reason,
+    ) -> Result<Option<Work<'_>>, StoreError> {
+        let store = self.context.store;
+        let work = match store.work(key)? {
+            Ok(work) => work,
+            Err(holder) => {
+                board.wait(at, &holder);
+                return Ok(None);
+            }
+        };
+        if *reason != Reason::Forced
+            && let Lookup::Sound(record) = store.lookup(&key)?
+        {
+            work.abandon()?;
+            self.reuse(board, at, record)?;
+            return Ok(None);
+        }
+        if let Reason::Broken(breakage) = reason {
+            let text = format!("{breakage}; computing it again");
+            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+            store.discard(&key, breakage)?;
+        }
+        Ok(Some(work))
+    }
+
+    fn task<'s>(
+        &'s self,
+        at: usize,
+        queued: &Queued,
+        work: Work<'s>,
+        records: &BTreeMap<usize, Record>,
+    ) -> Result<Task<'s>, StoreError> {
+        let node = &self.context.graph.nodes[at];
+        let mut inputs = BTreeMap::new();
+        for wire in &node.wires {
+            if let Some(output) = self.result(wire.from, records).and_then(|record| record.outputs.get(wire.output)) {
+                inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
+            }
+        }
+        let replace = queued.reason == Reason::Forced;
+        let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
+        // Who forces a stage wants all of it computed.
+        let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
+        let (key, &Self { cancelled, checkpoint_every, fallback, .. }) = (queued.key, self);
+        let device = device_of(&*node.stage, self.device);
+        Ok(Task { node, key, work, inputs, device, fallback, cancelled, extension, earlier, checkpoint_every, replace })
+    }
+
+    /// The life of a stage's thread. Nobody listens any more only when the run is over.
+    fn work(&self, at: usize, task: Task, sender: &Sender<News>) {
+        let begun = Instant::now();
+        let say = {
+            let sender = sender.clone();
+            move |message| drop(sender.send(News::Said(at, message)))
+        };
+        let result = task.run(self.pool, &say);
+        if let (Ok(record), Some(remote)) = (&result, self.context.remote) {
+            remote.publish(self.context.store, record);
+        }
+        let _ = sender.send(News::Ended(at, Box::new(result), begun.elapsed().as_secs_f64()));
+    }
+}

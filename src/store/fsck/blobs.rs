@@ -1,0 +1,93 @@
+//! Blobs, all read through: sound ones, and what is in their place. Knows of results only which blobs they refer to.
+
+use std::fs;
+use std::io;
+
+use artifacts_schema::Digest;
+use rayon::prelude::*;
+
+use super::Fsck;
+use crate::store::blob::digest_file;
+use crate::store::census::{Entry, References};
+use crate::store::error::{At, StoreError};
+use crate::store::fault::{Fault, Remedy};
+use crate::store::parent;
+
+impl Fsck<'_> {
+    /// Reads all blobs through.
+    pub(super) fn blobs(&mut self, references: &References) -> Result<(), StoreError> {
+        let files = self.files("cas")?;
+        let digests: Vec<_> = files.par_iter().map(|entry| digest_file(&entry.path)).collect();
+        for (entry, digest) in files.iter().zip(digests) {
+            match digest {
+                Ok((digest, bytes)) if entry.path == self.store.blob_path(&digest) => {
+                    self.sound_blob(entry, digest, bytes, references)?;
+                }
+                Ok((digest, bytes)) => self.wrong_blob(entry, digest, bytes, references)?,
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => {
+                    let of = entry.digest().and_then(|name| references.get(&name)).map(|(_, of)| of.clone());
+                    self.remove(entry, Fault::Unreadable { problem: error.to_string() }, of)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn sound_blob(
+        &mut self,
+        entry: &Entry,
+        digest: Digest,
+        bytes: u64,
+        references: &References,
+    ) -> Result<(), StoreError> {
+        self.sound.insert(digest);
+        self.report.blobs.0 += 1;
+        self.report.blobs.1 += bytes;
+        let of = references.get(&digest).map(|(_, of)| of.clone());
+        if of.is_none() {
+            self.note(&entry.path, Fault::Orphan { bytes }, None, Remedy::None);
+        }
+        if !entry.data.permissions().readonly() {
+            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
+            if self.mend {
+                self.store.disk.protect(&entry.path).at("protect", &entry.path)?;
+            }
+            self.note(&entry.path, Fault::Writable, of, remedy);
+        }
+        Ok(())
+    }
+
+    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is missed, it goes there.
+    fn wrong_blob(
+        &mut self,
+        entry: &Entry,
+        found: Digest,
+        bytes: u64,
+        references: &References,
+    ) -> Result<(), StoreError> {
+        let place = self.store.blob_path(&found);
+        if let Some((_, of)) = references.get(&found)
+            && fs::symlink_metadata(&place).is_err()
+        {
+            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
+            if self.mend {
+                let disk = &self.store.disk;
+                disk.create_folders(parent(&place)).at("create", parent(&place))?;
+                disk.rename(&entry.path, &place).at("move", &entry.path)?;
+                disk.protect(&place).at("protect", &place)?;
+                self.sound.insert(found);
+            }
+            self.note(&entry.path, Fault::Misnamed { blob: found }, Some(of.clone()), remedy);
+            return Ok(());
+        }
+        let known = entry.digest().and_then(|name| references.get(&name));
+        let fault = match known {
+            Some((expected, _)) if bytes < *expected => Fault::Truncated { bytes, expected: *expected },
+            Some((expected, _)) if bytes > *expected => Fault::Grown { bytes, expected: *expected },
+            _ if entry.digest().is_none() => Fault::Misnamed { blob: found },
+            _ => Fault::Changed,
+        };
+        self.remove(entry, fault, known.map(|(_, of)| of.clone()))
+    }
+}
