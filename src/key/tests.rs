@@ -69,7 +69,7 @@ fn only_what_computes_on_the_chosen_device_has_it_in_its_key() {
         let params = stage.parameters().unwrap();
         let node = Node { name: "x".into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() };
         let key = |device| Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device, salt: None }.key();
-        let depends = ["Encode", "Optimize", "Decode"].contains(kind);
+        let depends = ["Encode", "Optimize", "Decode", "Fit", "Sync", "Render"].contains(kind);
         assert_eq!(key("cpu") != key("gpu: one"), depends, "{kind}");
         assert_eq!(key("gpu: one") != key("gpu: another"), depends, "{kind}");
     }
