@@ -18,7 +18,7 @@ pub const FAILED: u8 = 1;
 pub const USAGE: u8 = 2;
 /// The pipeline, or something that it names, is not as it should be. Nothing was run.
 pub const PIPELINE: u8 = 3;
-/// The store or the output folder cannot be used.
+/// The store, the output folder or standard output cannot be used.
 pub const STORE: u8 = 4;
 /// A check found something: damage, a difference, stages to run.
 pub const FOUND: u8 = 5;
@@ -34,7 +34,7 @@ Exit codes:
   1    a stage failed
   2    the command line makes no sense
   3    the pipeline, or something it names, is not as it should be; nothing was run
-  4    the store or the output folder cannot be used
+  4    the store, the output folder or standard output cannot be used
   5    a check found something: damage, a difference, stages to run
   75   interrupted by a signal, with checkpoints kept; the same command goes on
   101  a bug in the program";
@@ -116,6 +116,9 @@ pub enum Error {
         #[help]
         help: Option<String>,
     },
+    /// Standard output lacks lines. What the command did beside printing them is done.
+    #[error("standard output is not complete: {0}")]
+    Output(&'static std::io::Error),
     /// The run was interrupted.
     #[error("interrupted; the same command goes on where this one stopped")]
     Interrupted,
@@ -141,7 +144,7 @@ impl Error {
             Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::NoInput { .. } => {
                 PIPELINE
             }
-            Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } => STORE,
+            Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } | Self::Output(_) => STORE,
             Self::Found { .. } => FOUND,
             Self::Interrupted => INTERRUPTED,
             Self::Bug(_) => BUG,

@@ -83,7 +83,15 @@ impl Forecast {
         matches!(self, Self::Cached(_))
     }
 
-    /// The result, if it is there.
+    /// The result, if it is there, here or in the remote.
+    pub fn record(&self) -> Option<&Record> {
+        match self {
+            Self::Cached(assessment) => assessment.verdict.as_ref().ok(),
+            _ => None,
+        }
+    }
+
+    /// The same, to keep.
     pub fn into_record(self) -> Option<Record> {
         match self {
             Self::Cached(assessment) => assessment.verdict.ok(),

@@ -30,6 +30,7 @@ use clap::{Parser, Subcommand};
 
 use crate::error::{EXIT_CODES, Error, OK};
 use output::print;
+pub use output::tell;
 
 /// Super-resolves radiance fields: a pipeline of cached, resumable stages.
 #[derive(Parser)]
@@ -98,7 +99,7 @@ impl Cli {
             Command::Model(model) => model.run(self.json),
             Command::Doctor(doctor) => doctor.run(self.json),
         };
-        match done {
+        match done.and_then(|()| output::complete()) {
             Ok(()) => OK,
             Err(error) => {
                 let code = error.code();
@@ -121,5 +122,5 @@ fn report(error: Error, json: bool) {
             &serde_json::json!({"event": "error", "message": message, "place": place, "help": help, "code": error.code()}),
         );
     }
-    eprintln!("{:?}", miette::Report::new(error));
+    tell(&format_args!("{:?}", miette::Report::new(error)));
 }

@@ -1,14 +1,33 @@
-//! Standard output: lines and tables. A reader that has gone away ends the program quietly.
+//! Standard output and standard error: lines and tables. A reader that has gone away ends the program quietly; a standard
+//! output that cannot be written, on a full disk say, is remembered until the command has done its work.
 
 use std::fmt::Display;
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, Write, stderr, stdout};
+use std::sync::OnceLock;
+
+use crate::error::Error;
+
+/// Why standard output lacks a line.
+static LOST: OnceLock<std::io::Error> = OnceLock::new();
 
 /// Prints one line on standard output.
 pub fn print(line: &dyn Display) {
-    let written = writeln!(std::io::stdout().lock(), "{line}");
-    if written.is_err_and(|error| error.kind() == ErrorKind::BrokenPipe) {
-        std::process::exit(0);
+    match writeln!(stdout().lock(), "{line}") {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
+        // Only the first loss is told.
+        Err(error) => drop(LOST.set(error)),
+        Ok(()) => {}
     }
+}
+
+/// Whether standard output has every line that was printed.
+pub fn complete() -> Result<(), Error> {
+    LOST.get().map_or(Ok(()), |error| Err(Error::Output(error)))
+}
+
+/// Prints one line on standard error. Who closed it, or lets it lead to a full disk, cannot be told so.
+pub fn tell(line: &dyn Display) {
+    let _ = writeln!(stderr().lock(), "{line}");
 }
 
 /// Prints JSON over several lines.

@@ -1,6 +1,7 @@
-//! `plan`: says what `run` would do, and why. Writes nothing.
+//! `plan`: says what `run` would do, and why. Writes nothing, but into a cache of the store that there was nothing to do.
 
 use std::mem::ManuallyDrop;
+use std::time::SystemTime;
 
 use artifacts_schema::Digest;
 use clap::Args;
@@ -33,15 +34,18 @@ impl Plan {
     pub fn run(self, json: bool) -> Result<(), Error> {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
         let device = device::open(&changes.device)?;
+        let since = SystemTime::now();
         let question = standing::question(&self.pipeline, &self.choice, &device);
-        if let Some(found) = standing::find(question.as_ref(), &changes.folders.store)? {
+        let questions: Vec<_> = question.iter().flat_map(|run| [*run, standing::of_plan(run)]).collect();
+        if let Some(found) = standing::find(&questions, &changes.folders.store)? {
             all_cached(&ManuallyDrop::new(found).1, json);
             return Ok(());
         }
         // With thousands of stages it takes long to take all this apart, which the end of the process spares.
         let session = ManuallyDrop::new(Session::on(device, pipeline, changes, &self.choice)?);
         let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
-        let forecasts = ManuallyDrop::new(session.context(&store).forecast()?);
+        let context = ManuallyDrop::new(session.context(&store));
+        let forecasts = ManuallyDrop::new(context.forecast()?);
         let stages: Vec<(&str, &Forecast)> =
             forecasts.iter().map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast)).collect();
         let cached = stages.iter().filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_))).count();
@@ -52,6 +56,10 @@ impl Plan {
         } else {
             let rows: Vec<Vec<String>> = stages.iter().map(|(name, forecast)| row(name, forecast)).collect();
             print_table(&rows, to_run);
+        }
+        if let Some(question) = &question {
+            standing::Found { session: &session, context: &context, store: &store, since }
+                .keep_plan(question, &forecasts);
         }
         if self.exit_code && to_run > 0 {
             return Err(Error::Found { message: format!("{to_run} of {all} stages to run"), help: None });

@@ -14,7 +14,7 @@ use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
 use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
-use super::output::print;
+use super::output::{print, tell};
 use super::session::Session;
 use super::{device, standing};
 use crate::error::Error;
@@ -72,11 +72,11 @@ impl Run {
         let begun = Instant::now();
         let started = now();
         let PipelineOptions { pipeline, changes } = &self.pipeline;
-        let asked = SystemTime::now();
+        let since = SystemTime::now();
         let device = device::open(&changes.device)?;
         self.tell_device(&device);
         let question = self.only.is_all().then(|| standing::question(&self.pipeline, &self.choice, &device)).flatten();
-        if let Some(found) = standing::find(question.as_ref(), &changes.folders.store)? {
+        if let Some(found) = standing::find(question.as_slice(), &changes.folders.store)? {
             return Ok(self.find_all_done(&ManuallyDrop::new(found).1, started, begun, json)?);
         }
         // With thousands of stages it takes long to take all this apart, which the end of the process spares.
@@ -101,7 +101,8 @@ impl Run {
         store.remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
         store.put_run(&record)?;
         if let Some(question) = &question {
-            standing::keep(question, (&session, &context, &store), &outcome, &view, asked);
+            standing::Found { session: &session, context: &context, store: &store, since }
+                .keep_run(question, &outcome, &view);
         }
         let results = outcome.records.iter().map(|(&at, result)| (context.graph.nodes[at].name.as_str(), result));
         self.sum_up(&record, results, &store, &view, json)?;
@@ -143,10 +144,10 @@ impl Run {
     fn tell_device(&self, device: &Device) {
         if device.is_gpu() && self.verbosity() > Verbosity::Quiet {
             let kind = device.kind();
-            eprintln!(
+            tell(&format_args!(
                 "the field (Fit, Sync, Render) and the diffusion networks (Encode, Optimize, Decode) run on the {kind}; \
                  all other stages run on the CPU"
-            );
+            ));
         }
     }
 
@@ -192,7 +193,7 @@ impl Run {
         if self.verbosity() > Verbosity::Quiet {
             let (ran, cached) = (names(End::Ran).len(), names(End::Cached).len());
             let stages = if ran == 1 { "stage" } else { "stages" };
-            eprintln!("\n{ran} {stages} ran, {cached} cached, in {}", duration(run.seconds));
+            tell(&format_args!("\n{ran} {stages} ran, {cached} cached, in {}", duration(run.seconds)));
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
-//! What a run or a plan is asked, as one digest, and what the answer that all results are there rests on. Knows nothing of the store's
-//! files.
+//! What a run or a plan is asked, as one digest, and what the answer that all results are there rests on: of a run also that they are
+//! shown. Knows nothing of the store's files.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -9,11 +10,12 @@ use compute::Device;
 
 use super::options::{Choice, PipelineOptions};
 use super::session::Session;
-use crate::plan::Context;
+use crate::plan::{Context, Forecast};
 use crate::report;
 use crate::scheduler::Outcome;
 use crate::store::Store;
 use crate::store::error::StoreError;
+use crate::store::result::Record;
 use crate::store::runs::End;
 use crate::store::signature::Signature;
 use crate::store::standing::Standing;
@@ -37,34 +39,67 @@ pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> 
     Some(blake3::hash(&serde_json::to_vec(&parts).ok()?).into())
 }
 
-/// The answer in a store that all results are there, if it still stands; it does for as long as the store which comes with it lives.
-pub fn find(question: Option<&Digest>, store: &Path) -> Result<Option<(Store, Standing)>, StoreError> {
-    let Some(question) = question else { return Ok(None) };
-    let mut store = Store::open(store)?;
-    store.share_if_there();
-    Ok(store.standing(question).map(|standing| (store, standing)))
+/// What a plan is asked, by what a run is.
+pub fn of_plan(question: &Digest) -> Digest {
+    blake3::hash(format!("plan of {question}").as_bytes()).into()
 }
 
-/// Keeps for the next run that this one had nothing to do, if so it was.
-pub fn keep(
-    question: &Digest,
-    (session, context, store): (&Session, &Context, &Store),
-    outcome: &Outcome,
-    view: &View,
-    since: SystemTime,
-) {
-    let is_whole = outcome.stages.values().all(|stage| stage.end == End::Cached) && !outcome.interrupted;
-    let Some(mut files) = is_whole.then(|| session.source_files(context)).flatten() else { return };
-    files.insert(view.list());
-    let name = |at: &usize| context.graph.nodes[*at].name.clone();
-    for (at, record) in &outcome.records {
-        files.extend(store.evidence(record, |output| view.output(&context.graph.nodes[*at].name, output)));
+/// The answer in a store that all results are there, to the first of these questions that has one which still stands; it does for as long
+/// as the store which comes with it lives.
+pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standing)>, StoreError> {
+    if questions.is_empty() {
+        return Ok(None);
     }
-    let told = outcome.records.iter().filter(|(_, record)| report::tells(record));
-    let standing = Standing {
-        pipeline: context.graph.pipeline.clone(),
-        stages: outcome.records.iter().map(|(at, record)| (name(at), record.key)).collect(),
-        told: told.map(|(at, record)| (name(at), record.clone())).collect(),
-    };
-    store.put_standing(question, standing, files, since);
+    let mut store = Store::open(store)?;
+    store.share_if_there();
+    Ok(questions.iter().find_map(|question| store.standing(question)).map(|standing| (store, standing)))
+}
+
+/// What was found to be there.
+pub struct Found<'a> {
+    /// The pipeline and what of it is asked.
+    pub session: &'a Session,
+    /// The same, as the planner sees it.
+    pub context: &'a Context<'a>,
+    /// The results.
+    pub store: &'a Store,
+    /// When looking began.
+    pub since: SystemTime,
+}
+
+impl Found<'_> {
+    /// Keeps for the next run that this one had nothing to do, if so it was.
+    pub fn keep_run(&self, question: &Digest, outcome: &Outcome, view: &View) {
+        if outcome.interrupted || outcome.stages.values().any(|stage| stage.end != End::Cached) {
+            return;
+        }
+        let shown = |(at, record): (&usize, &Record)| {
+            let stage = &self.context.graph.nodes[*at].name;
+            self.store.evidence_shown(record, |output| view.output(stage, output))
+        };
+        let shown = outcome.records.iter().flat_map(shown).chain([view.list()]);
+        self.keep(question, &outcome.records.iter().map(|(&at, record)| (at, record)).collect(), shown.collect());
+    }
+
+    /// Keeps for the next plan that there was nothing to do, if so it was.
+    pub fn keep_plan(&self, question: &Digest, forecasts: &BTreeMap<usize, Forecast>) {
+        let records = forecasts.iter().map(|(&at, forecast)| Some((at, forecast.record()?)));
+        if let Some(records) = records.collect() {
+            self.keep(&of_plan(question), &records, BTreeSet::new());
+        }
+    }
+
+    fn keep(&self, question: &Digest, records: &BTreeMap<usize, &Record>, mut files: BTreeSet<PathBuf>) {
+        let Some(sources) = self.session.source_files(self.context) else { return };
+        files.extend(sources);
+        files.extend(records.values().flat_map(|record| self.store.evidence(record)));
+        let name = |at: &usize| self.context.graph.nodes[*at].name.clone();
+        let told = records.iter().filter(|(_, record)| report::tells(record));
+        let standing = Standing {
+            pipeline: self.context.graph.pipeline.clone(),
+            stages: records.iter().map(|(at, record)| (name(at), record.key)).collect(),
+            told: told.map(|(at, record)| (name(at), (*record).clone())).collect(),
+        };
+        self.store.put_standing(question, standing, files, self.since);
+    }
 }

@@ -94,7 +94,7 @@ impl Origin {
         let mut rows = Vec::new();
         let mut row = |name: &str, text: String| rows.push(vec![name.to_owned(), text]);
         if let Some(told) = &self.told {
-            row("stage", format!("{}, a {} (version {}) of {}", told.stage, told.kind, told.version, told.program));
+            row("stage", format!("{}: {} version {}, by {}", told.stage, told.kind, told.version, told.program));
             row("key", told.key.clone());
             let from: BTreeMap<_, _> = self.inputs().collect();
             for (name, digest) in &told.inputs {

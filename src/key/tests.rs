@@ -43,6 +43,7 @@ fn one_value_has_one_text() {
     assert_ne!(key, key_of("(steps: 101, guidance: Vsd(lora_every: 3))"));
     assert_ne!(key, key_of("(steps: 100, guidance: Vsd(lora_every: 1))"));
     assert_ne!(key, key_of("(steps: 100, guidance: Rsd())"));
+    assert_ne!(key, key_of("(steps: 100, guidance: Vsd(lora_every: 3), precision: Bf16)"));
 }
 
 #[test]

@@ -1,14 +1,13 @@
 //! Progress as plain lines on stderr: for logs, pipes and batch jobs.
 
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::time::{Duration, Instant};
 
 use artifacts_schema::Digest;
 use stages::Message;
 
 use super::{Event, Progress, Verbosity, duration, figure, figures};
-use crate::cli::output::size;
+use crate::cli::output::{size, tell};
 
 /// How long a running stage may say nothing but that it goes on.
 const PAUSE: Duration = Duration::from_secs(10);
@@ -112,8 +111,7 @@ impl Lines {
 impl Progress for Lines {
     fn event(&mut self, event: &Event) {
         if let Some(line) = self.line(event) {
-            // Who closed stderr does not want to be told.
-            let _ = writeln!(std::io::stderr(), "{line}");
+            tell(&line);
         }
     }
 }

@@ -54,21 +54,25 @@ impl Store {
         }
     }
 
-    /// The files and folders that say of a result that it is there and sound, and that it is shown in these folders.
-    pub fn evidence(&self, record: &Record, folder: impl Fn(&str) -> PathBuf) -> Vec<PathBuf> {
-        let mut files = vec![self.result_path(&record.key), parent(&self.manifest_path(&record.key)).to_owned()];
+    /// The files and folders that say of a result that it is there and sound.
+    pub fn evidence(&self, record: &Record) -> Vec<PathBuf> {
+        let files = [self.result_path(&record.key), parent(&self.manifest_path(&record.key)).to_owned()];
+        files.into_iter().chain(record.files().map(|(_, file)| self.blob_path(&file.blob))).collect()
+    }
+
+    /// Those that say that it is shown, each output in its folder.
+    pub fn evidence_shown(&self, record: &Record, folder: impl Fn(&str) -> PathBuf) -> Vec<PathBuf> {
+        // An artifact without files is an empty folder.
+        let mut files: Vec<PathBuf> = record.outputs.keys().map(|output| folder(output)).collect();
         for (output, file) in record.files() {
-            let (blob, folder) = (self.blob_path(&file.blob), folder(output));
+            let folder = folder(output);
             let shown = folder.join(&file.path);
             // Between the file and the artifact's folder may lie others.
             files.extend(shown.ancestors().skip(1).take_while(|path| path.starts_with(&folder)).map(Path::to_owned));
-            if Signature::at(&shown) != Signature::at(&blob) {
+            if Signature::at(&shown) != Signature::at(&self.blob_path(&file.blob)) {
                 files.push(shown);
             }
-            files.push(blob);
         }
-        // An artifact without files is an empty folder.
-        files.extend(record.outputs.keys().map(|output| folder(output)));
         files
     }
 }

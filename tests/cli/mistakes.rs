@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::space::{Space, TINY};
+use crate::space::{Said, Space, TINY};
 
 /// Runs `tiny.ron` with a part of it replaced.
 fn mistake(from: &str, to: &str, arguments: &[&str], code: i32, words: &[&str]) {
@@ -94,5 +94,25 @@ fn files_that_cannot_be_read_are_said_to_be_so() {
         let said = space.say(&["inspect", name]);
         assert_eq!(said.code, 2, "{name}: {}", said.err);
         assert!(said.err.contains(name) && !said.err.contains("panicked"), "{}", said.err);
+    }
+}
+
+/// `/dev/full` answers every write as a full disk does.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_output_on_a_full_disk_is_said_to_lack_lines_and_a_log_there_stops_nothing() {
+    let full = || fs::File::options().write(true).open("/dev/full").unwrap();
+    let space = Space::new();
+    let said = Said::new(space.command(&["run", "tiny.ron", "--json"]).stdout(full()).output().unwrap());
+    assert_eq!(said.code, 4, "{}", said.err);
+    assert!(said.err.contains("standard output is not complete: No space left on device"), "{}", said.err);
+    // The run itself came to its end.
+    let said = Said::new(space.command(&["plan", "tiny.ron", "--exit-code"]).stderr(full()).output().unwrap());
+    assert_eq!(said.code, 0, "{}", said.out);
+    for (arguments, code) in
+        [(&["run", "tiny.ron"][..], 0), (&["run", "tiny.ron", "--salt", "a"], 0), (&["run", "other.ron"], 3)]
+    {
+        let said = Said::new(space.command(arguments).stderr(full()).output().unwrap());
+        assert_eq!(said.code, code, "{arguments:?}: {}", said.out);
     }
 }

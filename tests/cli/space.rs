@@ -30,7 +30,8 @@ pub struct Said {
 }
 
 impl Said {
-    fn new(output: Output) -> Self {
+    /// What a command said that has ended.
+    pub fn new(output: Output) -> Self {
         let text = |bytes| String::from_utf8(bytes).unwrap();
         Self { code: output.status.code().unwrap_or(-1), out: text(output.stdout), err: text(output.stderr) }
     }

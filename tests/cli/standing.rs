@@ -102,6 +102,23 @@ fn another_question_has_another_answer() {
 }
 
 #[test]
+fn a_plan_remembers_too_and_vouches_for_nothing_that_it_did_not_look_at() {
+    let space = standing();
+    let remembered = space.path(".srnerf/standing");
+    fs::remove_file(&remembered).unwrap();
+    let slow = space.ok(&["plan", "photos.ron", "--json"]).json();
+    assert!(remembered.exists());
+    fs::remove_dir_all(space.path("out/photos/up")).unwrap();
+    assert_eq!(space.ok(&["plan", "photos.ron", "--json"]).json(), slow);
+    space.ok(&["run", "photos.ron"]);
+    assert!(space.path("out/photos/up/images").exists(), "a run shows what the plan did not look at");
+
+    fs::remove_file(&remembered).unwrap();
+    assert_eq!(space.say(&["plan", "photos.ron", "--set", "up.factor=3", "--exit-code"]).code, 5);
+    assert!(!remembered.exists(), "only that there is nothing to do is remembered");
+}
+
+#[test]
 fn what_is_lost_is_seen_and_comes_back() {
     let space = standing();
     let up = space.ok(&["inspect", "up", "photos.ron", "--json"]).json();

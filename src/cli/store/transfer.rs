@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::output::{print, size};
+use crate::cli::output::{print, size, tell};
 use crate::error::Error;
 use crate::remote::{Fault, Remote, Traffic};
 use crate::store::Store;
@@ -32,7 +32,7 @@ impl Transfer {
     /// Fetches every sound result that the store lacks.
     pub fn pull(self, json: bool) -> Result<(), Error> {
         let (remote, store) = (Remote::open(&self.remote)?, Store::create(&self.store)?);
-        let traffic = remote.pull(&store, &mut |key, what| eprintln!("warning: {key} is left out: {what}"));
+        let traffic = remote.pull(&store, &mut |key, what| tell(&format_args!("warning: {key} is left out: {what}")));
         say("pulled", traffic.map_err(|fault| self.failed(fault))?, json);
         Ok(())
     }
