@@ -71,7 +71,8 @@ bench: setup
 	@[ -z "$(PYTHON)" ] || $(CARGO) build --release --quiet
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/benches/networks.py $(TARGET)/release/srnerf-dag
 
-# The operators and a training step of a field on a GPU beside its roofline; GPU=1 names one by the number that `srnerf-dag doctor` gives, PEAK its GFLOP/s and GB/s.
+# The operators and a training step of a field on a GPU beside its roofline; GPU=1 names one by the number that
+# `srnerf-dag doctor` gives, PEAK its GFLOP/s and GB/s.
 .PHONY: bench-gpu
 bench-gpu: setup
 	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --package compute --package nerf --bench gpu

@@ -1,9 +1,9 @@
-//! The main operators on a GPU, on the shapes of the x4 upscaler: what each gives the device to do, how long it takes, and how that
-//! compares with the roofline, the time that the arithmetic or the memory would take alone.
+//! The main operators on a GPU, on the shapes of the x4 upscaler: what each gives the device to do, how long it takes,
+//! and how that compares with the roofline, the time that the arithmetic or the memory would take alone.
 //!
-//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`: GPU is the number that `srnerf-dag doctor` gives an adapter, by default the first that is
-//! hardware; PEAK the GPU's GFLOP/s and GB/s by its data sheet, by default those of a GeForce RTX 4090. With GPU=counts nothing runs, and
-//! only what would be done is printed; for that a driver of software is enough.
+//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`: GPU is the number that `srnerf-dag doctor` gives an adapter, by default
+//! the first that is hardware; PEAK the GPU's GFLOP/s and GB/s by its data sheet, by default those of a GeForce RTX
+//! 4090. With GPU=counts nothing runs, and only what would be done is printed; for that a driver of software is enough.
 
 use std::time::Instant;
 

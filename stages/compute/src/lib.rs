@@ -37,6 +37,8 @@ pub mod reduce;
 pub mod resize;
 pub mod rng;
 pub mod shape;
+#[doc(hidden)]
+pub mod testing;
 pub mod weight;
 
 pub use array::Array;

@@ -1,8 +1,8 @@
-//! Training steps of a field on a GPU: what each gives the device to do, kernel by kernel, and how long it takes beside the roofline, the time
-//! that the arithmetic or the memory would take alone.
+//! Training steps of a field on a GPU: what each gives the device to do, kernel by kernel, and how long it takes beside
+//! the roofline, the time that the arithmetic or the memory would take alone.
 //!
-//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`, as for the operators of the networks. With GPU=counts a few steps run on whatever adapter there
-//! is, be it one of software, and nothing is timed.
+//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`, as for the operators of the networks. With GPU=counts a few steps run on
+//! whatever adapter there is, be it one of software, and nothing is timed.
 
 use std::f64::consts::TAU;
 use std::time::Instant;

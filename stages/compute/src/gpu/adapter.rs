@@ -44,7 +44,8 @@ pub fn hardware_is_likely() -> bool {
     !cfg!(target_os = "linux") || FILES.iter().any(|file| std::path::Path::new(file).exists())
 }
 
-/// The drivers of this machine, through Vulkan, Metal or DX12. Environment variables of wgpu (`WGPU_VALIDATION=1`) count.
+/// The drivers of this machine, through Vulkan, Metal or DX12. Environment variables of wgpu (`WGPU_VALIDATION=1`)
+/// count.
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;

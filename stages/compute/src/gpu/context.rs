@@ -1,6 +1,7 @@
 //! An open GPU: its memory, its kernels, and the commands recorded for it. It knows no operator.
 //!
-//! Operators have no errors of their own, so a fault of the device unwinds to [`attempt`] with a [`GpuError`] as its load; no panic hook sees it.
+//! Operators have no errors of their own, so a fault of the device unwinds to [`attempt`] with a [`GpuError`] as its
+//! load; no panic hook sees it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -183,7 +184,8 @@ impl Gpu {
         work.counts.bytes += bytes;
     }
 
-    /// Records a job that touches a part of its arrays which only the device knows: whoever learns of it tells [`Gpu::account`].
+    /// Records a job that touches a part of its arrays which only the device knows: whoever learns of it tells
+    /// [`Gpu::account`].
     pub fn start(&self, job: &Job) {
         self.check();
         assert!(job.groups.iter().all(|&count| count <= GROUPS), "{}: {:?} workgroups", job.kernel.name, job.groups);
@@ -230,8 +232,8 @@ impl Gpu {
         if len == 0 { Vec::new() } else { self.receive(self.request(buffer, len)) }
     }
 
-    /// Asks for the first `len` numbers of an array (at least one) as they are after all commands so far. Later commands can be
-    /// recorded, and run, before they are received.
+    /// Asks for the first `len` numbers of an array (at least one) as they are after all commands so far. Later
+    /// commands can be recorded, and run, before they are received.
     pub fn request(&self, buffer: &Buffer, len: usize) -> Requested {
         let bytes = 4 * len as u64;
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {

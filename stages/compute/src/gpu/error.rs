@@ -8,7 +8,8 @@ pub enum GpuError {
     NoAdapter(String),
     /// There are software adapters only, and none was asked for by its number.
     #[error(
-        "there is no hardware GPU, only {0}, which computes on the CPU; to use it all the same, name it: `--device gpu:0`"
+        "there is no hardware GPU, only {0}, which computes on the CPU; to use it all the same, name it: \
+         `--device gpu:0`"
     )]
     OnlySoftware(String),
     /// The number is too high.
@@ -29,8 +30,9 @@ pub enum GpuError {
     },
     /// The memory of the device is full.
     #[error(
-        "the GPU's memory is full: {held} MiB are in use and {asked} MiB more were needed; lower the crop, the views per step, \
-         the tile of the autoencoder, a field's `samples` or `log2_table` or `--keep`, close what else uses the GPU, or take `--device cpu`"
+        "the GPU's memory is full: {held} MiB are in use and {asked} MiB more were needed; lower the crop, \
+         the views per step, the tile of the autoencoder, a field's `samples` or `log2_table` or `--keep`, \
+         close what else uses the GPU, or take `--device cpu`"
     )]
     OutOfMemory {
         /// MiB asked for.
@@ -40,8 +42,9 @@ pub enum GpuError {
     },
     /// One array is larger than a kernel of this adapter can see at once.
     #[error(
-        "an array of {asked} MiB is more than {limit} MiB, the most that a kernel on this GPU sees of one array; lower the crop, \
-         the views per step, the tile of the autoencoder or a field's `log2_table`, or take `--device cpu`"
+        "an array of {asked} MiB is more than {limit} MiB, the most that a kernel on this GPU sees of one array; \
+         lower the crop, the views per step, the tile of the autoencoder or a field's `log2_table`, \
+         or take `--device cpu`"
     )]
     TooLarge {
         /// MiB asked for.
@@ -51,7 +54,8 @@ pub enum GpuError {
     },
     /// The driver gave up: a reset, a time-out, a removed device.
     #[error(
-        "the GPU was lost ({0}); run the same command again, which goes on from the last checkpoint, or take `--device cpu`"
+        "the GPU was lost ({0}); run the same command again, which goes on from the last checkpoint, \
+         or take `--device cpu`"
     )]
     Lost(String),
     /// The driver refused a command: a bug in the kernels or in the driver.

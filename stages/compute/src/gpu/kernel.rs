@@ -1,5 +1,5 @@
-//! Kernels as text, and as pipelines, each compiled once. It knows how kernels see their arrays: parameters at binding 0, then
-//! what they read, then what they write, in that order.
+//! Kernels as text, and as pipelines, each compiled once. It knows how kernels see their arrays: parameters at binding
+//! 0, then what they read, then what they write, in that order.
 
 use std::collections::BTreeMap;
 

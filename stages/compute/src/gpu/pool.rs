@@ -1,5 +1,5 @@
-//! Device memory that is used again: a buffer that is dropped waits for the next one of its size. It knows sizes and the
-//! order of submissions, not what the bytes mean.
+//! Device memory that is used again: a buffer that is dropped waits for the next one of its size. It knows sizes and
+//! the order of submissions, not what the bytes mean.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -78,8 +78,8 @@ impl Pool {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A buffer of at least `bytes`, and at most `largest` where those are no more, with any content; `create` makes one where none is
-    /// idle.
+    /// A buffer of at least `bytes`, and at most `largest` where those are no more, with any content; `create` makes
+    /// one where none is idle.
     pub fn take(
         self: &Arc<Self>,
         bytes: u64,

@@ -1,5 +1,5 @@
-//! Every matrix product: of linear layers, and of convolutions, whose column matrix is never formed. What differs is how the
-//! factors are read and in which tiles a product is cut.
+//! Every matrix product: of linear layers, and of convolutions, whose column matrix is never formed. What differs is
+//! how the factors are read and in which tiles a product is cut.
 
 use super::context::Gpu;
 use super::kernel::Kernel;
@@ -9,7 +9,8 @@ use crate::weight::Format;
 
 const PRODUCT: &str = include_str!("wgsl/product.wgsl");
 
-/// Tiles per product below which the depth is cut as well, so that a large GPU has something for each of its processors.
+/// Tiles per product below which the depth is cut as well, so that a large GPU has something for each of its
+/// processors.
 const ENOUGH_TILES: usize = 64;
 /// The least depth that is worth a workgroup of its own.
 const LEAST_DEPTH: usize = 256;
@@ -62,7 +63,8 @@ pub enum Along {
     Columns,
 }
 
-/// How a product is cut: rows, columns and depth of a tile, rows and columns of one invocation. All have 256 invocations.
+/// How a product is cut: rows, columns and depth of a tile, rows and columns of one invocation. All have 256
+/// invocations.
 #[derive(Clone, Copy, Debug)]
 struct Tile {
     rows: usize,

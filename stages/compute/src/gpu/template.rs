@@ -1,4 +1,5 @@
-//! Expands the templates of kernels into WGSL. It knows three directives, each on a line of its own, and no shading language:
+//! Expands the templates of kernels into WGSL. It knows three directives, each on a line of its own, and no shading
+//! language:
 //!
 //! ```text
 //! #for i 4               the lines up to the matching #end, with ${i} = 0, 1, 2, 3

@@ -2,18 +2,11 @@
 
 use std::sync::LazyLock;
 
-use compute::{Array, Device};
+use compute::{Array, Device, testing};
 
-/// The first adapter, if there is one.
+/// The first adapter, opened once for all tests, if there is one.
 pub fn gpu() -> Option<&'static Device> {
-    static GPU: LazyLock<Option<Device>> = LazyLock::new(|| match Device::gpu(Some(0)) {
-        Ok(device) => Some(device),
-        Err(error) if std::env::var_os("SRNERF_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            eprintln!("skipped, there is no GPU to test: {error}");
-            None
-        }
-    });
+    static GPU: LazyLock<Option<Device>> = LazyLock::new(testing::gpu);
     GPU.as_ref()
 }
 
@@ -29,7 +22,8 @@ pub fn to(device: &Device, x: &Array) -> Array {
     device.array(x.shape(), x.to_vec())
 }
 
-/// Computes on both devices, from copies of the same inputs, and fails unless every element agrees to 1e-5 of the largest magnitude.
+/// Computes on both devices, from copies of the same inputs, and fails unless every element agrees to 1e-5 of the
+/// largest magnitude.
 #[track_caller]
 pub fn agree(what: &str, inputs: &[Array], compute: impl Fn(&[Array]) -> Vec<Array>) {
     let Some(gpu) = gpu() else { return };

@@ -17,7 +17,7 @@ use compute::shape::{
     concat, crop, gather_rows, nchw_to_tokens, pad_reflect, slice, tokens_to_nchw, upsample_nearest,
     upsample_nearest_backward,
 };
-use compute::{Array, Format, Weight, reduce};
+use compute::{Array, Format, Weight, reduce, testing};
 use proptest::prelude::*;
 
 use crate::common::{agree, assert_close, gpu, pattern, to};
@@ -173,9 +173,8 @@ fn a_group_of_many_chunks() {
 
 #[test]
 fn weights_stay_in_16_bits_and_are_widened_by_the_kernel() {
-    let Some(_) = gpu() else { return };
     // A device of its own, since it counts.
-    let gpu = &compute::Device::gpu(Some(0)).unwrap();
+    let Some(gpu) = &testing::gpu() else { return };
     let values = pattern(2, &[33, 21]).to_vec();
     let halves: Vec<u8> = values.iter().flat_map(|&v| half::f16::from_f32(v).to_le_bytes()).collect();
     let brains: Vec<u8> = values.iter().flat_map(|&v| half::bf16::from_f32(v).to_le_bytes()).collect();

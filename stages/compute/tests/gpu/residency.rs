@@ -1,9 +1,10 @@
-//! What must not happen on a GPU: values that come back within a pass, memory that grows from step to step, other bits in another run.
+//! What must not happen on a GPU: values that come back within a pass, memory that grows from step to step, other bits
+//! in another run.
 
 use compute::conv::{Conv, conv2d};
 use compute::device::attempt;
 use compute::norm::{Activation, group_norm};
-use compute::{Array, Device, GpuError};
+use compute::{Array, Device, GpuError, testing};
 
 use crate::common::{gpu, pattern, to};
 
@@ -16,9 +17,8 @@ fn pass(x: &Array, weight: &Array, gamma: &Array, beta: &Array) -> Array {
 
 #[test]
 fn a_pass_is_one_submission_without_a_read_back_and_always_gives_the_same_bits() {
-    let Some(_) = gpu() else { return };
     // A device of its own: the other tests count too.
-    let device = Device::gpu(Some(0)).unwrap();
+    let Some(device) = testing::gpu() else { return };
     let shapes: [&[usize]; 4] = [&[2, 8, 20, 12], &[8, 8, 3, 3], &[8], &[8]];
     let inputs: Vec<Array> = (0..4).map(|i| to(&device, &pattern(i, shapes[i as usize]))).collect();
     let run = || pass(&inputs[0], &inputs[1], &inputs[2], &inputs[3]);

@@ -1,10 +1,10 @@
-//! The networks of tiny-x4 on a GPU, beside the CPU's: whatever adapter comes first, a software one too. Where there is none the tests pass
-//! with a message, unless `SRNERF_REQUIRE_GPU` is set.
+//! The networks of tiny-x4 on a GPU, beside the CPU's: whatever adapter comes first, a software one too. Where there is
+//! none the tests pass with a message, unless `SRNERF_REQUIRE_GPU` is set.
 
 use std::sync::LazyLock;
 
 use compute::elementwise::scale;
-use compute::{Array, Counts, Device};
+use compute::{Array, Counts, Device, testing};
 use diffusion::unet::Input;
 use diffusion::{LoraNetwork, ModelSource, Prior};
 
@@ -31,14 +31,8 @@ impl Tiny {
 
 /// tiny-x4 on the CPU and on the first adapter.
 fn pair() -> Option<&'static [Tiny; 2]> {
-    static PAIR: LazyLock<Option<[Tiny; 2]>> = LazyLock::new(|| match Device::gpu(Some(0)) {
-        Ok(gpu) => Some([Tiny::new(Device::cpu()), Tiny::new(gpu)]),
-        Err(error) if std::env::var_os("SRNERF_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            eprintln!("skipped, there is no GPU to test: {error}");
-            None
-        }
-    });
+    static PAIR: LazyLock<Option<[Tiny; 2]>> =
+        LazyLock::new(|| Some([Tiny::new(Device::cpu()), Tiny::new(testing::gpu()?)]));
     PAIR.as_ref()
 }
 
@@ -104,11 +98,9 @@ fn gradients_of_a_lora_are_those_of_the_cpu() {
 
 #[test]
 fn a_pass_costs_no_more_than_it_did() {
-    if pair().is_none() {
-        return;
-    }
     // A device of its own, since it counts.
-    let tiny = Tiny::new(Device::gpu(Some(0)).unwrap());
+    let Some(device) = testing::gpu() else { return };
+    let tiny = Tiny::new(device);
     let counts = |pass: &dyn Fn() -> Array| {
         pass().to_vec();
         let before = tiny.device.counts().unwrap();

@@ -1,4 +1,5 @@
-//! Batches of pixels on their way to a GPU: the same pixels and rays as on the CPU. Knows nothing of what becomes of them.
+//! Batches of pixels on their way to a GPU: the same pixels and rays as on the CPU. Knows nothing of what becomes of
+//! them.
 
 use super::resident::Resident;
 use super::trace::{RAY, Rays, ray};

@@ -1,4 +1,5 @@
-//! Keeps the occupancy grid of a field on a GPU true while the field changes: the same cells and the same points in them as on the CPU.
+//! Keeps the occupancy grid of a field on a GPU true while the field changes: the same cells and the same points in
+//! them as on the CPU.
 
 use super::resident::Resident;
 use super::trace::{TURNS, start};
@@ -80,11 +81,11 @@ mod tests {
     use super::*;
     use crate::config::FieldConfig;
     use crate::pool::Pool;
-    use compute::Device;
+    use compute::testing;
 
     #[test]
     fn the_grid_is_that_of_the_cpu_during_the_warm_up_and_behind() {
-        let Ok(device) = Device::gpu(Some(0)) else { return };
+        let Some(device) = testing::gpu() else { return };
         let config = FieldConfig { levels: 3, log2_table: 8, occupancy_resolution: 9, ..Default::default() };
         let mut field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.5]], 5);
         let cells = field.occupancy.cells();

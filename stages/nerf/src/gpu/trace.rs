@@ -1,4 +1,5 @@
-//! Rays through a field on a GPU: which samples are seen, what they look like and what the rays see. Knows nothing of pixels or losses.
+//! Rays through a field on a GPU: which samples are seen, what they look like and what the rays see. Knows nothing of
+//! pixels or losses.
 
 use super::resident::Resident;
 use crate::march::Segment;

@@ -1,5 +1,5 @@
-//! Training of a field on a GPU: batches are drawn by the host, all else is done on the device. Knows the CPU's trainer, whose numbers it
-//! takes over and gives back, so that states and fields are the same format.
+//! Training of a field on a GPU: batches are drawn by the host, all else is done on the device. Knows the CPU's
+//! trainer, whose numbers it takes over and gives back, so that states and fields are the same format.
 
 use super::batch::Batch;
 use super::resident::{Resident, entries};
@@ -13,7 +13,8 @@ use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
 use compute::kernels::{Buffer, Gpu, Job, Requested, bits, folded, zeros};
 use std::sync::Arc;
 
-/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the gradient to the weights.
+/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the gradient to the
+/// weights.
 pub const PARTS: u32 = 256;
 
 /// A field in training on a GPU.
@@ -203,7 +204,7 @@ mod tests {
     use crate::batch::TrainView;
     use crate::config::FieldConfig;
     use crate::options::TrainOptions;
-    use compute::Device;
+    use compute::{Device, testing};
     use scene::Camera;
 
     /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many samples.
@@ -224,7 +225,7 @@ mod tests {
 
     #[test]
     fn several_passes_learn_what_one_does() {
-        let Ok(device) = Device::gpu(Some(0)) else { return };
+        let Some(device) = testing::gpu() else { return };
         let before = device.counts().unwrap();
         let whole = losses(&device, None);
         let of_one = device.counts().unwrap() - before;

@@ -1,22 +1,11 @@
-//! On a GPU beside the CPU, on whatever adapter comes first: one of software does. Where there is none the tests pass with a message,
-//! unless `SRNERF_REQUIRE_GPU` is set, as `make test` does.
+//! On a GPU beside the CPU, on whatever adapter comes first: one of software does. Where there is none the tests pass
+//! with a message, unless `SRNERF_REQUIRE_GPU` is set, as `make test` does.
 
+use compute::testing::gpu;
 use compute::{Counts, Device};
 use nerf::{Field, FieldConfig, RenderOptions, Renderer, Tensors, TrainOptions, TrainView, Training};
 
 use crate::common::{BOUNDS, camera, config, options, psnr, views};
-
-/// The first adapter, if there is one.
-fn gpu() -> Option<Device> {
-    match Device::gpu(Some(0)) {
-        Ok(device) => Some(device),
-        Err(error) if std::env::var_os("SRNERF_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            eprintln!("skipped, there is no GPU to test: {error}");
-            None
-        }
-    }
-}
 
 /// Less than elsewhere in these tests: a GPU of software is slow.
 fn little() -> (FieldConfig, Vec<TrainView>, TrainOptions) {

@@ -1,5 +1,6 @@
-// Multi-head attention by tiles of 64 rows and 64 columns, 4x4 scores per invocation in registers (Dao 2023). One workgroup takes one head
-// and one tile of rows; along z, a slice of the head's features, so that no head is too deep for the registers.
+// Multi-head attention by tiles of 64 rows and 64 columns, 4x4 scores per invocation in registers (Dao 2023). One
+// workgroup takes one head and one tile of rows; along z, a slice of the head's features, so that no head is too deep
+// for the registers.
 struct Params {
     queries: u32,
     keys: u32,
@@ -16,8 +17,8 @@ struct Params {
 
 const FAR = -1e30;
 
-// A slab of 16 features of 64 rows: feature by feature, four rows to a vector, and one left free, so that neither writing nor reading
-// meets one bank of memory only. Also 16 rows of 64 features, four features to a vector.
+// A slab of 16 features of 64 rows: feature by feature, four rows to a vector, and one left free, so that neither
+// writing nor reading meets one bank of memory only. Also 16 rows of 64 features, four features to a vector.
 var<workgroup> slab_rows: array<vec4f, 272>;
 var<workgroup> slab_columns: array<vec4f, 272>;
 // A tile of 64 columns by 64 rows, four rows to a vector.

@@ -1,5 +1,6 @@
-// A chunk of 4096 elements of a group per workgroup: normalised, scaled, shifted and activated; the sums that the gradient needs of it;
-// or the gradient. The moments of the chunks are joined by each workgroup anew, as Chan, Golub and LeVeque do (1979).
+// A chunk of 4096 elements of a group per workgroup: normalised, scaled, shifted and activated; the sums that the
+// gradient needs of it; or the gradient. The moments of the chunks are joined by each workgroup anew, as Chan, Golub
+// and LeVeque do (1979).
 struct Params {
     size: u32,
     chunks: u32,

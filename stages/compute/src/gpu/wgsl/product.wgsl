@@ -1,5 +1,6 @@
-// out = A B + bias, a tile of TM rows and TN columns per workgroup, RM by RN sums per invocation, in registers. Slabs of TK of the depth
-// go through workgroup memory. What A and B are, the functions factor_a, column and factor_b say: nothing is unfolded in memory.
+// out = A B + bias, a tile of TM rows and TN columns per workgroup, RM by RN sums per invocation, in registers. Slabs
+// of TK of the depth go through workgroup memory. What A and B are, the functions factor_a, column and factor_b say:
+// nothing is unfolded in memory.
 struct Params {
     rows: u32,
     columns: u32,

@@ -1,4 +1,5 @@
-// Each of `batch` matrices [rows, columns] as [columns, rows], by tiles of 32x32 that are read and written along their rows.
+// Each of `batch` matrices [rows, columns] as [columns, rows], by tiles of 32x32 that are read and written along their
+// rows.
 struct Params {
     rows: u32,
     columns: u32,

@@ -1,4 +1,5 @@
-// Joins the parts of the gradient to the networks' weights in their order and takes a step down. Writes the matrices both ways round.
+// Joins the parts of the gradient to the networks' weights in their order and takes a step down. Writes the matrices
+// both ways round.
 struct Params {
     parts: u32,
     rate: f32,

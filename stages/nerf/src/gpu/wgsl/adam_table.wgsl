@@ -1,5 +1,5 @@
-// A step down for the hash entries that have a gradient; the others rest. Each counts its own steps, and the table that look-ups read
-// holds the values rounded to halves. Clears the gradient.
+// A step down for the hash entries that have a gradient; the others rest. Each counts its own steps, and the table that
+// look-ups read holds the values rounded to halves. Clears the gradient.
 struct Params {
     entries: u32,
     rate: f32,

@@ -1,4 +1,6 @@
-// Sets of cells, a bit each, with the number of members before every word; no kernel by itself. Needs `members` and `before`.
+// Sets of cells, a bit each, with the number of members before every word; no kernel by itself. Needs `members` and
+// `before`.
+
 // Member number `rank`, in their order.
 fn member(rank: u32) -> u32 {
     var low = 0u;

@@ -1,5 +1,5 @@
-// Compares pixels with the photos, and takes the gradient back along each ray to raw densities and colours. `pixels` holds of each: the
-// colour it should have and the weight of its view; the background and the number of its rays.
+// Compares pixels with the photos, and takes the gradient back along each ray to raw densities and colours. `pixels`
+// holds of each: the colour it should have and the weight of its view; the background and the number of its rays.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> before: array<u32>;
 @group(0) @binding(3) var<storage, read> samples: array<vec4u>;

@@ -1,4 +1,5 @@
-// Rays; no kernel by itself. Needs `rays`, of which each has three vectors: origin and start, direction and end, jitter and more.
+// Rays; no kernel by itself. Needs `rays`, of which each has three vectors: origin and start, direction and end, jitter
+// and more.
 fn stride(t: f32) -> f32 {
     return max(max(t * p.cone, p.shortest), t * 1e-6);
 }

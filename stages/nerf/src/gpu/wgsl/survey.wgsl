@@ -1,4 +1,5 @@
-// Looks at a random point in each cell of a set, 64 at a time, and folds the optical depth of the shortest step there into the grid.
+// Looks at a random point in each cell of a set, 64 at a time, and folds the optical depth of the shortest step there
+// into the grid.
 struct Params {
     words: u32,
     levels: u32,
