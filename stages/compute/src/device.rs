@@ -8,9 +8,9 @@ use crate::gpu;
 use crate::gpu::context::Gpu;
 
 pub use crate::gpu::adapter::Report;
-pub use crate::gpu::context::attempt;
 pub use crate::gpu::counts::Counts;
 pub use crate::gpu::error::GpuError;
+pub use crate::gpu::fault::attempt;
 
 /// A place for arrays. Cheap to clone.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,7 +49,12 @@ impl Device {
     /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU in
     /// use, such as full memory, unwinds to the nearest [`attempt`].
     pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
-        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index)?)) })
+        Device::gpu_seeing(index, u64::MAX)
+    }
+
+    /// The same, where kernels see no more than `window` bytes of an array at once.
+    pub(crate) fn gpu_seeing(index: Option<usize>, window: u64) -> Result<Device, GpuError> {
+        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, window)?)) })
     }
 
     /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no such

@@ -1,27 +1,38 @@
 //! An open GPU: its memory, its kernels, and the commands recorded for it. It knows no operator.
-//!
-//! Operators have no errors of their own, so a fault of the device unwinds to [`attempt`] with a [`GpuError`] as its
-//! load; no panic hook sees it.
+//! Its faults unwind to [`super::fault::attempt`].
 
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use super::adapter::{self, Found};
 use super::counts::Counts;
 use super::error::GpuError;
-use super::kernel::{Kernel, Kernels};
+use super::fault::{Fault, full, lock, too_large, watch};
+use super::kernel::{Kernel, Kernels, Pieces, Pipeline};
 use super::pool::{Buffer, Pool, Writer};
-use super::recorder::Recorder;
+use super::recorder::{Piece, Recorder};
 
 /// The most workgroups along one axis.
 const GROUPS: u32 = 65_535;
+/// The most bytes of one array: kernels count its elements in 31 bits.
+const LARGEST: u64 = 4 << 31;
+/// Pieces of an array begin at multiples of so many bytes, which suits every adapter.
+const ALIGNED: u64 = 256;
 
 /// An adapter that is open for computing.
 pub struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
     kind: String,
+    /// The most bytes of one array.
     largest: u64,
+    /// The most bytes of an array that a kernel sees at one binding.
+    window: u64,
+    /// The most bindings of a kernel.
+    bindings: usize,
+    /// The most bytes that all arrays may take together; only tests set any.
+    memory: AtomicU64,
     pool: Arc<Pool>,
     work: Mutex<Work>,
     fault: Fault,
@@ -33,9 +44,6 @@ struct Work {
     recorder: Recorder,
     counts: Counts,
 }
-
-/// The first thing that went wrong.
-type Fault = Arc<Mutex<Option<GpuError>>>;
 
 /// One use of a kernel.
 pub struct Job<'a> {
@@ -57,37 +65,26 @@ pub struct Requested {
     submission: Option<wgpu::SubmissionIndex>,
 }
 
-/// Runs what computes on a GPU, and gives the fault that stopped it, if one did.
-pub fn attempt<T>(run: impl FnOnce() -> T) -> Result<T, GpuError> {
-    catch_unwind(AssertUnwindSafe(run)).map_err(|load| match load.downcast::<GpuError>() {
-        Ok(error) => *error,
-        Err(panic) => resume_unwind(panic),
-    })
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn mib(bytes: u64) -> u64 {
-    bytes.div_ceil(1 << 20)
-}
-
 impl Gpu {
-    /// Opens the adapter numbered `index`, or the first that is hardware.
-    pub fn open(index: Option<usize>) -> Result<Gpu, GpuError> {
+    /// Opens the adapter numbered `index`, or the first that is hardware. A kernel sees as many bytes of an array at once
+    /// as the adapter allows, or `window`, if that is less.
+    pub fn open(index: Option<usize>, window: u64) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
-        let limits = adapter.limits();
+        let mut limits = adapter.limits();
+        limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.min(window);
         let descriptor = wgpu::DeviceDescriptor { required_limits: limits.clone(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|error| GpuError::Unfit { adapter: report.name.clone(), reason: error.to_string() })?;
-        let fault = Fault::default();
-        watch(&device, &fault);
+        let (fault, pool) = (Fault::default(), Arc::default());
+        watch(&device, &fault, &pool);
         let work = Work { kernels: Kernels::default(), recorder: Recorder::new(&device), counts: Counts::default() };
         Ok(Gpu {
             kind: format!("gpu: {}, {} {}", report.name, report.backend, report.driver),
-            largest: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 4 * 4,
-            pool: Arc::default(),
+            largest: limits.max_buffer_size.min(LARGEST) / ALIGNED * ALIGNED,
+            window: limits.max_storage_buffer_binding_size / ALIGNED * ALIGNED,
+            bindings: limits.max_storage_buffers_per_shader_stage as usize,
+            memory: AtomicU64::new(u64::MAX),
+            pool,
             work: Mutex::new(work),
             device,
             queue,
@@ -106,8 +103,10 @@ impl Gpu {
         Counts { pipelines: work.kernels.count(), ..work.counts }
     }
 
-    /// Stops whatever runs on the device, up to the nearest [`attempt`].
+    /// Stops whatever runs on the device, up to the nearest [`super::fault::attempt`].
     fn fail(&self, error: GpuError) -> ! {
+        // A command may be refused since the device is lost, of which it tells when asked.
+        let _ = self.device.poll(wgpu::PollType::Poll);
         let mut fault = lock(&self.fault);
         let first = fault.get_or_insert(error).clone();
         drop(fault);
@@ -142,8 +141,7 @@ impl Gpu {
 
     fn take(&self, bytes: u64, writer: Writer) -> Buffer {
         if bytes > self.largest {
-            let (asked, limit) = (mib(bytes), self.largest >> 20);
-            resume_unwind(Box::new(GpuError::TooLarge { asked, limit }));
+            too_large(bytes, self.largest);
         }
         self.pool.take(bytes, self.largest, writer, |size| self.create(size))
     }
@@ -154,13 +152,17 @@ impl Gpu {
             self.submit();
             self.wait();
             self.pool.clear();
-            let full = || self.fail(GpuError::OutOfMemory { asked: mib(size), held: mib(self.pool.in_use()) });
+            // The device goes on: there may be room for another stage.
+            let full = || resume_unwind(Box::new(full(&self.pool)));
             self.try_create(size).unwrap_or_else(full)
         })
     }
 
     fn try_create(&self, size: u64) -> Option<wgpu::Buffer> {
         use wgpu::BufferUsages as Usages;
+        if self.pool.held().saturating_add(size) > self.memory.load(Ordering::Relaxed) {
+            return None;
+        }
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -169,6 +171,16 @@ impl Gpu {
             mapped_at_creation: false,
         });
         pollster::block_on(scope.pop()).is_none().then_some(buffer)
+    }
+
+    /// Takes the device away, as the reset of a driver does.
+    pub(crate) fn lose(&self) {
+        self.device.destroy();
+    }
+
+    /// Refuses arrays that would take more than so many bytes together, as full memory does.
+    pub(crate) fn limit_memory(&self, bytes: u64) {
+        self.memory.store(bytes, Ordering::Relaxed);
     }
 
     /// Records a job. It runs when a batch is full, or when values are read.
@@ -196,10 +208,27 @@ impl Gpu {
         if work.recorder.is_full() {
             self.hand_over(&mut work);
         }
-        let pipeline = work.kernels.get(&self.device, job.kernel);
-        let arrays: Vec<_> = job.arrays.iter().map(|array| (array.raw(), array.bytes())).collect();
-        work.recorder.dispatch(&self.device, &pipeline, &arrays, job.words, job.groups);
+        let pieces: Vec<Piece> = job.arrays.iter().flat_map(|array| self.pieces(array)).collect();
+        let pipeline = self.pipeline(&mut work.kernels, job, pieces.len());
+        work.recorder.dispatch(&self.device, &pipeline, &pieces, job.words, job.groups);
         work.counts.dispatches += 1;
+    }
+
+    /// An array as kernels see it.
+    fn pieces<'b>(&self, array: &'b Buffer) -> impl Iterator<Item = Piece<'b>> + use<'b> {
+        let (window, all) = (self.window, array.bytes());
+        let piece = move |offset| Piece { buffer: array.raw(), offset, bytes: window.min(all - offset) };
+        (0..all).step_by(window as usize).map(piece)
+    }
+
+    /// The pipeline of a job whose arrays lie in so many pieces in all.
+    fn pipeline(&self, kernels: &mut Kernels, job: &Job, pieces: usize) -> Pipeline {
+        let counts = job.arrays.iter().map(|array| array.bytes().div_ceil(self.window) as u32).collect();
+        let counts = Pieces { counts, window: self.window };
+        let pipeline = if pieces > self.bindings { None } else { kernels.get(&self.device, job.kernel, &counts) };
+        pipeline.unwrap_or_else(|| {
+            too_large(job.arrays.iter().map(|array| array.bytes()).sum(), self.window * self.bindings as u64)
+        })
     }
 
     fn hand_over(&self, work: &mut Work) -> Option<wgpu::SubmissionIndex> {
@@ -266,28 +295,4 @@ impl std::fmt::Debug for Gpu {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.kind)
     }
-}
-
-/// Keeps the first fault that the driver tells of.
-fn watch(device: &wgpu::Device, fault: &Fault) {
-    let keep = |fault: &Fault, error: GpuError| {
-        lock(fault).get_or_insert(error);
-    };
-    let (errors, losses) = (fault.clone(), fault.clone());
-    device.on_uncaptured_error(Arc::new(move |error| {
-        keep(
-            &errors,
-            match error {
-                wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { asked: 0, held: 0 },
-                wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
-                    GpuError::Refused(description)
-                }
-            },
-        );
-    }));
-    device.set_device_lost_callback(move |reason, message| {
-        if reason != wgpu::DeviceLostReason::Destroyed {
-            keep(&losses, GpuError::Lost(message));
-        }
-    });
 }

@@ -30,26 +30,24 @@ pub enum GpuError {
     },
     /// The memory of the device is full.
     #[error(
-        "the GPU's memory is full: {held} MiB are in use and {asked} MiB more were needed; lower the crop, \
+        "the GPU's memory is full: arrays hold {held} MiB, and no more could be had; lower the crop, \
          the views per step, the tile of the autoencoder, a field's `samples` or `log2_table` or `--keep`, \
          close what else uses the GPU, or take `--device cpu`"
     )]
     OutOfMemory {
-        /// MiB asked for.
-        asked: u64,
         /// MiB that arrays hold.
         held: u64,
     },
-    /// One array is larger than a kernel of this adapter can see at once.
+    /// More than a kernel of this adapter can see, even if it sees arrays piece by piece.
     #[error(
-        "an array of {asked} MiB is more than {limit} MiB, the most that a kernel on this GPU sees of one array; \
+        "{asked} MiB in one piece are more than {limit} MiB, the most that this GPU's kernels can see at once; \
          lower the crop, the views per step, the tile of the autoencoder or a field's `log2_table`, \
          or take `--device cpu`"
     )]
     TooLarge {
         /// MiB asked for.
         asked: u64,
-        /// MiB that the adapter binds at most.
+        /// MiB that there may be at most.
         limit: u64,
     },
     /// The driver gave up: a reset, a time-out, a removed device.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use super::split::split;
 use super::template::expand;
 
 /// What decides the text of a kernel.
@@ -36,15 +37,39 @@ impl Kernel {
         Kernel { head, ..self }
     }
 
-    fn text(&self) -> String {
+    /// Its text for arrays that lie in so many pieces each; `None` if one cannot lie in pieces.
+    fn text(&self, pieces: &Pieces) -> Option<String> {
         let constants: String =
             self.constants.iter().map(|(name, value)| format!("const {name} = {value}u;\n")).collect();
-        format!("{constants}{}\n{}", self.head, expand(&self.templates.join("\n"), &self.constants))
+        let text = format!("{constants}{}\n{}", self.head, expand(&self.templates.join("\n"), &self.constants));
+        if pieces.are_whole() { Some(text) } else { split(&text, &pieces.counts, pieces.window) }
+    }
+
+    /// How many pieces it reads and writes.
+    fn bindings(&self, pieces: &Pieces) -> [usize; 2] {
+        let (read, written) = pieces.counts.split_at(self.arrays[0]);
+        [read, written].map(|counts| counts.iter().sum::<u32>() as usize)
+    }
+}
+
+/// In how many pieces the arrays of a kernel lie, each no longer than a kernel may see.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Pieces {
+    /// Of each array, in the order of its bindings.
+    pub counts: Vec<u32>,
+    /// Bytes of a piece; only the last may be shorter.
+    pub window: u64,
+}
+
+impl Pieces {
+    /// Whether every array is one piece.
+    pub fn are_whole(&self) -> bool {
+        self.counts.iter().all(|&count| count == 1)
     }
 }
 
 /// What tells kernels apart.
-type Identity = (&'static str, Vec<(&'static str, u32)>, String);
+type Identity = (&'static str, Vec<(&'static str, u32)>, String, Vec<u32>);
 
 /// The layouts that kernels of equally many arrays share.
 struct Layout {
@@ -69,16 +94,18 @@ pub struct Kernels {
 }
 
 impl Kernels {
-    /// The pipeline of `kernel`, compiled at the first call.
-    pub fn get(&mut self, device: &wgpu::Device, kernel: &Kernel) -> Pipeline {
-        let identity = (kernel.name, kernel.constants.clone(), kernel.head.clone());
+    /// The pipeline of `kernel`, compiled at the first call; `None` if its arrays cannot lie in such pieces.
+    pub fn get(&mut self, device: &wgpu::Device, kernel: &Kernel, pieces: &Pieces) -> Option<Pipeline> {
+        let identity = (kernel.name, kernel.constants.clone(), kernel.head.clone(), pieces.counts.clone());
         if let Some(pipeline) = self.pipelines.get(&identity) {
-            return pipeline.clone();
+            return Some(pipeline.clone());
         }
-        let layout = self.layouts.entry(kernel.arrays).or_insert_with(|| layout(device, kernel.arrays));
-        let pipeline = Pipeline { code: compile(device, kernel, &layout.pipeline), group: layout.group.clone() };
+        let (text, bindings) = (kernel.text(pieces)?, kernel.bindings(pieces));
+        let layout = self.layouts.entry(bindings).or_insert_with(|| layout(device, bindings));
+        let code = compile(device, kernel.name, text, &layout.pipeline);
+        let pipeline = Pipeline { code, group: layout.group.clone() };
         self.pipelines.insert(identity, pipeline.clone());
-        pipeline
+        Some(pipeline)
     }
 
     /// How many were compiled.
@@ -87,13 +114,18 @@ impl Kernels {
     }
 }
 
-fn compile(device: &wgpu::Device, kernel: &Kernel, layout: &wgpu::PipelineLayout) -> wgpu::ComputePipeline {
-    let source = wgpu::ShaderSource::Wgsl(kernel.text().into());
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(kernel.name), source });
+fn compile(
+    device: &wgpu::Device,
+    name: &'static str,
+    text: String,
+    layout: &wgpu::PipelineLayout,
+) -> wgpu::ComputePipeline {
+    let source = wgpu::ShaderSource::Wgsl(text.into());
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(name), source });
     // Every kernel writes the memory that its workgroup shares before it reads it.
     let options = wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() };
     device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(kernel.name),
+        label: Some(name),
         layout: Some(layout),
         module: &module,
         entry_point: Some("main"),

@@ -113,9 +113,10 @@ impl Pool {
         self.lock().buffers.clear();
     }
 
-    /// Bytes in use.
-    pub fn in_use(&self) -> u64 {
-        self.lock().in_use
+    /// Bytes of all memory, in use or idle.
+    pub fn held(&self) -> u64 {
+        let idle = self.lock();
+        idle.in_use + idle.buffers.iter().map(|(size, buffers)| size * buffers.len() as u64).sum::<u64>()
     }
 }
 

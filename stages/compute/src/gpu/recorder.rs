@@ -7,6 +7,25 @@ const SLOT: usize = 256;
 /// Commands that are handed over at once: a pass through a network is a few such batches.
 const BATCH: usize = 256;
 
+/// What a kernel sees of an array at one of its bindings.
+#[derive(Clone, Copy)]
+pub struct Piece<'b> {
+    /// The array.
+    pub buffer: &'b wgpu::Buffer,
+    /// Where the piece begins.
+    pub offset: u64,
+    /// How long it is.
+    pub bytes: u64,
+}
+
+impl<'b> Piece<'b> {
+    fn entry(&self, binding: usize) -> wgpu::BindGroupEntry<'b> {
+        let (buffer, offset, size) = (self.buffer, self.offset, wgpu::BufferSize::new(self.bytes));
+        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size });
+        wgpu::BindGroupEntry { binding: binding as u32, resource }
+    }
+}
+
 /// Commands not handed over yet.
 pub struct Recorder {
     // The order matters: the pass ends before its encoder does.
@@ -34,12 +53,12 @@ impl Recorder {
         self.words.len() >= SLOT * BATCH
     }
 
-    /// Records one kernel over `groups` workgroups; `arrays` are bytes and buffers in the order of its bindings.
+    /// Records one kernel over `groups` workgroups; `pieces` of its arrays are in the order of its bindings.
     pub fn dispatch(
         &mut self,
         device: &wgpu::Device,
         pipeline: &Pipeline,
-        arrays: &[(&wgpu::Buffer, u64)],
+        pieces: &[Piece],
         words: &[u32],
         groups: [u32; 3],
     ) {
@@ -47,7 +66,7 @@ impl Recorder {
         assert!(words.len() * 4 <= SLOT, "a kernel has at most {} parameters", SLOT / 4);
         self.words.extend_from_slice(bytemuck::cast_slice(words));
         self.words.resize(offset + SLOT, 0);
-        let group = bind(device, pipeline, &self.parameters, arrays);
+        let group = bind(device, pipeline, &self.parameters, pieces);
         let encoder = self.encoder.get_or_insert_with(|| device.create_command_encoder(&Default::default()));
         let pass = self.pass.get_or_insert_with(|| encoder.begin_compute_pass(&Default::default()).forget_lifetime());
         pass.set_pipeline(&pipeline.code);
@@ -74,18 +93,9 @@ impl Recorder {
     }
 }
 
-fn bind(
-    device: &wgpu::Device,
-    pipeline: &Pipeline,
-    parameters: &wgpu::Buffer,
-    arrays: &[(&wgpu::Buffer, u64)],
-) -> wgpu::BindGroup {
-    let entry = |binding: usize, buffer, bytes| {
-        let size = wgpu::BufferSize::new(bytes);
-        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size });
-        wgpu::BindGroupEntry { binding: binding as u32, resource }
-    };
-    let arrays = arrays.iter().enumerate().map(|(at, (buffer, bytes))| entry(1 + at, buffer, *bytes));
-    let entries: Vec<_> = std::iter::once(entry(0, parameters, SLOT as u64)).chain(arrays).collect();
+fn bind(device: &wgpu::Device, pipeline: &Pipeline, parameters: &wgpu::Buffer, pieces: &[Piece]) -> wgpu::BindGroup {
+    let parameters = Piece { buffer: parameters, offset: 0, bytes: SLOT as u64 };
+    let entries: Vec<_> =
+        std::iter::once(&parameters).chain(pieces).enumerate().map(|(at, piece)| piece.entry(at)).collect();
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &pipeline.group, entries: &entries })
 }

@@ -3,4 +3,5 @@
 
 mod common;
 mod operators;
+mod pieces;
 mod residency;

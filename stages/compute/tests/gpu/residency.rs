@@ -54,6 +54,33 @@ fn an_array_beyond_the_adapters_limits_is_an_error_that_says_what_to_lower() {
 }
 
 #[test]
+fn full_memory_is_an_error_that_says_what_to_lower_and_the_device_goes_on() {
+    let Some(device) = testing::gpu() else { return };
+    let kept = device.full(&[1000], 2.0);
+    testing::limit_memory(&device, 1 << 20);
+    let fault = attempt(|| device.full(&[1 << 19], 1.0)).unwrap_err();
+    assert!(matches!(fault, GpuError::OutOfMemory { held: 1 }), "{fault}");
+    assert!(fault.to_string().contains("lower the crop"), "{fault}");
+    assert_eq!(attempt(|| kept.to_vec()), Ok(vec![2.0; 1000]));
+    testing::limit_memory(&device, u64::MAX);
+    assert!(attempt(|| device.full(&[1 << 19], 1.0).to_vec()).is_ok());
+}
+
+#[test]
+fn a_lost_device_is_an_error_whatever_is_asked_of_it() {
+    let Some(device) = testing::gpu() else { return };
+    let x = device.full(&[1000], 2.0);
+    device.finish();
+    testing::lose(&device);
+    let asked: [&dyn Fn(); 3] = [&|| drop(x.to_vec()), &|| device.finish(), &|| drop(device.zeros(&[5]))];
+    for ask in asked {
+        let fault = attempt(ask).unwrap_err();
+        assert!(matches!(fault, GpuError::Lost(_)), "{fault}");
+        assert!(fault.to_string().contains("goes on from the last checkpoint"), "{fault}");
+    }
+}
+
+#[test]
 fn an_adapter_that_is_not_there_is_an_error() {
     let Some(_) = gpu() else { return };
     let error = Device::gpu(Some(999)).unwrap_err();
