@@ -23,6 +23,8 @@ pub struct Context<'a> {
     pub remote: Option<&'a Remote>,
     /// The kind of device to compute on.
     pub device: &'a str,
+    /// The kind that results have which were begun on that and went on on the CPU, where such count: `--fallback cpu`.
+    pub fallback: Option<&'a str>,
     /// The user's word in all keys.
     pub salt: Option<&'a str>,
     /// Stages to compute whatever the store has.
@@ -119,10 +121,35 @@ impl Context<'_> {
         Recipe { node, inputs, sources: &self.sources[at], device: self.device, salt: self.salt }
     }
 
+    /// The recipe of what was begun on a GPU and went on on the CPU, where such results count.
+    fn fallen<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Option<Recipe<'r>> {
+        let device = self.fallback.filter(|_| self.graph.nodes[at].stage.uses_device())?;
+        Some(Recipe { device, ..self.recipe(at, inputs) })
+    }
+
+    /// The manifest of that.
+    pub fn fallen_manifest(&self, at: usize, inputs: &Inputs) -> Option<Manifest> {
+        Some(self.fallen(at, inputs)?.manifest())
+    }
+
+    /// What there is of a stage, and under which key: its own, or where that has nothing, that of a result which went on on
+    /// the CPU.
+    fn find(&self, at: usize, inputs: &Inputs) -> Result<(Digest, Lookup), StoreError> {
+        let key = self.recipe(at, inputs).key();
+        let found = self.store.lookup(&key)?;
+        if let (Lookup::Absent, Some(fallen)) = (&found, self.fallen(at, inputs)) {
+            let key = fallen.key();
+            if let Lookup::Sound(record) = self.store.lookup(&key)? {
+                return Ok((key, Lookup::Sound(record)));
+            }
+        }
+        Ok((key, found))
+    }
+
     /// Looks for the result of a stage, given the digests of all its inputs.
     pub fn assess(&self, at: usize, inputs: Inputs) -> Result<Assessment, StoreError> {
-        let key = self.recipe(at, &inputs).key();
-        let verdict = match self.store.lookup(&key)? {
+        let (key, found) = self.find(at, &inputs)?;
+        let verdict = match found {
             _ if self.forced.contains(&at) => Err(Reason::Forced),
             Lookup::Sound(record) => Ok(record),
             Lookup::Broken(breakage) => Err(Reason::Broken(breakage)),
@@ -159,7 +186,7 @@ impl Context<'_> {
             if inputs.len() < node.wires.len() || self.forced.contains(&at) {
                 continue;
             }
-            if let Lookup::Sound(record) = self.store.lookup(&self.recipe(at, &inputs).key())? {
+            if let (_, Lookup::Sound(record)) = self.find(at, &inputs)? {
                 places[at] = Some(cached.len());
                 cached.push(Found { at, inputs, record });
             }
@@ -170,6 +197,12 @@ impl Context<'_> {
     /// What is in the key of a stage with these inputs.
     pub fn manifest(&self, at: usize, inputs: &Inputs) -> Manifest {
         self.recipe(at, inputs).manifest()
+    }
+
+    /// What is in one of the keys that a stage with these inputs can have.
+    pub fn manifest_of(&self, at: usize, inputs: &Inputs, key: &Digest) -> Manifest {
+        let fallen = self.fallen(at, inputs).filter(|fallen| fallen.key() == *key);
+        fallen.map_or_else(|| self.manifest(at, inputs), |fallen| fallen.manifest())
     }
 
     /// What tells a stage from its nearest past; `None` if nothing does.
@@ -192,7 +225,7 @@ impl Context<'_> {
     /// What is in the keys of all stages that are needed: of those whose inputs are not all known, what is known of it.
     pub fn manifests(&self, forecasts: &BTreeMap<usize, Forecast>) -> Vec<(usize, Manifest)> {
         let manifest = |&at: &usize| match forecasts.get(&at).and_then(Forecast::assessment) {
-            Some(known) => (at, self.manifest(at, &known.inputs)),
+            Some(known) => (at, self.manifest_of(at, &known.inputs, &known.key)),
             None => (at, self.manifest(at, &known_inputs(&self.graph.nodes[at], forecasts).0)),
         };
         self.needed.iter().map(manifest).collect()

@@ -7,6 +7,8 @@ mod board;
 pub mod budget;
 #[cfg(test)]
 mod laws;
+#[cfg(test)]
+mod mishaps;
 mod start;
 #[cfg(test)]
 mod tests;
@@ -45,8 +47,6 @@ pub struct Scheduler<'a> {
     pub pool: &'a rayon::ThreadPool,
     /// Where stages compute.
     pub device: &'a Device,
-    /// Whether a stage whose GPU fails goes on on the CPU.
-    pub fallback: bool,
     /// Where people find results.
     pub view: &'a View,
     /// Set when the run is to stop.
@@ -108,7 +108,8 @@ impl Scheduler<'_> {
         let lost = self.pool.install(|| store.without_manifest(cached.iter().map(|found| found.record.key)));
         for found in cached.iter().filter(|found| lost.binary_search(&found.record.key).is_ok()) {
             // Only explanations need it: where that cannot be done, nothing else fails.
-            let _ = store.put_manifest(&found.record.key, &self.context.manifest(found.at, &found.inputs));
+            let key = &found.record.key;
+            let _ = store.put_manifest(key, &self.context.manifest_of(found.at, &found.inputs, key));
         }
         board.adopt(cached.into_iter().map(|found| (found.at, found.record)).collect());
         Ok(())
@@ -141,7 +142,7 @@ impl Scheduler<'_> {
                     Err(reason) => {
                         let manifest = self.context.manifest(at, &inputs);
                         let estimate = self.estimate(at, &board.outcome.records);
-                        board.queue(at, Queued { key, manifest, reason, estimate });
+                        board.queue(at, Queued { key, manifest, reason, estimate, begun_as: None });
                     }
                 }
             } else {
@@ -206,7 +207,18 @@ impl Scheduler<'_> {
         result: Result<Record, Failure>,
         seconds: f64,
     ) -> Result<(), StoreError> {
-        let Some(Queued { key, reason, .. }) = board.end(at) else { return Ok(()) };
+        let Some(ended) = board.end(at) else { return Ok(()) };
+        let result = match result {
+            Err(Failure::Device(fault)) => match self.fall_back(board, at, &ended, &fault) {
+                Some(queued) => {
+                    board.queue(at, queued);
+                    return Ok(());
+                }
+                None => Err(Failure::Device(fault)),
+            },
+            other => other,
+        };
+        let Queued { key, reason, .. } = ended;
         let run = |end| StageRun { end, key: Some(key), reason: Some(reason.to_string()), seconds };
         let stage = self.name(at);
         match result {

@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use artifacts_schema::{ArtifactKind, Digest, Provenance, SchemaError};
-use compute::Device;
 use compute::device::attempt;
+use compute::{Device, GpuError};
 use stages::{Io, Message, Stage, StageError};
 
 use crate::pipeline::graph::Node;
@@ -25,6 +25,9 @@ pub enum Failure {
     /// It says so itself.
     #[error(transparent)]
     Stage(StageError),
+    /// The device on which it computed has failed.
+    #[error(transparent)]
+    Device(GpuError),
     /// Its result could not be kept.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -61,8 +64,8 @@ pub struct Task<'a> {
     pub inputs: BTreeMap<String, (PathBuf, Digest)>,
     /// Where it computes.
     pub device: &'a Device,
-    /// Whether it goes on on the CPU where that is a GPU and fails.
-    pub fallback: bool,
+    /// What that is called in its record and its provenance.
+    pub kind: &'a str,
     /// Set when it should stop.
     pub cancelled: &'a AtomicBool,
     /// What it has in common with results of fewer steps, if more can go on from fewer.
@@ -84,11 +87,12 @@ impl Task<'_> {
             return Err(Failure::Lost(holder));
         }
         match end {
-            Ok(Ok(device)) => {
+            Ok(Ok(())) => {
                 self.extension.map_or(Ok(()), |extension| self.work.keep_state(&extension))?;
                 let outputs: Vec<(&str, ArtifactKind)> =
                     self.node.stage.outputs().iter().map(|port| (port.name, port.kind)).collect();
-                let facts = Facts { stage: self.node.name.clone(), seconds: begun.elapsed().as_secs_f64(), device };
+                let (stage, device) = (self.node.name.clone(), self.kind.to_owned());
+                let facts = Facts { stage, seconds: begun.elapsed().as_secs_f64(), device };
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }
             Ok(Err(error)) => {
@@ -103,56 +107,38 @@ impl Task<'_> {
         }
     }
 
-    /// Runs the stage and says where.
-    fn compute(&self, messages: &(dyn Fn(Message) + Sync)) -> Result<String, StageError> {
-        let kind = self.device.kind().to_owned();
-        match attempt(|| self.compute_on(self.device, kind.clone(), messages)) {
-            Ok(end) => end,
-            Err(fault) if self.fallback => {
-                let text = format!("{fault}; going on on the CPU, from the last checkpoint if there is one");
-                messages(Message::Warning(text));
-                self.compute_on(&CPU, format!("{kind}, then cpu"), messages)
-            }
-            Err(fault) => Err(fault.into()),
-        }
-    }
-
-    fn compute_on(
-        &self,
-        device: &Device,
-        kind: String,
-        messages: &(dyn Fn(Message) + Sync),
-    ) -> Result<String, StageError> {
+    fn compute(&self, messages: &(dyn Fn(Message) + Sync)) -> Result<(), StageError> {
         let io = Io {
             seed: self.node.seed,
-            device,
+            device: self.device,
             inputs: self.inputs.iter().map(|(name, (folder, _))| (name.clone(), folder.clone())).collect(),
             outputs: self.work.outputs(),
             scratch: self.work.scratch(),
             checkpoint_every: self.checkpoint_every,
             earlier: self.earlier.clone(),
-            provenance: self.provenance(&kind),
+            provenance: self.provenance(),
             messages,
             cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),
         };
-        self.node.stage.run(&io).map(|()| kind)
+        attempt(|| self.node.stage.run(&io))?
     }
 
-    fn provenance(&self, device: &str) -> Provenance {
+    fn provenance(&self) -> Provenance {
         Provenance {
             program: format!("srnerf-dag {}", env!("CARGO_PKG_VERSION")),
             stage: self.node.name.clone(),
             kind: self.node.stage.kind().to_owned(),
             version: self.node.stage.version().to_string(),
             key: self.key.to_string(),
-            device: device.to_owned(),
+            device: self.kind.to_owned(),
             params: self.node.params.clone(),
             inputs: self.inputs.iter().map(|(name, (_, digest))| (name.clone(), digest.to_string())).collect(),
         }
     }
 }
 
-static CPU: Device = Device::cpu();
+/// What computes where no GPU is chosen.
+pub static CPU: Device = Device::cpu();
 
 /// Where a stage computes, if the user chose `chosen`.
 pub fn device_of<'d>(stage: &dyn Stage, chosen: &'d Device) -> &'d Device {
@@ -163,6 +149,7 @@ pub fn device_of<'d>(stage: &dyn Stage, chosen: &'d Device) -> &'d Device {
 fn failure(error: StageError, outputs: &Path) -> Failure {
     match error {
         StageError::Cancelled => Failure::Stopped,
+        StageError::Device(fault) => Failure::Device(fault),
         StageError::Artifact(SchemaError::Io { path, source }) if path.starts_with(outputs) => {
             Failure::Store(StoreError::io("write", &path, source))
         }

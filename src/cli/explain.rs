@@ -63,7 +63,7 @@ fn account<'a>(
 ) -> Result<Option<Account<'a>>, Error> {
     let name = &context.graph.nodes[at].name;
     let Some(forecast) = forecasts.get(&at) else { return Ok(None) };
-    let now = forecast.assessment().map(|now| (now.key, context.manifest(at, &now.inputs)));
+    let now = forecast.assessment().map(|now| (now.key, context.manifest_of(at, &now.inputs, &now.key)));
     let past = match &now {
         Some((key, manifest)) => context.history.nearest_other(name, key, manifest)?,
         None => None,
@@ -95,7 +95,8 @@ fn first_cause(
     for (&at, forecast) in forecasts {
         let name = &context.graph.nodes[at].name;
         let (Some(now), Some(past)) = (forecast.assessment(), context.history.at(started, name)?) else { continue };
-        let mut changes = diff(&past.manifest, &context.manifest(at, &now.inputs), &BTreeSet::new());
+        let manifest = context.manifest_of(at, &now.inputs, &now.key);
+        let mut changes = diff(&past.manifest, &manifest, &BTreeSet::new());
         changes.retain(|change| change.input().is_none());
         if !changes.is_empty() {
             return Ok(Some((name.clone(), changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))));

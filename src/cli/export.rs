@@ -81,6 +81,7 @@ fn command(pipeline: &Path, changes: &Changes) -> Vec<String> {
     changes.salt.iter().for_each(|salt| option("salt", salt));
     changes.remote.iter().for_each(|remote| option("remote", remote));
     option("device", &changes.device);
+    changes.fallback.iter().for_each(|fallback| option("fallback", fallback));
     option("store", &changes.folders.store.display().to_string());
     option("out", &changes.folders.out.display().to_string());
     words

@@ -27,6 +27,10 @@ pub struct Changes {
     /// Where to compute: auto, cpu, gpu or gpu:N
     #[arg(long, default_value = "auto")]
     pub device: String,
+    /// Where a stage goes on whose GPU fails or is too small, from its last checkpoint, under a key of its own: cpu;
+    /// results that came about so count then. By default such a stage fails
+    #[arg(long, value_name = "DEVICE", value_parser = ["cpu"])]
+    pub fallback: Option<String>,
     /// A store that others share: s3://, gs://, az:// or file://; results are read from it, and new ones written to it
     #[arg(long, value_name = "URL")]
     pub remote: Option<String>,

@@ -52,9 +52,6 @@ pub struct Run {
     /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every step
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
     checkpoint_every: Duration,
-    /// Where a stage goes on whose GPU fails or is too small, from its last checkpoint; by default it fails
-    #[arg(long, value_name = "DEVICE", value_parser = ["cpu"])]
-    fallback: Option<String>,
     /// No bars: one line for each thing that happens
     #[arg(long)]
     no_progress: bool,
@@ -134,9 +131,8 @@ impl Run {
         let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
         let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
-        let (fallback, budget) = (self.fallback.is_some(), self.budget(&pool, device));
-        let cancelled = &cancelled;
-        let scheduler = Scheduler { context, pool: &pool, device, fallback, view, cancelled, checkpoint_every, budget };
+        let (budget, cancelled) = (self.budget(&pool, device), &cancelled);
+        let scheduler = Scheduler { context, pool: &pool, device, view, cancelled, checkpoint_every, budget };
         Ok(scheduler.run(progress.as_mut())?)
     }
 

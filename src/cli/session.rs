@@ -24,6 +24,8 @@ pub struct Session {
     pub graph: Graph,
     /// Where to compute.
     pub device: Device,
+    /// What results are called that were begun on the device and went on on the CPU, if such count.
+    fallback: Option<String>,
     salt: Option<String>,
     forced: BTreeSet<usize>,
     needed: BTreeSet<usize>,
@@ -52,7 +54,9 @@ impl Session {
         let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
         let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
-        Ok(Self { graph, device, salt: changes.salt.clone(), forced, needed, sources, remote, store })
+        let (salt, fallback) = (changes.salt.clone(), changes.fallback.as_ref().filter(|_| device.is_gpu()));
+        let fallback = fallback.map(|fallback| format!("{}, then {fallback}", device.kind()));
+        Ok(Self { graph, device, fallback, salt, forced, needed, sources, remote, store })
     }
 
     /// The context for planning and running.
@@ -63,6 +67,7 @@ impl Session {
             store,
             remote: self.remote.as_ref(),
             device: self.device.kind(),
+            fallback: self.fallback.as_deref(),
             salt: self.salt.as_deref(),
             forced: self.forced.clone(),
             needed: self.needed.clone(),

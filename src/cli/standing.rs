@@ -34,7 +34,7 @@ pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> 
         .iter()
         .map(|path| std::path::absolute(path).ok())
         .collect::<Option<_>>()?;
-    let words = (&changes.set, &changes.salt, &choice.target, device.kind());
+    let words = (&changes.set, &changes.salt, &choice.target, device.kind(), &changes.fallback);
     let parts = (Signature::at(&program)?, text.as_bytes(), places, words);
     Some(blake3::hash(&serde_json::to_vec(&parts).ok()?).into())
 }

@@ -39,6 +39,8 @@ pub struct Queued {
     pub reason: Reason,
     /// What it will take.
     pub estimate: Estimate,
+    /// The key under which it was begun on a GPU that failed, if it goes on on the CPU.
+    pub begun_as: Option<Digest>,
 }
 
 /// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `queued`, `elsewhere`,

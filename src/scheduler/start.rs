@@ -6,6 +6,7 @@ use std::thread::Scope;
 use std::time::Instant;
 
 use artifacts_schema::Digest;
+use compute::GpuError;
 use stages::Estimate;
 
 use super::board::{Board, Queued};
@@ -17,7 +18,7 @@ use crate::progress::Event;
 use crate::store::error::StoreError;
 use crate::store::result::{Lookup, Record};
 use crate::store::work::Work;
-use crate::task::{Task, device_of};
+use crate::task::{CPU, Task, device_of};
 
 impl Scheduler<'_> {
     /// Begins a stage, unless another process has it.
@@ -30,6 +31,7 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
     ) -> Result<(), StoreError> {
         let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else { return Ok(()) };
+        queued.begun_as.iter().for_each(|begun| work.take_over(begun));
         self.context.store.put_manifest(&queued.key, &queued.manifest)?;
         let task = self.task(at, &queued, work, &board.outcome.records)?;
         if let Some(text) = self.budget.complaint(&queued.estimate) {
@@ -103,9 +105,24 @@ impl Scheduler<'_> {
         let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
         // Who forces a stage wants all of it computed.
         let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
-        let (key, &Self { cancelled, checkpoint_every, fallback, .. }) = (queued.key, self);
+        let (key, &Self { cancelled, checkpoint_every, .. }) = (queued.key, self);
         let device = device_of(&*node.stage, self.device);
-        Ok(Task { node, key, work, inputs, device, fallback, cancelled, extension, earlier, checkpoint_every, replace })
+        let (device, kind) = match (queued.begun_as, self.context.fallback) {
+            (Some(_), Some(kind)) => (&CPU, kind),
+            _ => (device, device.kind()),
+        };
+        Ok(Task { node, key, work, inputs, device, kind, cancelled, extension, earlier, checkpoint_every, replace })
+    }
+
+    /// The rest of a stage whose GPU has failed, for the CPU, under a key of its own; `None` if the user does not want that.
+    pub(super) fn fall_back(&self, board: &mut Board, at: usize, ended: &Queued, fault: &GpuError) -> Option<Queued> {
+        let inputs = self.inputs(at, &board.outcome.records);
+        let manifest = self.context.fallen_manifest(at, &inputs)?;
+        let text = format!("{fault}; going on on the CPU, from the last checkpoint if there is one");
+        board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+        let estimate = Estimate { device: false, ..self.estimate(at, &board.outcome.records) };
+        let (key, reason) = (manifest.key(), ended.reason.clone());
+        Some(Queued { key, manifest, reason, estimate, begun_as: Some(ended.key) })
     }
 
     /// The life of a stage's thread. Nobody listens any more only when the run is over.

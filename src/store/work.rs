@@ -68,6 +68,16 @@ impl Work<'_> {
         self.folder.join("scratch")
     }
 
+    /// Goes on from the checkpoint that a stage left under another key, unless it has one of its own. Where it cannot be
+    /// had, the stage begins with its first step.
+    pub fn take_over(&self, other: &Digest) {
+        let scratch = self.store.root.join("work").join(other.to_string()).join("scratch");
+        let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
+        if !to.exists() {
+            let _ = fs::copy(from, to);
+        }
+    }
+
     /// Whether another process has taken the key over, so that nothing done here counts.
     pub fn is_lost(&self) -> bool {
         self.lease.is_lost()
