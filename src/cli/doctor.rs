@@ -9,6 +9,7 @@ use compute::{Array, Device, GpuError, Rng, attention};
 use serde_json::{Value, json};
 
 use super::output::{print, print_json, size};
+use super::tuning;
 use crate::error::Error;
 
 /// The most that the self-test may be off, of the largest number of a result.
@@ -22,6 +23,8 @@ pub struct Doctor {}
 struct Test {
     /// The operator, and how far it is off, of the largest number of its result.
     errors: Vec<(&'static str, f32)>,
+    /// The tiles in which it computes matrix products: a line for each kind of them.
+    tiles: String,
 }
 
 impl Doctor {
@@ -83,7 +86,8 @@ fn tell(report: &Report, test: &Result<Test, GpuError>) {
         print(&format_args!("         {what}: {value}"));
     }
     for (what, has) in &report.features {
-        print(&format_args!("         {what}: {}", if *has { "yes, not used" } else { "no" }));
+        let used = if *what == compute::device::HALVES { "yes" } else { "yes, not used" };
+        print(&format_args!("         {what}: {}", if *has { used } else { "no" }));
     }
     match test {
         Err(error) => print(&format_args!("         self-test: {error}")),
@@ -91,6 +95,7 @@ fn tell(report: &Report, test: &Result<Test, GpuError>) {
             let verdict = if test.passes() { "passed" } else { "FAILED" };
             let errors: Vec<_> = test.errors.iter().map(|(name, error)| format!("{name} {error:.0e}")).collect();
             print(&format_args!("         self-test {verdict}; off by: {}", errors.join(", ")));
+            print(&format_args!("         tiles of products: {}", test.tiles.trim_end().replace('\n', "; ")));
         }
     }
 }
@@ -107,10 +112,11 @@ fn as_json(report: &Report, test: &Result<Test, GpuError>) -> Value {
         }
         Err(error) => (false, None::<Vec<Value>>, Some(error.to_string())),
     };
+    let tiles: Option<Vec<&str>> = test.as_ref().ok().map(|test| test.tiles.lines().collect());
     json!({
         "name": report.name, "device": format!("gpu:{}", report.index), "hardware": report.hardware,
         "backend": report.backend, "driver": report.driver, "limits": limits, "features": features,
-        "unfit": report.unfit, "self_test": { "passed": passed, "errors": errors, "fault": fault },
+        "unfit": report.unfit, "tiles": tiles, "self_test": { "passed": passed, "errors": errors, "fault": fault },
     })
 }
 
@@ -123,9 +129,10 @@ impl Test {
 /// Computes the same on an adapter and on the CPU.
 fn test(index: usize) -> Result<Test, GpuError> {
     let gpu = Device::gpu(Some(index))?;
+    tuning::apply(&gpu);
     let (here, there) = (results(&Device::cpu()), attempt(|| results(&gpu))?);
     let errors = here.into_iter().zip(there).map(|((name, here), (_, there))| (name, distance(&here, &there)));
-    Ok(Test { errors: errors.collect() })
+    Ok(Test { errors: errors.collect(), tiles: gpu.tuning().unwrap_or_default() })
 }
 
 /// One operator of each family, on numbers of its own generator, and a small field.

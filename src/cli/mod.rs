@@ -23,6 +23,7 @@ mod run;
 mod session;
 mod standing;
 mod store;
+mod tuning;
 mod verify;
 mod whence;
 

@@ -11,8 +11,8 @@ use diffusion::call::{Asked, Call, Outputs, Part, to_safetensors};
 use diffusion::{ModelSource, TensorFile};
 use serde_json::json;
 
-use super::device;
 use super::output::{print, print_json, size};
+use super::{device, tuning};
 use crate::error::Error;
 
 /// Options of `model run`.
@@ -114,6 +114,7 @@ impl Run {
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
         let pool = pool.map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
+        tuning::apply(&device);
         let computed = pool.install(|| attempt(|| self.compute(&device)));
         let answer = computed.map_err(|fault| Error::Failed(fault.to_string()))??;
         write(&self.output, &answer.bytes)?;

@@ -16,7 +16,7 @@ use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
 use super::output::{print, tell};
 use super::session::Session;
-use super::{device, standing};
+use super::{device, standing, tuning};
 use crate::error::Error;
 use crate::plan::Context;
 use crate::progress::{self, Event, Verbosity, duration};
@@ -129,6 +129,7 @@ impl Run {
 
     fn compute(&self, context: &Context, session: &Session, view: &View, json: bool) -> Result<Outcome, Error> {
         let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
+        tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
         let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
         let (budget, cancelled) = (self.budget(&pool, device), &cancelled);

@@ -17,6 +17,7 @@ use super::options::{Changes, Choice};
 use super::output::{print, print_json, table};
 use super::run::{stop_on_signals, thread_pool};
 use super::session::Session;
+use super::tuning;
 use crate::compare::{self, Comparison};
 use crate::error::Error;
 use crate::plan::{Context, Forecast};
@@ -82,6 +83,7 @@ impl Verify {
         json: bool,
     ) -> Result<Vec<Verdict>, Error> {
         let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
+        tuning::apply(&session.device);
         let quiet = if json { Verbosity::Quiet } else { Verbosity::Normal };
         let progress = Mutex::new(progress::choose(false, quiet, true));
         let tell = |event: &Event| {

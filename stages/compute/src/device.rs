@@ -6,8 +6,9 @@ use crate::array::Array;
 use crate::cpu;
 use crate::gpu;
 use crate::gpu::context::Gpu;
+use crate::gpu::tuning::Tuning;
 
-pub use crate::gpu::adapter::Report;
+pub use crate::gpu::adapter::{HALVES, Report};
 pub use crate::gpu::counts::Counts;
 pub use crate::gpu::error::GpuError;
 pub use crate::gpu::fault::attempt;
@@ -49,12 +50,12 @@ impl Device {
     /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU in
     /// use, such as full memory, unwinds to the nearest [`attempt`].
     pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
-        Device::gpu_seeing(index, u64::MAX)
+        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, None)?)) })
     }
 
-    /// The same, where kernels see no more than `window` bytes of an array at once.
-    pub(crate) fn gpu_seeing(index: Option<usize>, window: u64) -> Result<Device, GpuError> {
-        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, window)?)) })
+    /// The same, as if the adapter were a weak one ([`Gpu::open`]).
+    pub(crate) fn weak_gpu(index: Option<usize>, window: u64) -> Result<Device, GpuError> {
+        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, Some(window))?)) })
     }
 
     /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no such
@@ -78,6 +79,28 @@ impl Device {
             Backend::Cpu => "cpu",
             Backend::Gpu(gpu) => gpu.kind(),
         }
+    }
+
+    /// Whether this is a GPU of hardware.
+    pub fn is_hardware(&self) -> bool {
+        self.open_gpu().is_some_and(|gpu| gpu.is_hardware())
+    }
+
+    /// In which tiles a GPU computes matrix products, as text.
+    pub fn tuning(&self) -> Option<String> {
+        Some(self.open_gpu()?.tuning().to_string())
+    }
+
+    /// Takes the tiles that [`Device::tuning`] told of, on the same adapter. Whether the text was one.
+    pub fn tune(&self, text: &str) -> bool {
+        let found = self.open_gpu().zip(Tuning::read(text));
+        found.inspect(|(gpu, tuning)| gpu.tune(*tuning)).is_some()
+    }
+
+    /// Tries which tiles are the fastest, in a second or so on hardware, and takes them. No result depends on it.
+    pub fn measure(&self) -> Result<(), GpuError> {
+        let Some(gpu) = self.open_gpu() else { return Ok(()) };
+        attempt(|| gpu.tune(Tuning::measure(gpu, 1)))
     }
 
     /// Whether this is a GPU, be it of software.

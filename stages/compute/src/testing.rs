@@ -9,9 +9,10 @@ pub fn gpu() -> Option<Device> {
     or_skip(Device::gpu(Some(0)))
 }
 
-/// The same, as an adapter of which kernels see no more than `window` bytes of an array at once.
-pub fn gpu_seeing(window: u64) -> Option<Device> {
-    or_skip(Device::gpu_seeing(Some(0), window))
+/// The same as a weak adapter, whose kernels see no more than `window` bytes of an array at once and name no numbers of 16
+/// bits.
+pub fn weak_gpu(window: u64) -> Option<Device> {
+    or_skip(Device::weak_gpu(Some(0), window))
 }
 
 /// Takes a GPU away, as the reset of its driver does.

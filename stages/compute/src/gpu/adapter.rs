@@ -9,6 +9,9 @@ pub const WORKGROUP_SIZE: u32 = 256;
 /// Arrays that one of our kernels sees.
 pub const BINDINGS: u32 = 8;
 
+/// What [`Report::features`] calls kernels that can name numbers of 16 bits: it is the one feature that they use.
+pub const HALVES: &str = "16-bit floats in kernels";
+
 /// What `doctor` says of one adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Report {
@@ -98,7 +101,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> Report {
             ("arrays that a kernel sees", limits.max_storage_buffers_per_shader_stage.into()),
         ],
         features: vec![
-            ("16-bit floats in kernels", features.contains(wgpu::Features::SHADER_F16)),
+            (HALVES, features.contains(wgpu::Features::SHADER_F16)),
             ("subgroups", features.contains(wgpu::Features::SUBGROUP)),
             ("cooperative matrices", features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX)),
             ("timestamps", features.contains(wgpu::Features::TIMESTAMP_QUERY)),

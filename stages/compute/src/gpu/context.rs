@@ -12,6 +12,7 @@ use super::fault::{Fault, full, lock, too_large, watch};
 use super::kernel::{Kernel, Kernels, Pieces, Pipeline};
 use super::pool::{Buffer, Pool, Writer};
 use super::recorder::{Piece, Recorder};
+use super::tuning::Tuning;
 
 /// The most workgroups along one axis.
 const GROUPS: u32 = 65_535;
@@ -25,12 +26,15 @@ pub struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
     kind: String,
+    hardware: bool,
+    halves: bool,
     /// The most bytes of one array.
     largest: u64,
     /// The most bytes of an array that a kernel sees at one binding.
     window: u64,
     /// The most bindings of a kernel.
     bindings: usize,
+    tuning: Mutex<Tuning>,
     /// The most bytes that all arrays may take together; only tests set any.
     memory: AtomicU64,
     pool: Arc<Pool>,
@@ -66,23 +70,30 @@ pub struct Requested {
 }
 
 impl Gpu {
-    /// Opens the adapter numbered `index`, or the first that is hardware. A kernel sees as many bytes of an array at once
-    /// as the adapter allows, or `window`, if that is less.
-    pub fn open(index: Option<usize>, window: u64) -> Result<Gpu, GpuError> {
+    /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it were a weak one, whose
+    /// kernels see so many bytes of an array at once, and name no numbers of 16 bits.
+    pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
-        let mut limits = adapter.limits();
-        limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.min(window);
-        let descriptor = wgpu::DeviceDescriptor { required_limits: limits.clone(), ..Default::default() };
+        let (mut limits, mut required_features) = (adapter.limits(), adapter.features() & wgpu::Features::SHADER_F16);
+        if let Some(window) = window {
+            limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.min(window);
+            required_features = wgpu::Features::empty();
+        }
+        let required_limits = limits.clone();
+        let descriptor = wgpu::DeviceDescriptor { required_features, required_limits, ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|error| GpuError::Unfit { adapter: report.name.clone(), reason: error.to_string() })?;
         let (fault, pool) = (Fault::default(), Arc::default());
         watch(&device, &fault, &pool);
         let work = Work { kernels: Kernels::default(), recorder: Recorder::new(&device), counts: Counts::default() };
         Ok(Gpu {
+            hardware: report.hardware,
+            halves: required_features.contains(wgpu::Features::SHADER_F16),
             kind: format!("gpu: {}, {} {}", report.name, report.backend, report.driver),
             largest: limits.max_buffer_size.min(LARGEST) / ALIGNED * ALIGNED,
             window: limits.max_storage_buffer_binding_size / ALIGNED * ALIGNED,
             bindings: limits.max_storage_buffers_per_shader_stage as usize,
+            tuning: Mutex::default(),
             memory: AtomicU64::new(u64::MAX),
             pool,
             work: Mutex::new(work),
@@ -95,6 +106,26 @@ impl Gpu {
     /// What results depend on: the adapter and its driver.
     pub fn kind(&self) -> &str {
         &self.kind
+    }
+
+    /// Whether it is hardware, not a program on the CPU.
+    pub fn is_hardware(&self) -> bool {
+        self.hardware
+    }
+
+    /// Whether kernels can name numbers of 16 bits.
+    pub fn has_halves(&self) -> bool {
+        self.halves
+    }
+
+    /// In which tiles products are computed.
+    pub fn tuning(&self) -> Tuning {
+        *lock(&self.tuning)
+    }
+
+    /// Takes other tiles from now on.
+    pub fn tune(&self, tuning: Tuning) {
+        *lock(&self.tuning) = tuning;
     }
 
     /// What was done so far.

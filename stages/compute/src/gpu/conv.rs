@@ -13,16 +13,20 @@ fn product<'a>(factors: &'static str, name: &'static str, a: Factor<'a>, b: Fact
 
 /// `x` convolved with `weight`, plus `bias`.
 pub fn forward(gpu: &Gpu, x: &Buffer, weight: Factor, bias: Option<&Buffer>, g: &Geometry) -> Buffer {
+    forward_product(x, weight, bias, g).run(gpu)
+}
+
+/// The product that this is.
+pub fn forward_product<'a>(x: &'a Buffer, weight: Factor<'a>, bias: Option<&'a Buffer>, g: &Geometry) -> Product<'a> {
     let (depth, pixels) = (g.channels * g.kernel[0] * g.kernel[1], g.out_height * g.out_width);
-    let product = Product {
+    Product {
         bias: bias.map(|bias| (bias, Along::Rows)),
         extents: [g.outputs, depth, g.batch * pixels],
         depth_first: [true, false],
         pixels,
         strides: [depth, 1, 0, 0],
         ..product(include_str!("wgsl/conv.wgsl"), "conv", weight, x.into(), g)
-    };
-    product.run(gpu)
+    }
 }
 
 /// The gradient to the input.

@@ -19,12 +19,14 @@ pub struct Kernel {
     pub head: String,
     /// How many arrays it reads and writes.
     pub arrays: [usize; 2],
+    /// Whether it names numbers of 16 bits, which not every adapter's kernels can.
+    pub halves: bool,
 }
 
 impl Kernel {
     /// A kernel without constants or functions of its own.
     pub fn new(name: &'static str, templates: &'static [&'static str], arrays: [usize; 2]) -> Kernel {
-        Kernel { name, templates, constants: Vec::new(), head: String::new(), arrays }
+        Kernel { name, templates, constants: Vec::new(), head: String::new(), arrays, halves: false }
     }
 
     /// The same with extents that are known when it is compiled.
@@ -42,7 +44,8 @@ impl Kernel {
         let constants: String =
             self.constants.iter().map(|(name, value)| format!("const {name} = {value}u;\n")).collect();
         let text = format!("{constants}{}\n{}", self.head, expand(&self.templates.join("\n"), &self.constants));
-        if pieces.are_whole() { Some(text) } else { split(&text, &pieces.counts, pieces.window) }
+        let text = if pieces.are_whole() { text } else { split(&text, &pieces.counts, pieces.window)? };
+        Some(if self.halves { format!("enable f16;\n{text}") } else { text })
     }
 
     /// How many pieces it reads and writes.

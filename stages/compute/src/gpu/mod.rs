@@ -25,3 +25,4 @@ pub mod resize;
 pub mod shape;
 mod split;
 mod template;
+pub mod tuning;

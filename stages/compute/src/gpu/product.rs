@@ -1,10 +1,13 @@
 //! Every matrix product: of linear layers, and of convolutions, whose column matrix is never formed. What differs is
 //! how the factors are read and in which tiles a product is cut.
 
+use std::fmt;
+
 use super::context::Gpu;
 use super::kernel::Kernel;
 use super::launch::{Each, one};
 use super::pool::Buffer;
+use super::tuning::Class;
 use crate::weight::Format;
 
 const PRODUCT: &str = include_str!("wgsl/product.wgsl");
@@ -65,22 +68,29 @@ pub enum Along {
 
 /// How a product is cut: rows, columns and depth of a tile, rows and columns of one invocation. All have 256
 /// invocations.
-#[derive(Clone, Copy, Debug)]
-struct Tile {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tile {
     rows: usize,
     columns: usize,
     depth: usize,
     per_invocation: [usize; 2],
 }
 
-const LARGE: Tile = Tile { rows: 128, columns: 128, depth: 8, per_invocation: [8, 8] };
-const SQUARE: Tile = Tile { rows: 64, columns: 64, depth: 16, per_invocation: [4, 4] };
+/// The tile that reads the factors the least often.
+pub const LARGE: Tile = Tile { rows: 128, columns: 128, depth: 8, per_invocation: [8, 8] };
+/// The tile that cuts a product into the most parts.
+pub const SQUARE: Tile = Tile { rows: 64, columns: 64, depth: 16, per_invocation: [4, 4] };
+const HIGH: Tile = Tile { rows: 128, columns: 64, depth: 16, per_invocation: [8, 4] };
+const BROAD: Tile = Tile { rows: 64, columns: 128, depth: 16, per_invocation: [4, 8] };
+/// What an adapter's tuning chooses from.
+pub const TILES: [Tile; 4] = [SQUARE, HIGH, BROAD, LARGE];
 const TALL: Tile = Tile { rows: 256, columns: 16, depth: 16, per_invocation: [4, 4] };
 const WIDE: Tile = Tile { rows: 16, columns: 256, depth: 16, per_invocation: [4, 4] };
 
 impl Tile {
-    /// The largest tile that leaves enough of them; long ones where one extent is short.
-    fn choose(rows: usize, columns: usize) -> Tile {
+    /// The largest tile that leaves enough of them; long ones where one extent is short. It says how the depth is cut,
+    /// whichever tile an adapter is faster with: so that all give the same bits.
+    fn usual(rows: usize, columns: usize) -> Tile {
         let large = rows.div_ceil(LARGE.rows) * columns.div_ceil(LARGE.columns);
         match (rows, columns) {
             (_, ..=16) if rows > 16 => TALL,
@@ -88,6 +98,11 @@ impl Tile {
             _ if large >= ENOUGH_TILES && rows > 64 && columns > 64 => LARGE,
             _ => SQUARE,
         }
+    }
+
+    /// How many of them a product has, by column and by row.
+    fn count(self, rows: usize, columns: usize) -> [usize; 2] {
+        [columns.div_ceil(self.columns), rows.div_ceil(self.rows)]
     }
 
     fn constants(self) -> Vec<(&'static str, u32)> {
@@ -107,6 +122,12 @@ impl Tile {
             ("B_TILE", self.depth * pitches[1]),
         ];
         named.map(|(name, value)| (name, value as u32)).to_vec()
+    }
+}
+
+impl fmt::Display for Tile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.rows, self.columns)
     }
 }
 
@@ -130,23 +151,32 @@ impl<'a> Product<'a> {
 
     /// Computes it: `[rows, columns]`, or `[images, rows, pixels]`.
     pub fn run(&self, gpu: &Gpu) -> Buffer {
+        let [rows, _, columns] = self.extents;
+        let usual = Tile::usual(rows, columns);
+        let is_thin = usual == TALL || usual == WIDE;
+        let class = Class::of(self.image[0] == 0, usual == LARGE);
+        self.run_in(gpu, if is_thin { usual } else { gpu.tuning().tile(class) })
+    }
+
+    /// Computes it in tiles of one's choice.
+    pub fn run_in(&self, gpu: &Gpu, tile: Tile) -> Buffer {
         let [rows, depth, columns] = self.extents;
-        let tile = Tile::choose(rows, columns);
-        let tiles = [columns.div_ceil(tile.columns), rows.div_ceil(tile.rows)];
-        let parts = (depth / LEAST_DEPTH).min(ENOUGH_TILES / (tiles[0] * tiles[1]).max(1)).clamp(1, 32);
-        let chunk = depth.div_ceil(parts).next_multiple_of(tile.depth);
+        let (usual, tiles) = (Tile::usual(rows, columns), tile.count(rows, columns));
+        let enough = usual.count(rows, columns).iter().product::<usize>();
+        let parts = (depth / LEAST_DEPTH).min(ENOUGH_TILES / enough.max(1)).clamp(1, 32);
+        let chunk = depth.div_ceil(parts).next_multiple_of(usual.depth);
         let parts = depth.div_ceil(chunk).max(1);
         let bias = self.bias.filter(|_| parts == 1);
         let reads: Vec<&Buffer> =
             [self.a.numbers, self.b.numbers].into_iter().chain(bias.map(|(bias, _)| bias)).collect();
         let groups = [tiles[0] as u32, tiles[1] as u32, parts as u32];
         let (len, operations) = (rows * columns, 2 * (rows * depth * columns) as u64);
-        let kernel = self.kernel(tile, bias.is_some());
+        let kernel = self.kernel(tile, bias.is_some(), gpu.has_halves());
         let out = one(gpu, &kernel, &reads, parts * len, &self.words(chunk), groups, operations);
         if parts == 1 { out } else { self.join(gpu, &out, parts, len) }
     }
 
-    fn kernel(&self, tile: Tile, bias: bool) -> Kernel {
+    fn kernel(&self, tile: Tile, bias: bool, halves: bool) -> Kernel {
         let mut constants = tile.constants();
         let [kh, kw] = self.kernel.map(|extent| extent as u32);
         let [a, b] = self.depth_first.map(u32::from);
@@ -154,8 +184,12 @@ impl<'a> Product<'a> {
         constants.extend([("KH", kh), ("KW", kw), ("A_DEPTH_FIRST", a), ("B_MOVES", b), ("B_STAYS", 1 - b)]);
         constants.push(("OUT", out));
         let start = if bias { BIASED } else { "fn start(i: u32) -> f32 {\n    return 0.0;\n}\n" };
-        let head = [reader("a", 1, self.a.format), reader("b", 2, self.b.format), start.into(), self.factors.into()];
-        Kernel::new(self.name, &[PRODUCT], [2 + usize::from(bias), 1]).with(&constants).having(head.concat())
+        let [a, b] = [("a", 1, self.a.format), ("b", 2, self.b.format)].map(|(name, at, format)| {
+            if halves && format == Format::F16 { half_reader(name, at) } else { reader(name, at, format) }
+        });
+        let halves = halves && [self.a.format, self.b.format].contains(&Format::F16);
+        let kernel = Kernel::new(self.name, &[PRODUCT], [2 + usize::from(bias), 1]).with(&constants);
+        Kernel { halves, ..kernel.having([a, b, start.into(), self.factors.into()].concat()) }
     }
 
     /// How outputs find their bias: the number `(i / inner) % count`.
@@ -208,6 +242,14 @@ fn reader(name: &str, binding: u32, format: Format) -> String {
     };
     format!(
         "@group(0) @binding({binding}) var<storage, read> {name}: array<{element}>;\n\
-         fn {name}_at(i: u32) -> f32 {{\n    {value}\n}}\n"
+         fn {name}_at(i: u32) -> f32 {{\n    {value}\n}}\nalias quad_{name} = vec4f;\n"
+    )
+}
+
+/// The same of halves, by kernels that can name them: they stay halves in the memory that a workgroup shares.
+fn half_reader(name: &str, binding: u32) -> String {
+    format!(
+        "@group(0) @binding({binding}) var<storage, read> {name}: array<f16>;\n\
+         fn {name}_at(i: u32) -> f32 {{\n    return f32({name}[i]);\n}}\nalias quad_{name} = vec4<f16>;\n"
     )
 }

@@ -159,7 +159,8 @@ fn usage<'t>(before: &mut String, after: &'t str) -> (Use, Option<&'t str>, &'t 
         before.truncate(start);
         return (Use::Call(function), None, after);
     }
-    let end = if after.starts_with('.') { 1 + after[1..].find(|c| !is_name(c)).unwrap_or(0) } else { 0 };
+    let part = |name: &str| 1 + name.find(|c| !is_name(c)).unwrap_or(name.len());
+    let end = after.strip_prefix('.').map_or(0, part);
     match after[end..].strip_prefix(" = ").and_then(|value| Some((value, value.find(';')?))) {
         Some((value, len)) => (Use::Put(after[..end].to_owned()), Some(&value[..len]), &value[len..]),
         None => (Use::Get, None, after),

@@ -1,6 +1,6 @@
 //! Arrays longer than a kernel may see at once: every operator gives the bits that it gives where a kernel sees them whole.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use compute::activation::{geglu, geglu_backward, gelu, silu_backward};
 use compute::adam::{Adam, AdamState, update};
@@ -12,7 +12,7 @@ use compute::linear::{linear, linear_backward_input, linear_backward_weight};
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
 use compute::resize::{Filter, resize, resize_backward};
 use compute::shape::{concat, gather_rows, nchw_to_tokens, pad_reflect, slice, upsample_nearest};
-use compute::{Array, Device, GpuError, reduce, testing};
+use compute::{Array, Device, Format, GpuError, Weight, reduce, testing};
 
 use crate::common::{gpu, pattern, to};
 
@@ -21,7 +21,7 @@ const WINDOW: u64 = 1 << 14;
 
 /// A GPU whose kernels see 4096 numbers of an array at once.
 fn narrow() -> Option<&'static Device> {
-    static NARROW: LazyLock<Option<Device>> = LazyLock::new(|| testing::gpu_seeing(WINDOW));
+    static NARROW: LazyLock<Option<Device>> = LazyLock::new(|| testing::weak_gpu(WINDOW));
     NARROW.as_ref()
 }
 
@@ -59,6 +59,20 @@ fn products() {
             conv2d_backward_weight(&x[0], &x[3], conv, [3, 3]),
         ]
     });
+}
+
+#[test]
+fn halves_that_a_kernel_names_and_halves_that_it_widens_from_words() {
+    let (Some(wide), Some(narrow)) = (gpu(), narrow()) else { return };
+    let values = pattern(2, &[130, 70]).to_vec();
+    let bytes: Vec<u8> = values.iter().flat_map(|&v| half::f16::from_f32(v).to_le_bytes()).collect();
+    let (x, dy) = (pattern(1, &[65, 70]), pattern(3, &[65, 130]));
+    let [expected, got] = [wide, narrow].map(|device| {
+        let range = 0..bytes.len();
+        let weight = Weight::from_bytes(device, &[130, 70], Format::F16, Arc::new(bytes.clone()), range);
+        [linear(&to(device, &x), &weight, None), linear_backward_input(&to(device, &dy), &weight)].map(|y| y.to_vec())
+    });
+    assert_eq!(got, expected);
 }
 
 #[test]
@@ -130,7 +144,7 @@ fn moves_and_resizes() {
 
 #[test]
 fn more_pieces_than_a_kernel_has_bindings_are_an_error_that_says_what_to_lower() {
-    let Some(device) = testing::gpu_seeing(1 << 8) else { return };
+    let Some(device) = testing::weak_gpu(1 << 8) else { return };
     let fault = attempt(|| device.full(&[1 << 22], 1.0)).unwrap_err();
     assert!(matches!(fault, GpuError::TooLarge { .. }) && fault.to_string().contains("lower the crop"), "{fault}");
     assert_eq!(attempt(|| device.full(&[100], 2.0).to_vec()), Ok(vec![2.0; 100]), "the device goes on");

@@ -1,7 +1,7 @@
 //! On a GPU beside the CPU, on whatever adapter comes first: one of software does. Where there is none the tests pass
 //! with a message, unless `SRNERF_REQUIRE_GPU` is set, as `make test` does.
 
-use compute::testing::{gpu, gpu_seeing};
+use compute::testing::{gpu, weak_gpu};
 use compute::{Counts, Device};
 use nerf::{Field, FieldConfig, RenderOptions, Renderer, Tensors, TrainOptions, TrainView, Training};
 
@@ -88,7 +88,7 @@ fn two_runs_and_one_that_goes_on_from_a_state_give_the_same_bits() {
 fn a_gpu_that_sees_little_of_an_array_at_once_learns_the_same_bits() {
     let Some(wide) = gpu() else { return };
     // Its gradient takes 4 MiB, and the parts of that to the weights more than twice as much.
-    let Some(narrow) = gpu_seeing(1 << 20) else { return };
+    let Some(narrow) = weak_gpu(1 << 20) else { return };
     let learnt = [wide, narrow].map(|device| {
         let (config, views, options) = little();
         let config = FieldConfig { log2_table: 16, base_resolution: 40, ..config };

@@ -30,8 +30,8 @@ struct Params {
 @group(0) @binding(${OUT}) var<storage, read_write> out: array<f32>;
 
 // Rows of vectors with one left free, so that neither writing nor reading meets one bank of memory only.
-var<workgroup> tile_a: array<vec4f, ${A_TILE}>;
-var<workgroup> tile_b: array<vec4f, ${B_TILE}>;
+var<workgroup> tile_a: array<quad_a, ${A_TILE}>;
+var<workgroup> tile_b: array<quad_b, ${B_TILE}>;
 
 fn guarded_a(row: u32, k: u32, end: u32) -> f32 {
     if (row < p.rows && k < end) {
@@ -90,12 +90,12 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
             let k = select(e / (TM / 4u), e % TK, A_DEPTH_FIRST == 1u);
             let quad = select(e % (TM / 4u), e / TK, A_DEPTH_FIRST == 1u);
             let row = group.y * TM + quad * 4u;
-            tile_a[k * A_PITCH + quad] = vec4f(
+            tile_a[k * A_PITCH + quad] = quad_a(vec4f(
                 guarded_a(row, k0 + k, end),
                 guarded_a(row + 1u, k0 + k, end),
                 guarded_a(row + 2u, k0 + k, end),
                 guarded_a(row + 3u, k0 + k, end),
-            );
+            ));
         }
         for (var e = t; e < TK * TN / 4u; e += 256u) {
 #for once ${B_STAYS}
@@ -108,20 +108,20 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
             let column = group.x * TN + quad * 4u;
 #use places
 #end
-            tile_b[k * B_PITCH + quad] = vec4f(
+            tile_b[k * B_PITCH + quad] = quad_b(vec4f(
                 guarded_b(k0 + k, end, column, place0),
                 guarded_b(k0 + k, end, column + 1u, place1),
                 guarded_b(k0 + k, end, column + 2u, place2),
                 guarded_b(k0 + k, end, column + 3u, place3),
-            );
+            ));
         }
         workgroupBarrier();
         for (var k = 0u; k < TK; k++) {
 #for j ${QN}
-            let b${j} = tile_b[k * B_PITCH + tx + ${j}u * (TN / RN)];
+            let b${j} = vec4f(tile_b[k * B_PITCH + tx + ${j}u * (TN / RN)]);
 #end
 #for i ${QM}
-            let a${i} = tile_a[k * A_PITCH + ty + ${i}u * (TM / RM)];
+            let a${i} = vec4f(tile_a[k * A_PITCH + ty + ${i}u * (TM / RM)]);
 #for c 4
 #for j ${QN}
             c${i}_${c}_${j} = fma(vec4f(a${i}[${c}]), b${j}, c${i}_${c}_${j});
