@@ -96,6 +96,7 @@ impl Origin {
         if let Some(told) = &self.told {
             row("stage", format!("{}: {} version {}, by {}", told.stage, told.kind, told.version, told.program));
             row("key", told.key.clone());
+            row("device", told.device.clone());
             let from: BTreeMap<_, _> = self.inputs().collect();
             for (name, digest) in &told.inputs {
                 let from = from.get(name.as_str()).map(|from| format!(" ({from})")).unwrap_or_default();

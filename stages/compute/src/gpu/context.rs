@@ -258,7 +258,8 @@ impl Gpu {
         let counts = Pieces { counts, window: self.window };
         let pipeline = if pieces > self.bindings { None } else { kernels.get(&self.device, job.kernel, &counts) };
         pipeline.unwrap_or_else(|| {
-            too_large(job.arrays.iter().map(|array| array.bytes()).sum(), self.window * self.bindings as u64)
+            let asked: u64 = job.arrays.iter().map(|array| array.bytes()).sum();
+            too_large(asked, self.window.saturating_mul(self.bindings as u64))
         })
     }
 
