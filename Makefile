@@ -39,11 +39,11 @@ test-tools: setup
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 
 # The kernels of operators, networks and field under Khronos' validation layer, whose findings are failures.
-VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation SRNERF_REQUIRE_GPU=1 $(CARGO) test --release
+VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --workspace
 .PHONY: test-validation
 test-validation: setup vulkan
 	@ls /usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json >/dev/null 2>&1 || $(MAKE) --no-print-directory install PACKAGE=vulkan-validationlayers FOR="Khronos' validation layer"
-	{ $(VALIDATED) --package compute --test gpu -- --nocapture && $(VALIDATED) --package diffusion --package nerf gpu -- --nocapture; } \
+	{ $(VALIDATED) --test gpu -- --nocapture && $(VALIDATED) --lib --test networks --test spheres gpu -- --nocapture; } \
 		> $(TARGET)/validation.log 2>&1 || { cat $(TARGET)/validation.log; exit 1; }
 	@! grep -E 'VUID|Validation (Error|Warning)' $(TARGET)/validation.log
 
@@ -75,7 +75,7 @@ bench: setup
 # `srnerf-dag doctor` gives, PEAK its GFLOP/s and GB/s.
 .PHONY: bench-gpu
 bench-gpu: setup
-	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --package compute --package nerf --bench gpu
+	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --workspace --bench gpu
 
 clean:
 	$(CARGO) clean

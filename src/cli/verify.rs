@@ -61,7 +61,8 @@ impl Verify {
         let choice = Choice { target: self.stage.iter().cloned().collect(), force: Vec::new() };
         let session = Session::new(&self.pipeline, &self.changes, &choice)?;
         let store = Store::open(&self.changes.folders.store)?;
-        let context = session.context(&store);
+        // What was begun on one device and ended on another, nobody can compute again.
+        let context = Context { fallback: None, ..session.context(&store) };
         let wanted = match &self.stage {
             Some(name) => session.graph.find(name)?,
             None => context.needed.clone(),
