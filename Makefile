@@ -39,12 +39,14 @@ test-tools: setup
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 
 # The kernels of operators, networks and field under Khronos' validation layer, whose findings are failures.
-VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --workspace
+VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_LAYER_SETTINGS_PATH='$(CURDIR)/stages/compute/tests/gpu' \
+	SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --workspace
 .PHONY: test-validation
 test-validation: setup vulkan
 	@ls /usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json >/dev/null 2>&1 || $(MAKE) --no-print-directory install PACKAGE=vulkan-validationlayers FOR="Khronos' validation layer"
 	{ $(VALIDATED) --test gpu -- --nocapture && $(VALIDATED) --lib --test networks --test spheres gpu -- --nocapture; } \
 		> $(TARGET)/validation.log 2>&1 || { cat $(TARGET)/validation.log; exit 1; }
+	@grep -q 'Validation Information' $(TARGET)/validation.log || { echo 'the validation layer did not say a word' >&2; exit 1; }
 	@! grep -E 'VUID|Validation (Error|Warning)' $(TARGET)/validation.log
 
 # The exported scripts on a Slurm of one node, from Debian's packages, on loopback. Needs root, and leaves nothing running.
