@@ -1,7 +1,7 @@
 //! `Fit`: a radiance field from posed photos. Knows nothing of diffusion.
 
 use artifacts_schema::{ArtifactKind, ImageSet};
-use nerf::{Field, FieldConfig, TrainOptions};
+use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -25,6 +25,8 @@ pub struct Fit {
     pub final_rate: f64,
     /// Sub-rays per pixel and axis: a pixel is the mean over its area.
     pub supersample: u32,
+    /// How the field's space follows from the scene. `Auto` takes a perspective for what is photographed from one side.
+    pub space: SpaceKind,
     /// The shape of the field.
     pub field: FieldConfig,
 }
@@ -39,6 +41,7 @@ impl Default for Fit {
             rate: options.rate,
             final_rate: options.final_rate,
             supersample: 2,
+            space: SpaceKind::Auto,
             field: FieldConfig::default(),
         }
     }
@@ -50,7 +53,7 @@ impl Stage for Fit {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -85,9 +88,13 @@ impl Stage for Fit {
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images: ImageSet = io.read("images")?;
-        let views = images.views.iter().map(|view| convert::train_view(view, 1.0, self.supersample)).collect();
+        let views: Vec<_> = images.views.iter().map(|view| convert::train_view(view, 1.0, self.supersample)).collect();
         let bounds = images.bounds.map(|corner| corner.map(|x| x as f32));
-        let field = Field::new(&self.field, bounds, io.seed);
+        let cameras: Vec<_> = views.iter().map(|view: &TrainView| &view.camera).collect();
+        let space = Space::of(self.space, bounds, &cameras).ok_or_else(|| {
+            StageError::parameter("space", "is Perspective, but the cameras do not look the same way")
+        })?;
+        let field = Field::in_space(&self.field, space, io.seed);
         let Self { steps, samples, rate, final_rate, .. } = *self;
         let options = TrainOptions { steps, samples, rate, final_rate, ..Default::default() };
         training::train(field, views, &options, io)

@@ -97,7 +97,7 @@ impl Stage for Render {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -57,7 +57,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -155,7 +155,7 @@ impl WithSimd for UpdateSparse<'_> {
         let tables = self.table.chunks_mut(CHUNK).zip(self.gradient.chunks_mut(CHUNK));
         for (mut part, (table, gradient)) in state.zip(tables) {
             let mut rates = [[0.0; FEATURES]; CHUNK];
-            count(gradient, part.steps, self.rate, &CORRECTIONS, &mut rates);
+            count(gradient, part.steps, self.rate, &mut rates);
             part.descend(simd, gradient, &rates);
             table.as_flattened_mut().convert_from_f32_slice(part.values.as_flattened());
         }
@@ -164,19 +164,14 @@ impl WithSimd for UpdateSparse<'_> {
 
 /// Counts the steps of some entries, and says how large a step of theirs is: 0 for one that rests.
 #[inline(always)]
-fn count(
-    gradient: &[[f32; FEATURES]],
-    steps: &mut [u16],
-    rate: f32,
-    corrections: &[f32; CORRECTED + 1],
-    rates: &mut [[f32; FEATURES]],
-) {
+fn count(gradient: &[[f32; FEATURES]], steps: &mut [u16], rate: f32, rates: &mut [[f32; FEATURES]]) {
     let moves = |[a, b]: &[f32; FEATURES]| u16::from((a.to_bits() | b.to_bits()) << 1 != 0);
     for (steps, gradient) in steps.iter_mut().zip(gradient) {
         *steps = (*steps + moves(gradient)).min(CORRECTED as u16);
     }
+    let corrections = &*CORRECTIONS;
     for ((rates, steps), gradient) in rates.iter_mut().zip(steps).zip(gradient) {
-        *rates = [f32::from(moves(gradient)) * rate * corrections[usize::from(*steps).min(CORRECTED)]; FEATURES];
+        *rates = [f32::from(moves(gradient)) * rate * corrections[usize::from(*steps)]; FEATURES];
     }
 }
 

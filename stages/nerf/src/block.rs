@@ -137,7 +137,7 @@ impl Block {
         color_input.clear();
         color_input.resize(geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);
         for (segment, ray) in rays.each() {
-            let direction = harmonics(segment.direction);
+            let direction = harmonics(segment.view);
             let rows = color_input[ray.start * COLOR_INPUT..].chunks_exact_mut(COLOR_INPUT);
             for (row, geometry) in rows.zip(geometry[ray.start * GEOMETRY..ray.end * GEOMETRY].chunks_exact(GEOMETRY)) {
                 row[..GEOMETRY].copy_from_slice(geometry);

@@ -19,9 +19,9 @@ pub struct FieldConfig {
     pub finest_resolution: u32,
     /// Occupancy cells along the box's longest side; cells are cubes.
     pub occupancy_resolution: u32,
-    /// Marching steps along the box's longest side, at their shortest.
+    /// Marching steps along the longest side of unit space, at their shortest.
     pub march_steps: u32,
-    /// Growth of the marching step with the distance from the camera; 0 keeps it constant.
+    /// Growth of the marching step with the distance from the camera in a box; 0 keeps it constant. In perspective it is 0.
     pub march_cone: f64,
 }
 

@@ -8,6 +8,7 @@ use crate::kernels::matrix::COLUMNS;
 use crate::march::Stride;
 use crate::network::{Activations, GEOMETRY, Layer, Network};
 use crate::occupancy::OccupancyGrid;
+use crate::perspective::Perspective;
 use crate::space::Space;
 use compute::rng::Rng;
 use half::f16;
@@ -25,6 +26,9 @@ pub enum FieldError {
     /// The box is empty or not finite.
     #[error("the scene box {0:?} must have finite corners, the first below the second on every axis")]
     Bounds([[f32; 3]; 2]),
+    /// The map to unit space is none.
+    #[error("tensors \"world_to_unit\" and \"unit_extent\" are no map from the scene to a space with sides of up to 1")]
+    Perspective,
     /// A tensor is not there.
     #[error("tensor \"{0}\" is missing")]
     Missing(String),
@@ -59,8 +63,14 @@ impl Field {
     ///
     /// Panics if [`FieldConfig::check`] refuses the configuration or the box has no volume.
     pub fn new(config: &FieldConfig, bounds: [[f32; 3]; 2], seed: u64) -> Self {
+        Self::in_space(config, Space::new(bounds), seed)
+    }
+
+    /// A field that knows nothing yet, in a space of any kind.
+    ///
+    /// Panics if [`FieldConfig::check`] refuses the configuration.
+    pub fn in_space(config: &FieldConfig, space: Space, seed: u64) -> Self {
         assert_eq!(config.check(), Ok(()), "a field configuration is checked before it is used");
-        let space = Space::new(bounds);
         let levels = config.levels(space.extent);
         let entries: usize = levels.iter().map(|level| level.entries).sum();
         let rng = Rng::new(seed, "hash table");
@@ -87,7 +97,8 @@ impl Field {
     }
 
     pub(crate) fn stride(&self) -> Stride {
-        Stride { shortest: 1.0 / self.config.march_steps as f32, cone: self.config.march_cone as f32 }
+        let cone = self.space.cone(&self.config) as f32;
+        Stride { shortest: 1.0 / self.config.march_steps as f32, cone }
     }
 
     /// The density network's outputs at points in unit space.
@@ -112,7 +123,7 @@ impl Field {
         let inside = points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0)));
         self.density(inside, &mut Features::default(), &mut activations);
         let rows = activations.geometry.chunks_exact(GEOMETRY).take(points.len());
-        rows.map(|row| sigma(row[0]) * self.space.scale).collect()
+        rows.zip(points).map(|(row, &point)| sigma(row[0]) * self.space.scale_at(point)).collect()
     }
 
     /// Everything the field holds, by name. Matrices are [outputs, inputs]; hash entries are halves, exact as f32.
@@ -124,6 +135,10 @@ impl Field {
         let [nx, ny, nz] = self.occupancy.size;
         tensors.insert("occupancy".into(), (vec![nz, ny, nx], self.occupancy.values.clone()));
         tensors.insert("occupancy_updates".into(), (vec![1], vec![self.occupancy.updates as f32]));
+        if let Some(perspective) = self.space.perspective() {
+            tensors.insert("world_to_unit".into(), (vec![4, 4], perspective.matrix.as_flattened().to_vec()));
+            tensors.insert("unit_extent".into(), (vec![3], self.space.extent.to_vec()));
+        }
         tensors
     }
 
@@ -134,7 +149,7 @@ impl Field {
         if !finite || (0..3).any(|axis| bounds[0][axis] >= bounds[1][axis]) {
             return Err(FieldError::Bounds(bounds));
         }
-        let space = Space::new(bounds);
+        let space = read_space(bounds, tensors)?;
         let levels = config.levels(space.extent);
         let entries = levels.iter().map(|level| level.entries).sum();
         let table = halves(take(tensors, "hash_table", &[entries, FEATURES])?);
@@ -169,6 +184,20 @@ fn encoding_width(config: &FieldConfig) -> usize {
 fn halves(values: &[f32]) -> Vec<Entry> {
     let half = |x: f32| f16::from_f32(x.clamp(-f16::MAX.to_f32(), f16::MAX.to_f32()));
     values.as_chunks::<FEATURES>().0.iter().map(|entry| entry.map(half)).collect()
+}
+
+/// The space of a box, or that of the perspective map that is among the tensors.
+fn read_space(bounds: [[f32; 3]; 2], tensors: &Tensors) -> Result<Space, FieldError> {
+    if !tensors.contains_key("world_to_unit") {
+        return Ok(Space::new(bounds));
+    }
+    let (rows, extent) = (take(tensors, "world_to_unit", &[4, 4])?, take(tensors, "unit_extent", &[3])?);
+    let map = Perspective::new(std::array::from_fn(|row| std::array::from_fn(|column| rows[4 * row + column])));
+    let extent: [f32; 3] = std::array::from_fn(|axis| extent[axis]);
+    if !map.is_whole() || extent.iter().any(|side| !(1e-6..=1.0).contains(side)) {
+        return Err(FieldError::Perspective);
+    }
+    Ok(Space::in_perspective(bounds, map, extent))
 }
 
 /// A tensor's values, after checking its name, shape and finiteness.
@@ -208,6 +237,9 @@ pub(crate) fn read_network(network: &mut Network, prefix: &str, tensors: &Tensor
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::SpaceKind;
+    use glam::DMat4;
+    use scene::Camera;
 
     const BOUNDS: [[f32; 3]; 2] = [[-1.0, 0.0, 2.0], [3.0, 1.0, 4.0]];
 
@@ -224,6 +256,17 @@ mod tests {
         assert_eq!(tensors["color.2.weight"].0, [3, 64]);
         assert_eq!(tensors["occupancy"].0, [4, 2, 8]);
         assert_eq!(Field::from_tensors(&small(), BOUNDS, &tensors), Ok(field));
+    }
+
+    #[test]
+    fn a_space_in_perspective_comes_back_too() {
+        let camera = Camera::centered((8, 6), 8.0, DMat4::IDENTITY, [1.0, 5.0]);
+        let space = Space::of(SpaceKind::Perspective, BOUNDS, &[&camera]).unwrap();
+        let field = Field::in_space(&small(), space, 7);
+        let mut tensors = field.tensors();
+        assert_eq!(Field::from_tensors(&small(), BOUNDS, &tensors), Ok(field));
+        tensors.get_mut("world_to_unit").unwrap().1.fill(0.0);
+        assert_eq!(Field::from_tensors(&small(), BOUNDS, &tensors), Err(FieldError::Perspective));
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or colours.
 
 use crate::occupancy::OccupancyGrid;
+use crate::perspective::Perspective;
 use crate::space::Space;
-use scene::Camera;
+use scene::{Camera, Ray};
 
 /// The part of a ray inside the box and between near and far, in unit space.
 #[derive(Clone, Copy, Debug)]
@@ -13,19 +14,55 @@ pub struct Segment {
     pub direction: [f32; 3],
     /// First and last distance from the origin; empty if the first is not less.
     pub range: [f32; 2],
-    /// World depth along the view axis per unit-space distance.
-    pub depth_per_distance: f32,
+    /// Unit vector in world space, which colours depend on.
+    pub view: [f32; 3],
+    /// How the world depth along the view axis follows from the unit-space distance t: (a + b t) / (1 + c t).
+    pub depth: [f32; 3],
 }
 
 impl Segment {
     /// The segment of a camera's ray through the image point (`px`, `py`).
     pub fn new(space: &Space, camera: &Camera, px: f64, py: f64) -> Self {
         let ray = camera.ray(px, py);
+        let depths = space.range(camera).map(|depth| depth as f32);
+        if let Some(perspective) = space.perspective() {
+            return Self::in_perspective(space, perspective, &ray, depths);
+        }
         let origin = space.to_unit(ray.origin);
-        let distance_per_depth = ray.distance_per_depth * space.scale;
-        let range = [camera.near as f32 * distance_per_depth, camera.far as f32 * distance_per_depth];
-        let range = space.clip(origin, ray.direction, range);
-        Self { origin, direction: ray.direction, range, depth_per_distance: 1.0 / distance_per_depth }
+        let distance_per_depth = ray.distance_per_depth * space.scale_at(ray.origin);
+        let range = space.clip(origin, ray.direction, depths.map(|depth| depth * distance_per_depth));
+        Self {
+            origin,
+            direction: ray.direction,
+            range,
+            view: ray.direction,
+            depth: [0.0, 1.0 / distance_per_depth, 0.0],
+        }
+    }
+
+    /// The segment of a ray in perspective; distances start at its near plane.
+    fn in_perspective(space: &Space, perspective: &Perspective, ray: &Ray, depths: [f32; 2]) -> Self {
+        let range = depths.map(|depth| depth * ray.distance_per_depth);
+        let ends = perspective.behind_front(ray.origin, ray.direction, range);
+        let at = |s: f32| [0, 1, 2].map(|axis| ray.origin[axis] + s * ray.direction[axis]);
+        let [first, last] = ends.map(at);
+        let (origin, end) = (space.to_unit(first), space.to_unit(last));
+        let way: [f32; 3] = std::array::from_fn(|axis| end[axis] - origin[axis]);
+        let length = way.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let nowhere = !(ends[0] < ends[1] && length > 0.0);
+        let direction = way.map(|x| x / length);
+        // Linear in the distance are 1 over the depth before the front camera, and the depth before this one over that.
+        let growth = perspective.depth(first) / perspective.depth(last);
+        let [near, far] = ends.map(|s| s / ray.distance_per_depth);
+        let depth = [near, (far * growth - near) / length, (growth - 1.0) / length];
+        let range = if nowhere { [0.0; 2] } else { space.clip(origin, direction, [0.0, length]) };
+        Self { origin, direction, range, view: ray.direction, depth }
+    }
+
+    /// The world depth along the view axis at distance `t`.
+    pub fn depth(&self, t: f32) -> f32 {
+        let [a, b, c] = self.depth;
+        (a + b * t) / (1.0 + c * t)
     }
 
     /// The point at distance `t`.
@@ -102,7 +139,7 @@ mod tests {
 
     fn segment(origin: [f32; 3], direction: [f32; 3], range: [f32; 2]) -> Segment {
         let length = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
-        Segment { origin, direction: direction.map(|x| x / length), range, depth_per_distance: 1.0 }
+        Segment { origin, direction: direction.map(|x| x / length), range, view: direction, depth: [0.0, 1.0, 0.0] }
     }
 
     fn collect(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f32) -> Vec<(f32, f32)> {

@@ -148,8 +148,11 @@ fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &Rende
         for ((sum, color), background) in pixel.rgb.iter_mut().zip(seen.rgb).zip(options.background) {
             *sum += share * (color + seen.transmittance * background);
         }
-        pixel.depth += share * seen.distance * segment.depth_per_distance;
-        pixel.opacity += share * (1.0 - seen.transmittance);
+        let opacity = 1.0 - seen.transmittance;
+        pixel.opacity += share * opacity;
+        if opacity > 0.0 {
+            pixel.depth += share * opacity * segment.depth(seen.distance / opacity);
+        }
     }
     pixel.depth = if pixel.opacity < 1e-3 { camera.far as f32 } else { pixel.depth / pixel.opacity };
     pixel

@@ -5,6 +5,7 @@ use crate::field::{Field, sigma};
 use crate::network::{Activations, GEOMETRY};
 use crate::pool::Pool;
 use compute::rng::Rng;
+use glam::DVec3;
 use rayon::prelude::*;
 use scene::Camera;
 
@@ -21,26 +22,27 @@ pub type Survey = (Features, Activations);
 /// Marks the cells that no camera can see, between its near and far and within its image, as empty for good.
 pub fn see(field: &mut Field, cameras: &[&Camera]) {
     let grid = &field.occupancy;
-    let scale = f64::from(field.space.scale);
-    let radius = f64::from(0.5 * 3f32.sqrt() / grid.resolution) / scale;
-    let views: Vec<_> = cameras.iter().map(|camera| (camera, camera.view_window())).collect();
+    let views: Vec<_> =
+        cameras.iter().map(|camera| (camera, camera.view_window(), field.space.range(camera))).collect();
     let seen: Vec<bool> = (0..grid.cells())
         .into_par_iter()
         .map(|cell| {
-            let unit = grid.point(cell, [0.5; 3]);
-            let world = [0, 1, 2].map(|a| f64::from(unit[a]) / scale + f64::from(field.space.bounds[0][a]));
-            views.iter().any(|(camera, window)| sees(camera, *window, world, radius))
+            let world = |fraction: [f32; 3]| field.space.to_world(grid.point(cell, fraction).map(f64::from));
+            let center = world([0.5; 3]);
+            let corner = |i: usize| DVec3::from(world([i & 1, i >> 1 & 1, i >> 2].map(|side| side as f32)));
+            let radius = (0..8).map(|i| corner(i).distance(center.into())).fold(0.0, f64::max);
+            views.iter().any(|(camera, window, range)| sees(camera, *window, *range, center, radius))
         })
         .collect();
     field.occupancy.see(&seen);
 }
 
-/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own.
-fn sees(camera: &Camera, window: [f64; 4], center: [f64; 3], radius: f64) -> bool {
+/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own, between two depths.
+fn sees(camera: &Camera, window: [f64; 4], [near, far]: [f64; 2], center: [f64; 3], radius: f64) -> bool {
     let to_camera = camera.camera_to_world.inverse();
     let p = to_camera.transform_point3(center.into());
     let depth = -p.z;
-    if depth + radius < camera.near || depth - radius > camera.far {
+    if depth + radius < near || depth - radius > far {
         return false;
     }
     // The distance to each side plane of the view, of which (1, -side) is the normal in the plane of one axis.
@@ -116,7 +118,7 @@ mod tests {
     #[test]
     fn only_what_is_in_view_is_seen() {
         let camera = camera();
-        let sees = |camera, center, radius| sees(camera, camera.view_window(), center, radius);
+        let sees = |camera: &Camera, center, radius| sees(camera, camera.view_window(), [1.0, 3.0], center, radius);
         assert!(sees(&camera, [0.0, 0.0, -2.0], 0.0));
         assert!(!sees(&camera, [0.0, 0.0, -0.5], 0.1), "before near");
         assert!(!sees(&camera, [0.0, 0.0, -3.5], 0.1), "behind far");

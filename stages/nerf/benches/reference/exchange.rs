@@ -1,7 +1,7 @@
 //! Hands a task to `reference.py` as files and reads its answer. Knows file formats, and nothing of either renderer.
 
 use crate::{Outcome, Task};
-use nerf::{Field, Space, Trainer};
+use nerf::{Field, Segment, Space, Trainer};
 use scene::Photo;
 use serde_json::json;
 use std::error::Error;
@@ -30,9 +30,9 @@ pub fn reference(python: &OsStr, task: &Task) -> Result<Outcome, Box<dyn Error>>
 }
 
 fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
-    let space = Space::new(task.bounds);
+    let space = &task.space;
     for (name, photos) in [("train", &task.train), ("test", &task.test)] {
-        floats(&folder.join(format!("{name}.rays.f32")), photos.iter().flat_map(|photo| rays(&space, photo)))?;
+        floats(&folder.join(format!("{name}.rays.f32")), photos.iter().flat_map(|photo| rays(space, photo)))?;
         floats(&folder.join(format!("{name}.rgba.f32")), photos.iter().flat_map(rgba))?;
     }
     let (size, occupancy) = fresh_occupancy(task);
@@ -40,22 +40,20 @@ fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
     let level = |level: &nerf::Level| json!({ "scale": level.scale, "resolution": level.resolution, "dense": level.dense, "entries": level.entries });
     let levels: Vec<_> = task.config.levels(space.extent).iter().map(level).collect();
     let scene = json!({
-        "config": task.config, "options": task.options, "levels": levels, "occupancy_size": size,
+        "config": task.config, "march_cone": task.space.cone(&task.config), "options": task.options, "levels": levels, "occupancy_size": size,
         "test_views": task.test.len(), "background": task.background, "marks": task.marks,
     });
     Ok(std::fs::write(folder.join("scene.json"), scene.to_string())?)
 }
 
-/// Per pixel: origin, direction, first and last distance, in unit space.
+/// Per pixel: origin, direction, first and last distance, in unit space; the direction in the world.
 fn rays(space: &Space, photo: &Photo) -> Vec<f32> {
     let camera = &photo.camera;
     let ray = |i: u32| {
-        let ray = camera.ray(f64::from(i % camera.width) + 0.5, f64::from(i / camera.width) + 0.5);
-        let origin = space.to_unit(ray.origin);
-        let range = [camera.near, camera.far].map(|depth| depth as f32 * ray.distance_per_depth * space.scale);
-        let [start, end] = space.clip(origin, ray.direction, range);
-        let ([x, y, z], [dx, dy, dz]) = (origin, ray.direction);
-        [x, y, z, dx, dy, dz, start, end]
+        let (px, py) = (f64::from(i % camera.width) + 0.5, f64::from(i / camera.width) + 0.5);
+        let Segment { origin: [x, y, z], direction: [dx, dy, dz], range: [start, end], view: [u, v, w], .. } =
+            Segment::new(space, camera, px, py);
+        [x, y, z, dx, dy, dz, start, end, u, v, w]
     };
     (0..camera.width * camera.height).flat_map(ray).collect()
 }
@@ -71,7 +69,7 @@ fn rgba(photo: &Photo) -> impl Iterator<Item = f32> + '_ {
 
 /// The occupancy grid before training: where no camera looks, it is negative.
 fn fresh_occupancy(task: &Task) -> (Vec<usize>, Vec<f32>) {
-    let field = Field::new(&task.config, task.bounds, 0);
+    let field = Field::in_space(&task.config, task.space.clone(), 0);
     let trainer = Trainer::new(field, task.views(), &task.options, 0);
     let (shape, values) = trainer.field().tensors().remove("occupancy").unwrap_or_default();
     (shape.into_iter().rev().collect(), values)

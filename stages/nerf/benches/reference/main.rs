@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Trains, stopping the clock at every mark to look at the held-out views; returns the last of those looks too.
 fn train(task: &Task) -> Outcome {
-    let field = Field::new(&task.config, task.bounds, 0);
+    let field = Field::in_space(&task.config, task.space.clone(), 0);
     let mut trainer = Trainer::new(field, task.views(), &task.options, 0);
     let options = RenderOptions { background: task.background, ..RenderOptions::default() };
     let (mut marks, mut images, mut samples) = (vec![], vec![], 0);

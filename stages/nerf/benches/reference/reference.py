@@ -155,7 +155,7 @@ class Occupancy:
 
 class Renderer:
     def __init__(self, scene):
-        self.shortest, self.cone = 1 / scene["config"]["march_steps"], scene["config"]["march_cone"]
+        self.shortest, self.cone = 1 / scene["config"]["march_steps"], scene["march_cone"]
         self.occupancy = Occupancy(scene["occupancy"], scene["config"])
         self.field = Field(scene["levels"])
 
@@ -193,7 +193,7 @@ class Renderer:
             visible = self.weights(sigma, length, ray, len(rays))[1] >= CUT
             ray, middle, length = ray[visible], middle[visible], length[visible]
             x = rays[ray, :3] + middle[:, None] * rays[ray, 3:6]
-        sigma, rgb = self.field(x, rays[ray, 3:6])
+        sigma, rgb = self.field(x, rays[ray, 8:])
         weight, _, end = self.weights(sigma, length, ray, len(rays))
         color = torch.zeros(len(rays), 3).index_add(0, ray, weight[:, None] * rgb)
         return color + end[:, None] * background, len(ray)
@@ -204,7 +204,7 @@ def read(folder):
     load = lambda name, shape: torch.from_numpy(numpy.fromfile(folder / name, "<f4").reshape(shape).copy())
     scene["occupancy"] = load("occupancy.f32", scene["occupancy_size"][::-1])
     for part in ("train", "test"):
-        scene[part] = load(f"{part}.rays.f32", (-1, 8)), load(f"{part}.rgba.f32", (-1, 4))
+        scene[part] = load(f"{part}.rays.f32", (-1, 11)), load(f"{part}.rgba.f32", (-1, 4))
     return scene
 
 

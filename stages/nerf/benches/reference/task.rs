@@ -1,7 +1,7 @@
 //! What a run trains on and is judged by: photos, the shape of the field, and settings from the command line. Knows nothing
 //! of training.
 
-use nerf::{FieldConfig, TrainOptions, TrainView};
+use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::{
     Photo, Reduction, SceneData, TransformsOptions, downscale, llff, object, split_holdout, still_life, transforms,
     write_transforms,
@@ -24,8 +24,8 @@ pub struct Task {
     pub test: Vec<Photo>,
     /// What is behind held-out photos: white for photos with alpha, as NeRF-synthetic has it, else black.
     pub background: [f32; 3],
-    /// The scene box.
-    pub bounds: [[f32; 3]; 2],
+    /// The space of the scene.
+    pub space: Space,
     /// The shape of the field.
     pub config: FieldConfig,
     /// How to train.
@@ -36,10 +36,11 @@ pub struct Task {
 
 impl Task {
     /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`, `width=PIXELS` (of photos from
-    /// elsewhere) or `looks=COUNT` (at the held-out views).
+    /// elsewhere), `looks=COUNT` (at the held-out views) or `space=Auto|Box|Perspective`.
     pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
         let source = arguments.next().unwrap_or("still_life".into());
         let (mut field, mut train, mut width, mut looks) = (Map::new(), Map::new(), 252, 8);
+        let mut kind = SpaceKind::Auto;
         train.insert("steps".into(), 400.into());
         for argument in arguments {
             let (name, value) = argument.split_once('=').ok_or("settings look like name=value")?;
@@ -48,6 +49,7 @@ impl Task {
                 (Some(("train", name)), _) => _ = train.insert(name.into(), value.parse()?),
                 (_, "width") => width = value.parse()?,
                 (_, "looks") => looks = value.parse()?,
+                (_, "space") => kind = serde_json::from_value(value.into())?,
                 _ => return Err(format!("no setting is called {name}").into()),
             }
         }
@@ -62,7 +64,9 @@ impl Task {
         let test = test.into_iter().map(|photo| before(photo, background)).collect();
         let marks = (1..=looks).map(|i| options.steps * i * i / (looks * looks)).collect();
         let bounds = scene.bounds.map(|corner| corner.map(|x| x as f32));
-        Ok(Self { train, test, background, bounds, config, options, marks })
+        let cameras: Vec<_> = train.iter().map(|photo: &Photo| &photo.camera).collect();
+        let space = Space::of(kind, bounds, &cameras).ok_or("the cameras do not look the same way")?;
+        Ok(Self { train, test, background, space, config, options, marks })
     }
 
     /// The photos as training takes them.

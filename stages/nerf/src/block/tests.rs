@@ -42,7 +42,8 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
         let direction = [0.3 * rng.normal(0, i), 0.3 * rng.normal(1, i), 1.0];
         let length = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
         let origin = [0.5, 0.25, -0.5];
-        Segment { origin, direction: direction.map(|x| x / length), range: [0.5, 1.3], depth_per_distance: 1.0 }
+        let direction = direction.map(|x| x / length);
+        Segment { origin, direction, range: [0.5, 1.3], view: direction, depth: [0.0, 1.0, 0.0] }
     };
     let gradient = |i: u64| SeenGradient { rgb: [2, 3, 4].map(|c| rng.normal(c, i)), transmittance: rng.normal(5, i) };
     ((0..12).map(segment).collect(), (0..12).map(|i| rng.uniform(6, i)).collect(), (0..12).map(gradient).collect())

@@ -16,13 +16,13 @@ const RAYS_PER_GROUP: usize = 16;
 pub const TURNS: u32 = 512;
 
 /// Numbers of a ray on the device.
-pub const RAY: usize = 12;
+pub const RAY: usize = 16;
 
 /// Rays on the device.
 pub struct Rays {
     /// How many.
     pub count: usize,
-    /// Twelve numbers each: origin and start; direction and end; jitter, pixel and number within the pixel.
+    /// Sixteen numbers each: origin and start; direction and end; jitter, pixel and number within the pixel; direction in the world.
     pub buffer: Buffer,
     /// Samples of each that are seen.
     pub seen: Buffer,
@@ -48,7 +48,8 @@ pub struct Traced {
 pub fn ray(segment: &Segment, jitter: f32, pixel: usize, within: usize) -> [f32; RAY] {
     let [([a, b, c], start), ([x, y, z], end)] =
         [(segment.origin, segment.range[0]), (segment.direction, segment.range[1])];
-    [a, b, c, start, x, y, z, end, jitter, pixel as f32, within as f32, 0.0]
+    let [u, v, w] = segment.view;
+    [a, b, c, start, x, y, z, end, jitter, pixel as f32, within as f32, 0.0, u, v, w, 0.0]
 }
 
 /// Runs a kernel whose work only the device knows.

@@ -141,7 +141,8 @@ fn lanes(positions: [&[f32]; 3], group: usize) -> [&[f32; LANES]; 3] {
     positions.map(|axis| &axis.as_chunks::<LANES>().0[group])
 }
 
-/// The backward pass of [`encode`]: adds to `d_table` from `d_features`, one pair per position. Positions are taken in order, so the sums have one order.
+/// The backward pass of [`encode`]: adds to `d_table` from `d_features`, one pair per position. Positions are taken in
+/// order, so the sums have one order.
 pub fn encode_backward(
     level: &Level,
     positions: [&[f32]; 3],

@@ -1,7 +1,7 @@
 //! The scene, its photos, and a field for it.
 
 use glam::DVec3;
-use nerf::{FieldConfig, TrainOptions, TrainView};
+use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::Camera;
 
 /// The box of the scene.
@@ -48,6 +48,17 @@ pub fn photo(camera: Camera) -> TrainView {
 /// Eight photos from all around.
 pub fn views() -> Vec<TrainView> {
     (0..8).map(|i| photo(camera(f64::from(i) * std::f64::consts::TAU / 8.0, 32))).collect()
+}
+
+/// Eight photos from one side.
+pub fn from_one_side() -> Vec<TrainView> {
+    (0..8).map(|i| photo(camera(0.1 * f64::from(i) - 0.4, 32))).collect()
+}
+
+/// A fresh field in the perspective of views from one side.
+pub fn in_perspective(config: &FieldConfig, views: &[TrainView]) -> Field {
+    let cameras: Vec<_> = views.iter().map(|view| &view.camera).collect();
+    Field::in_space(config, Space::of(SpaceKind::Perspective, BOUNDS, &cameras).unwrap(), 1)
 }
 
 /// A small field.

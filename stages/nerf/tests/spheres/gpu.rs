@@ -5,7 +5,7 @@ use compute::testing::{gpu, weak_gpu};
 use compute::{Counts, Device};
 use nerf::{Field, FieldConfig, RenderOptions, Renderer, Tensors, TrainOptions, TrainView, Training};
 
-use crate::common::{BOUNDS, camera, config, options, psnr, views};
+use crate::common::{BOUNDS, camera, config, from_one_side, in_perspective, options, psnr, views};
 
 /// Less than elsewhere in these tests: a GPU of software is slow.
 fn little() -> (FieldConfig, Vec<TrainView>, TrainOptions) {
@@ -28,7 +28,7 @@ fn assert_costs(costs: &[Counts]) {
         read_backs: 1,
         operations: 51_824_640,
         bytes: 22_335_328,
-        uploaded: 1280,
+        uploaded: 1536,
         pipelines: 0,
     };
     assert_eq!(costs[14], expected);
@@ -57,6 +57,24 @@ fn fifty_steps_follow_the_cpu_and_an_image_is_the_same() {
         assert!(psnr(got, expected) > 50.0, "{} dB", psnr(got, expected));
     }
     assert_eq!(expected.samples, got.samples);
+}
+
+#[test]
+fn a_scene_seen_from_one_side_is_the_same_in_perspective() {
+    let Some(gpu) = gpu() else { return };
+    let (config, _, options) = little();
+    let views: Vec<_> = from_one_side().into_iter().map(|view| TrainView { supersample: 1, ..view }).collect();
+    let [mut here, mut there] = [&Device::cpu(), &gpu]
+        .map(|device| Training::new(device, in_perspective(&config, &views), views.clone(), &options, 1));
+    for step in 0..20 {
+        let (expected, got) = (here.step(), there.step());
+        assert!((expected.loss / got.loss - 1.0).abs() < 1e-3, "step {step}: {} beside {}", got.loss, expected.loss);
+        assert_eq!((expected.rays, expected.samples), (got.rays, got.samples), "step {step}");
+    }
+    let field = there.into_field();
+    let images = [&Device::cpu(), &gpu]
+        .map(|device| Renderer::new(device, &field).render(&camera(0.1, 16), &RenderOptions::default()));
+    assert!(psnr(&images[0].rgb, &images[1].rgb) > 50.0 && psnr(&images[0].depth, &images[1].depth) > 50.0);
 }
 
 /// The states after eight steps and after eighteen, past an update of the occupancy grid.

@@ -118,7 +118,7 @@ fn main(
                 places[t] = vec4f(point_at(ray, bitcast<f32>(sample.x)), 0.0);
                 d = d_raw[first + t];
             }
-            let direction = harmonics(rays[3u * ray + 1u].xyz);
+            let direction = harmonics(rays[4u * ray + 3u].xyz);
 #for h 16
             tile[t / 4u * ROWS + ${INPUT}u + 16u + ${h}u][t % 4u] = direction[${h}];
             tile[t / 4u * ROWS + ${OUT}u + ${h}u][t % 4u] = 0.0;

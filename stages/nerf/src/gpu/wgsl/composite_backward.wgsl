@@ -47,13 +47,13 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let ray = p.first + id.x;
-    let notes = rays[3u * ray + 2u];
+    let notes = rays[4u * ray + 2u];
     let pixel = u32(notes.y);
     let d = compare(ray, pixel, u32(notes.z));
     let first = before[id.x];
     let end = before[id.x + 1u];
-    let start = rays[3u * ray].w;
-    let range = rays[3u * ray + 1u].w - start;
+    let start = rays[4u * ray].w;
+    let range = rays[4u * ray + 1u].w - start;
     // The strengths per ray, so that their sum over a batch does not depend on its size.
     let per_ray = 1.0 / (f32(p.pixels) * pixels[2u * pixel + 1u].w);
 

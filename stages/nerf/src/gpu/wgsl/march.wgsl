@@ -20,9 +20,9 @@ fn exit_of(origin: vec3f, direction: vec3f, cell: vec3u) -> f32 {
 
 // The first step from `t` on that ends up in an occupied cell.
 fn step_from(ray: u32, from_t: f32) -> Step {
-    let origin = rays[3u * ray].xyz;
-    let direction = rays[3u * ray + 1u].xyz;
-    let end = rays[3u * ray + 1u].w;
+    let origin = rays[4u * ray].xyz;
+    let direction = rays[4u * ray + 1u].xyz;
+    let end = rays[4u * ray + 1u].w;
     let last = vec3u(p.size_x, p.size_y, p.size_z) - 1u;
     var t = from_t;
     while (t < end) {

@@ -39,7 +39,7 @@ fn main(
         var density = 0.0;
         if (t < 64u) {
             density = tile[t / 4u * ROWS][t % 4u];
-            let direction = harmonics(rays[3u * ray + 1u].xyz);
+            let direction = harmonics(rays[4u * ray + 3u].xyz);
 #for h 16
             tile[t / 4u * ROWS + 16u + ${h}u][t % 4u] = direction[${h}];
 #end
