@@ -1,5 +1,6 @@
-//! The tiles in which a GPU computes matrix products fastest, kept from run to run: they are measured when a GPU of hardware
-//! first computes, once per adapter and driver. No result depends on them, so nothing is said where they cannot be kept.
+//! The tiles in which a GPU computes matrix products fastest, kept from run to run: they are measured when a GPU of
+//! hardware first computes, once per adapter and driver. No result depends on them, so nothing is said where they
+//! cannot be kept.
 
 use std::fs;
 use std::path::{Path, PathBuf};

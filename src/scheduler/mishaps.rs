@@ -23,7 +23,9 @@ const PIPELINE: &str = r#"(
     name: "mishaps",
     stages: {
         "scene": Scene(source: Procedural(world: "still_life", views: 4, size: (64, 48)), downscale: 4, holdout: 4),
-        "fit": Fit(images: "scene.train", steps: 300, samples: 256, supersample: 1, field: (levels: 2, march_steps: 16)),
+        "fit": Fit(
+            images: "scene.train", steps: 60, samples: 256, supersample: 1, field: (levels: 2, march_steps: 16),
+        ),
     },
 )"#;
 

@@ -70,8 +70,8 @@ pub struct Requested {
 }
 
 impl Gpu {
-    /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it were a weak one, whose
-    /// kernels see so many bytes of an array at once, and name no numbers of 16 bits.
+    /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it were a weak one,
+    /// whose kernels see so many bytes of an array at once, and name no numbers of 16 bits.
     pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
         let (mut limits, mut required_features) = (adapter.limits(), adapter.features() & wgpu::Features::SHADER_F16);

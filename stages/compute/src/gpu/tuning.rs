@@ -1,4 +1,5 @@
-//! In which tiles an adapter computes matrix products fastest: measured in a second or two, told as text. It knows no file.
+//! In which tiles an adapter computes matrix products fastest: measured in a second or two, told as text. It knows no
+//! file.
 //!
 //! All tiles sum along the depth in one order, so that a choice changes how long a product takes and no bit of it: what
 //! was measured need not be measured alike again.

@@ -1,4 +1,5 @@
-//! Arrays longer than a kernel may see at once: every operator gives the bits that it gives where a kernel sees them whole.
+//! Arrays longer than a kernel may see at once: every operator gives the bits that it gives where a kernel sees them
+//! whole.
 
 use std::sync::{Arc, LazyLock};
 
