@@ -4,9 +4,11 @@
 A graph of COUNT stages, WIDTH chains side by side, each stage reading the one before it in its chain. srnerf-dag's stages are real ones
 (`Interpolate` on pictures of 8 x 8 pixels), computed by a first run; the others' are `cp`, with files of one line. The others' first runs
 would take hours, so their outputs, and DVC's lock file, are written here, as those runs would leave them. Every tool then finds
-that nothing is to be done, several times; the fastest counts. Memory is the largest resident set of that process.
+that nothing is to be done, several times; the fastest counts. Memory is the largest resident set of that process. A second table has
+the time to hash a file of 1 GiB that is in the page cache, beside b3sum: `whence` reads a file through to look for its bytes in the store.
 
     pip install ninja snakemake dvc
+    cargo install b3sum
     python3 benches/runner.py PROGRAM FOLDER [--count 10000] [--limit SECONDS]
 
 FOLDER is kept, so that a second call only measures. The rows of docs/performance.md are what this prints.
@@ -122,6 +124,26 @@ def measure(command, folder, limit, repeats):
     return best, most
 
 
+def hash_beside_b3sum(program, folder):
+    """The second table. The two take turns, so that what else the machine does troubles both."""
+    file = folder / "random.bin"
+    if not file.exists():
+        file.write_bytes(b"".join(os.urandom(1 << 20) for _ in range(1024)))
+    # `whence` exits with 5, since nothing says where these bytes come from.
+    commands = {"srnerf-dag whence": [program, "whence", file], "b3sum": ["b3sum", file]}
+    best = {}
+    for _ in range(2 * REPEATS):
+        for title, command in commands.items():
+            if title == "b3sum" and not shutil.which("b3sum"):
+                continue
+            begun = time.perf_counter()
+            subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            best[title] = min(best.get(title, 1e9), time.perf_counter() - begun)
+    print("\n| 1 GiB hashed | time |\n|---|---|")
+    for title, seconds in best.items():
+        print(f"| {title} | {seconds * 1000:.0f} ms |")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program", type=Path)
@@ -157,6 +179,7 @@ def main():
             print(f"| {title} | more than {arguments.limit:.0f} s | |", flush=True)
         else:
             print(f"| {title} | {seconds * 1000:.0f} ms | {memory:.0f} MB |", flush=True)
+    hash_beside_b3sum(program, arguments.folder.resolve())
 
 
 main()

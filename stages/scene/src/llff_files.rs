@@ -2,11 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::source_files::content_digest;
-use crate::{SceneError, image_file};
+use crate::{SceneError, image_file, source_files};
 
 const POSES_FILE: &str = "poses_bounds.npy";
-const DIGEST_DOMAIN: &str = "srnerf-dag 2026 LLFF source files v1";
 
 /// A folder of photos and the first one's width and height.
 type Candidate = (PathBuf, (u32, u32));
@@ -38,12 +36,7 @@ pub(crate) fn find(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>
 /// The same as [`crate::llff`]'s, but for photos that cannot be decoded.
 pub fn llff_digest(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<[u8; 32], SceneError> {
     let (files, _) = crate::llff::survey(folder, images, size)?;
-    let mut hasher = blake3::Hasher::new_derive_key(DIGEST_DOMAIN);
-    for path in std::iter::once(&files.poses).chain(&files.photos) {
-        let name = path.file_name().map(|name| name.as_encoded_bytes()).unwrap_or_default();
-        hasher.update(&(name.len() as u64).to_le_bytes()).update(name).update(content_digest(path)?.as_bytes());
-    }
-    Ok(*hasher.finalize().as_bytes())
+    source_files::digest(std::iter::once(&files.poses).chain(&files.photos).map(PathBuf::as_path))
 }
 
 pub(crate) fn choose_images(
