@@ -4,6 +4,7 @@
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use super::adapter::{self, Found};
 use super::counts::Counts;
@@ -13,6 +14,9 @@ use super::kernel::{Kernel, Kernels, Pieces, Pipeline};
 use super::pool::{Buffer, Pool, Writer};
 use super::recorder::{Piece, Recorder};
 use super::tuning::Tuning;
+
+/// How long a device that refused a command has to say that it is lost.
+const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// The most workgroups along one axis.
 const GROUPS: u32 = 65_535;
@@ -136,8 +140,8 @@ impl Gpu {
 
     /// Stops whatever runs on the device, up to the nearest [`super::fault::attempt`].
     fn fail(&self, error: GpuError) -> ! {
-        // A command may be refused since the device is lost, of which it tells when asked.
-        let _ = self.device.poll(wgpu::PollType::Poll);
+        // A command may be refused since the device is lost, of which it tells when asked after all work is over.
+        let _ = self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) });
         let mut fault = lock(&self.fault);
         let first = fault.get_or_insert(error).clone();
         drop(fault);

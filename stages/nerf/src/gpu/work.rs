@@ -40,12 +40,12 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
     let entries: usize = levels.iter().map(|level| level.entries).sum();
     let parts = PARTS as usize * weights * 4;
     let works = [
-        ("look", looked * look, looked * corners + rays * 52),
+        ("look", looked * look, looked * corners + rays * 68),
         ("scan", 0, rays * 8),
-        ("gather", 0, samples * 16 + rays * 60),
+        ("gather", 0, samples * 16 + rays * 76),
         ("shade", samples * (2 * weights + look_up), samples * (32 + corners) + 4 * weights),
         ("composite", 0, samples * 36 + rays * 36),
-        ("composite backward", 0, samples * 64 + rays * 84 + pixels * 40),
+        ("composite backward", 0, samples * 64 + rays * 100 + pixels * 40),
         ("stats", 0, rays * 8 + pixels * 8),
         ("backward", samples * backward, samples * (32 + corners + scattered) + parts),
         ("Adam, networks", PARTS as usize * weights, parts + weights * 28),
