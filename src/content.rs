@@ -1,4 +1,5 @@
-//! What is in an EXR, safetensors or JSON file, whoever wrote it: arrays with their ranges, and facts. Knows nothing of stages.
+//! What is in an EXR, safetensors or JSON file, whoever wrote it: arrays with their ranges, and facts. Knows nothing of
+//! stages.
 
 use std::collections::BTreeMap;
 use std::fs::File;

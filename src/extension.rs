@@ -1,4 +1,5 @@
-//! Whether a stage goes on from a finished result that differs only in having fewer steps. Knows nothing of what a state is.
+//! Whether a stage goes on from a finished result that differs only in having fewer steps. Knows nothing of what a
+//! state is.
 
 use artifacts_schema::Digest;
 use stages::Extension;
@@ -9,8 +10,8 @@ use crate::key::Manifest;
 /// The domain of extension keys; a new number when what is hashed changes.
 const DOMAIN: &str = "srnerf-dag extension v1";
 
-/// What results that differ in the number of steps alone have in common: the digest of all else in their manifests. `None`
-/// where more steps cannot go on from fewer.
+/// What results that differ in the number of steps alone have in common: the digest of all else in their manifests.
+/// `None` where more steps cannot go on from fewer.
 pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest> {
     let Extension::Possible(field) = extension else { return None };
     let mut hasher = blake3::Hasher::new_derive_key(DOMAIN);

@@ -1,8 +1,8 @@
 //! A stage's key: the digest of everything that decides its result.
 //!
-//! One function, [`walk`], goes through all of it, entry by entry, into a [`Sink`]. One sink hashes, the other collects text:
-//! so what is hashed and what `explain` prints cannot drift apart. Paths, hosts, threads and log levels are no part of it.
-//! Knows nothing of the store.
+//! One function, [`walk`], goes through all of it, entry by entry, into a [`Sink`]. One sink hashes, the other collects
+//! text: so what is hashed and what `explain` prints cannot drift apart. Paths, hosts, threads and log levels are no
+//! part of it. Knows nothing of the store.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;

@@ -1,9 +1,15 @@
 //! What a run would do: which stages have their results, which must be computed, and why. Changes nothing.
 
+mod forecast;
+mod sources;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use artifacts_schema::Digest;
-use stages::{Source, StageError};
+use stages::Source;
+
+pub use self::forecast::Forecast;
+pub use self::sources::{SourceError, sources};
 
 use crate::explain::{Change, History, Reason, diff};
 use crate::key::{Manifest, Recipe};
@@ -61,59 +67,8 @@ pub struct Found {
     pub record: Record,
 }
 
-/// What will become of a stage.
-pub enum Forecast {
-    /// Its result is there.
-    Cached(Box<Assessment>),
-    /// It will be computed. Where its inputs are all known, so is its key.
-    Run(Reason, Option<Box<Assessment>>),
-    /// It will be computed unless these stages, which will be, give the results that they gave before.
-    Unless(Vec<String>),
-}
-
-impl Forecast {
-    /// The key and what is in it, where all inputs are known.
-    pub fn assessment(&self) -> Option<&Assessment> {
-        match self {
-            Self::Cached(assessment) | Self::Run(_, Some(assessment)) => Some(assessment),
-            _ => None,
-        }
-    }
-
-    /// Whether the result is there.
-    pub fn is_cached(&self) -> bool {
-        matches!(self, Self::Cached(_))
-    }
-
-    /// The result, if it is there, here or in the remote.
-    pub fn record(&self) -> Option<&Record> {
-        match self {
-            Self::Cached(assessment) => assessment.verdict.as_ref().ok(),
-            _ => None,
-        }
-    }
-
-    /// The same, to keep.
-    pub fn into_record(self) -> Option<Record> {
-        match self {
-            Self::Cached(assessment) => assessment.verdict.ok(),
-            _ => None,
-        }
-    }
-}
-
 /// The digests of a stage's inputs, by input name.
 pub type Inputs = BTreeMap<&'static str, Digest>;
-
-/// A stage that reads something beside its inputs which is not there, or not as it should be.
-#[derive(Debug, thiserror::Error)]
-#[error("stage `{stage}`: {error}")]
-pub struct SourceError {
-    /// The stage.
-    pub stage: String,
-    /// What is wrong.
-    pub error: StageError,
-}
 
 impl Context<'_> {
     fn recipe<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Recipe<'r> {
@@ -132,8 +87,8 @@ impl Context<'_> {
         Some(self.fallen(at, inputs)?.manifest())
     }
 
-    /// What there is of a stage, and under which key: its own, or where that has nothing, that of a result which went on on
-    /// the CPU.
+    /// What there is of a stage, and under which key: its own, or where that has nothing, that of a result which went
+    /// on on the CPU.
     fn find(&self, at: usize, inputs: &Inputs) -> Result<(Digest, Lookup), StoreError> {
         let key = self.recipe(at, inputs).key();
         let found = self.store.lookup(&key)?;
@@ -221,87 +176,4 @@ impl Context<'_> {
             change.from = wire.map(|wire| self.graph.nodes[wire.from].name.clone());
         }
     }
-
-    /// What is in the keys of all stages that are needed: of those whose inputs are not all known, what is known of it.
-    pub fn manifests(&self, forecasts: &BTreeMap<usize, Forecast>) -> Vec<(usize, Manifest)> {
-        let manifest = |&at: &usize| match forecasts.get(&at).and_then(Forecast::assessment) {
-            Some(known) => (at, self.manifest_of(at, &known.inputs, &known.key)),
-            None => (at, self.manifest(at, &known_inputs(&self.graph.nodes[at], forecasts).0)),
-        };
-        self.needed.iter().map(manifest).collect()
-    }
-
-    /// Foretells what becomes of every stage that is needed.
-    pub fn forecast(&self) -> Result<BTreeMap<usize, Forecast>, StoreError> {
-        let mut forecasts = BTreeMap::new();
-        for &at in &self.needed {
-            let forecast = self.forecast_one(at, &forecasts)?;
-            forecasts.insert(at, forecast);
-        }
-        Ok(forecasts)
-    }
-
-    fn forecast_one(&self, at: usize, upstream: &BTreeMap<usize, Forecast>) -> Result<Forecast, StoreError> {
-        let node = &self.graph.nodes[at];
-        let (inputs, unknown) = known_inputs(node, upstream);
-        if unknown.is_empty() {
-            let assessment = self.with_remote(self.assess(at, inputs)?);
-            return Ok(match &assessment.verdict {
-                Ok(_) => Forecast::Cached(Box::new(assessment)),
-                Err(reason) => Forecast::Run(reason.clone(), Some(Box::new(assessment))),
-            });
-        }
-        if self.forced.contains(&at) {
-            return Ok(Forecast::Run(Reason::Forced, None));
-        }
-        let manifest = self.manifest(at, &inputs);
-        match self.reason(at, &manifest, &unknown.keys().copied().collect())? {
-            Some(reason) => Ok(Forecast::Run(reason, None)),
-            None => {
-                let waits: BTreeSet<usize> = unknown.into_values().collect();
-                Ok(Forecast::Unless(waits.iter().map(|&from| self.graph.nodes[from].name.clone()).collect()))
-            }
-        }
-    }
-}
-
-/// The digests of the inputs that are known already, and the stages that the others come from.
-fn known_inputs<'n>(node: &'n Node, upstream: &BTreeMap<usize, Forecast>) -> (Inputs, BTreeMap<&'n str, usize>) {
-    let (mut known, mut unknown) = (Inputs::new(), BTreeMap::new());
-    for wire in &node.wires {
-        let record = match upstream.get(&wire.from) {
-            Some(Forecast::Cached(assessment)) => assessment.verdict.as_ref().ok(),
-            _ => None,
-        };
-        match record.and_then(|record| record.outputs.get(wire.output)) {
-            Some(output) => drop(known.insert(wire.input, output.digest)),
-            None => drop(unknown.insert(wire.input, wire.from)),
-        }
-    }
-    (known, unknown)
-}
-
-/// What the stages that are needed read beside their inputs; stages of one kind with the same parameters read the same. What a store
-/// remembers of files that have not changed is not read again.
-pub fn sources(graph: &Graph, needed: &BTreeSet<usize>, store: &Store) -> Result<Vec<Vec<Source>>, SourceError> {
-    let mut known: BTreeMap<String, Vec<Source>> = BTreeMap::new();
-    let mut all = vec![Vec::new(); graph.nodes.len()];
-    for &at in needed {
-        let node = &graph.nodes[at];
-        // What names no place reads nothing; most stages are such, and there may be thousands.
-        if node.stage.locations().is_empty() {
-            continue;
-        }
-        let what = format!("{} {} {}", node.stage.kind(), node.stage.version(), node.params);
-        if !known.contains_key(&what) {
-            let ask = || node.stage.sources().map_err(|error| SourceError { stage: node.name.clone(), error });
-            let read = match node.stage.source_files() {
-                Some(files) if !files.is_empty() => store.while_unchanged(&what, &files, ask)?,
-                _ => ask()?,
-            };
-            known.insert(what.clone(), read);
-        }
-        all[at].clone_from(&known[&what]);
-    }
-    Ok(all)
 }

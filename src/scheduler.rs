@@ -1,7 +1,7 @@
 //! Runs stages: each as soon as its inputs are there, several at once, every result committed as a whole.
 //!
-//! One thread owns the state of all stages; each running stage has a thread of its own, which computes in the one pool that all
-//! share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
+//! One thread owns the state of all stages; each running stage has a thread of its own, which computes in the one pool
+//! that all share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
 
 mod board;
 pub mod budget;
@@ -123,7 +123,8 @@ impl Scheduler<'_> {
         &self.context.graph.nodes[at].name
     }
 
-    /// Looks for the results of all stages that are ready, and begins those that have none while there is room for them.
+    /// Looks for the results of all stages that are ready, and begins those that have none while there is room for
+    /// them.
     fn begin_all<'s>(
         &'s self,
         board: &mut Board,
@@ -171,7 +172,8 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    /// Whether the remote had a stage's result. Everything else waits meanwhile, which spares it from running into what is on its way.
+    /// Whether the remote had a stage's result. Everything else waits meanwhile, which spares it from running into what
+    /// is on its way.
     fn fetch(&self, board: &mut Board, at: usize, key: Digest, reason: &Reason) -> Result<bool, StoreError> {
         let Some(remote) = self.context.remote.filter(|_| *reason != Reason::Forced) else { return Ok(false) };
         let fetched = remote.fetch(self.context.store, &key)?;

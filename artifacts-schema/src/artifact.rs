@@ -78,7 +78,8 @@ pub trait Artifact: Sized {
     /// Writes its files into `folder`, which is created. Equal content and equal provenance give equal bytes.
     ///
     /// # Errors
-    /// Content that has no form on disk (a value without a number, two views of one name), or a file system that refuses.
+    /// Content that has no form on disk (a value without a number, two views of one name), or a file system that
+    /// refuses.
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError>;
 
     /// Reads what [`Artifact::write`] wrote.

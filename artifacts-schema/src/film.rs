@@ -1,4 +1,5 @@
-//! Moving pictures for people: one GIF each, with the provenance in a file beside them. Knows nothing of how they are made.
+//! Moving pictures for people: one GIF each, with the provenance in a file beside them. Knows nothing of how they are
+//! made.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;

@@ -1,4 +1,5 @@
-//! Low-rank weights in the diffusers/PEFT layout, and beside them the camera embedding, which that layout has no place for.
+//! Low-rank weights in the diffusers/PEFT layout, and beside them the camera embedding, which that layout has no place
+//! for.
 //!
 //! The paper writes W + AB; its A is `lora_B` here (up), its B is `lora_A` (down).
 

@@ -1,4 +1,5 @@
-//! One view as one OpenEXR file: float channels R, G, B (A) (Z), scene-linear Rec.709, and the camera in the standard attributes.
+//! One view as one OpenEXR file: float channels R, G, B (A) (Z), scene-linear Rec.709, and the camera in the standard
+//! attributes.
 //!
 //! The `exr` crate writes custom attributes in random order, so that there is one per list: `srnerf`, the provenance as
 //! canonical JSON, among the layer's attributes, and `colorInteropID` among the image's.
@@ -92,8 +93,8 @@ fn world_to_camera(camera: &Camera) -> DMat4 {
     flip_z * DMat4::from_cols_array_2d(&camera.camera_to_world).transpose().inverse()
 }
 
-/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w; z, which readers discard,
-/// is 1/depth.
+/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w; z, which readers
+/// discard, is 1/depth.
 fn camera_to_ndc(camera: &Camera) -> DMat4 {
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     DMat4::from_cols_array_2d(&[

@@ -1,5 +1,5 @@
-//! `transforms.json`: the cameras of an image set, as nerfstudio and instant-ngp read them. It is exact: every number is the
-//! shortest text that reads back as the same f64. Knows no pixels.
+//! `transforms.json`: the cameras of an image set, as nerfstudio and instant-ngp read them. It is exact: every number
+//! is the shortest text that reads back as the same f64. Knows no pixels.
 
 use std::path::Path;
 

@@ -62,8 +62,8 @@ impl Diff {
 }
 
 impl Diff {
-    /// What is compared with what: by default the last run but one with the last, a pipeline's last run with the pipeline as it
-    /// is now, and anything else with the last run.
+    /// What is compared with what: by default the last run but one with the last, a pipeline's last run with the
+    /// pipeline as it is now, and anything else with the last run.
     fn sides(&self) -> (&str, &str) {
         match (self.a.as_deref(), self.b.as_deref()) {
             (None, _) => ("@2", "@1"),
@@ -159,8 +159,8 @@ impl Known {
     }
 }
 
-/// The run that a word means, of runs from the newest on: `@2` is the second newest of the newest one's pipeline, and the beginning
-/// of a moment the newest run of that moment.
+/// The run that a word means, of runs from the newest on: `@2` is the second newest of the newest one's pipeline, and
+/// the beginning of a moment the newest run of that moment.
 pub(super) fn find_run<'r>(runs: &'r [Run], word: &str) -> Option<&'r Run> {
     match word.strip_prefix('@').map(str::parse::<usize>) {
         Some(Ok(number)) => {

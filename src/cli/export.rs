@@ -1,4 +1,5 @@
-//! `export`: writes a pipeline down as jobs for Snakemake or Slurm, or results in formats of other programs. Runs no stage.
+//! `export`: writes a pipeline down as jobs for Snakemake or Slurm, or results in formats of other programs. Runs no
+//! stage.
 
 use std::fs;
 use std::path::{Path, PathBuf};

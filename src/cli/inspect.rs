@@ -90,7 +90,8 @@ fn file(path: &Path, json: bool) -> Result<(), Error> {
     Ok(())
 }
 
-/// What the tensors of a field mean: how full its box is, and the Euclidean norms of its parameters. Nothing for other files.
+/// What the tensors of a field mean: how full its box is, and the Euclidean norms of its parameters. Nothing for other
+/// files.
 fn field_facts(path: &Path) -> Vec<(String, Value)> {
     let folder = path.parent().filter(|_| path.file_name() == Some(OsStr::new("field.safetensors")));
     let Some(field) = folder.and_then(|folder| Field::read(folder).ok()) else { return Vec::new() };

@@ -1,4 +1,5 @@
-//! `model run`: asks one network of a model about the tensors of a file. Writes the file of results, whole or not at all.
+//! `model run`: asks one network of a model about the tensors of a file. Writes the file of results, whole or not at
+//! all.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

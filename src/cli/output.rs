@@ -1,5 +1,5 @@
-//! Standard output and standard error: lines and tables. A reader that has gone away ends the program quietly; a standard
-//! output that cannot be written, on a full disk say, is remembered until the command has done its work.
+//! Standard output and standard error: lines and tables. A reader that has gone away ends the program quietly; a
+//! standard output that cannot be written, on a full disk say, is remembered until the command has done its work.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write, stderr, stdout};

@@ -1,4 +1,5 @@
-//! `plan`: says what `run` would do, and why. Writes nothing, but into a cache of the store that there was nothing to do.
+//! `plan`: says what `run` would do, and why. Writes nothing, but into a cache of the store that there was nothing to
+//! do.
 
 use std::mem::ManuallyDrop;
 use std::time::SystemTime;

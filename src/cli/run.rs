@@ -46,7 +46,8 @@ pub struct Run {
     /// How many threads compute; by default one per core
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     threads: usize,
-    /// How much memory stages may take together, by their estimates: 8G, 500M; by default all that this machine or job has
+    /// How much memory stages may take together, by their estimates: 8G, 500M; by default all that this machine or job
+    /// has
     #[arg(long, value_name = "SIZE", value_parser = options::size)]
     memory: Option<u64>,
     /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every step
@@ -212,8 +213,8 @@ pub(super) fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
     builder.build().map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))
 }
 
-/// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing caught it. SIGUSR1 is what Slurm sends
-/// ahead of the end of a job's time.
+/// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing caught it. SIGUSR1 is
+/// what Slurm sends ahead of the end of a job's time.
 pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>, Error> {
     catch_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))
 }

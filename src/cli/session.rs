@@ -104,7 +104,8 @@ impl Session {
     }
 }
 
-/// A pipeline's stages, and meanwhile, on other threads, the results that the store's index remembers: as many as could be needed.
+/// A pipeline's stages, and meanwhile, on other threads, the results that the store's index remembers: as many as could
+/// be needed.
 fn load(source: &problem::Source, overrides: &[Override], store: &Store) -> Result<Graph, problem::Problem> {
     let enough = AtomicBool::new(false);
     rayon::in_place_scope(|scope| {

@@ -1,4 +1,5 @@
-//! `verify`: computes stages once more, in a private place, and compares with what the store has. Leaves the store alone.
+//! `verify`: computes stages once more, in a private place, and compares with what the store has. Leaves the store
+//! alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,7 +1,7 @@
 //! A pipeline as jobs for somebody else's scheduler: one for each stage, one array for the shards of a stage.
 //!
-//! Every job is a call of `run --only`, which owns keys, store and checkpoints; the scheduler only orders processes. Each way of
-//! writing the jobs down is a file.
+//! Every job is a call of `run --only`, which owns keys, store and checkpoints; the scheduler only orders processes.
+//! Each way of writing the jobs down is a file.
 
 mod quote;
 pub mod slurm;
@@ -31,7 +31,8 @@ pub struct Job {
     pub stage: String,
     /// Of shards: how many there are.
     pub shards: Option<usize>,
-    /// What decides each shard's result beside its inputs. It changes when a parameter does, and not with what was computed.
+    /// What decides each shard's result beside its inputs. It changes when a parameter does, and not with what was
+    /// computed.
     pub recipes: Vec<Digest>,
     /// The jobs whose results it reads, by place.
     pub needs: BTreeSet<usize>,

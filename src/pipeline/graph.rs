@@ -63,8 +63,8 @@ impl Graph {
         Ok(Self { pipeline, nodes })
     }
 
-    /// The stages that a user means by a name: a stage (`i3ds.2.render`), a loop or a round of it (`i3ds`, `i3ds.2`), or a
-    /// stage of a loop in all rounds (`i3ds.render`).
+    /// The stages that a user means by a name: a stage (`i3ds.2.render`), a loop or a round of it (`i3ds`, `i3ds.2`),
+    /// or a stage of a loop in all rounds (`i3ds.render`).
     pub fn find(&self, name: &str) -> Result<BTreeSet<usize>, UnknownStage> {
         let within = format!("{name}.");
         let means =

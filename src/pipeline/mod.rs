@@ -1,4 +1,5 @@
-//! From a pipeline file and overrides to checked stages wired to each other, or to one problem with its place in the text.
+//! From a pipeline file and overrides to checked stages wired to each other, or to one problem with its place in the
+//! text.
 
 pub mod fault;
 pub mod grammar;

@@ -80,7 +80,8 @@ fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<T
     resolve(&chain.iter().cloned().chain([last]).collect::<Vec<_>>(), &reference.0)
 }
 
-/// What a loop carries: in the first round what `carry` says, seen from outside; later what `next` says, seen from the round before.
+/// What a loop carries: in the first round what `carry` says, seen from outside; later what `next` says, seen from the
+/// round before.
 fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
     for (depth, frame) in chain.iter().enumerate().rev() {
         let Some((rounds, round)) = frame.turn else { continue };

@@ -1,7 +1,7 @@
 //! RON text as a tree that keeps variant names and remembers where each value stands.
 //!
-//! The `ron` crate gives pipelines their types; this tree answers what serde cannot: where in the file a value is, and what
-//! the value of a `--set` is before anyone knows its type. Knows nothing of pipelines.
+//! The `ron` crate gives pipelines their types; this tree answers what serde cannot: where in the file a value is, and
+//! what the value of a `--set` is before anyone knows its type. Knows nothing of pipelines.
 
 use std::ops::Range;
 
@@ -68,7 +68,8 @@ impl Tree {
         }
     }
 
-    /// The value as serde writes it in JSON: a variant with content is an object with the variant's name as its only key.
+    /// The value as serde writes it in JSON: a variant with content is an object with the variant's name as its only
+    /// key.
     pub fn json(&self) -> Json {
         match &self.value {
             Value::Scalar(scalar) => scalar.clone(),

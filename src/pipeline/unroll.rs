@@ -1,6 +1,7 @@
 //! Loops unrolled and references resolved: from a pipeline as written to stages wired to each other.
 //!
-//! A stage of round 2 of the loop `i3ds` is called `i3ds.2.render`. Knows nothing of files: faults name a place in the pipeline.
+//! A stage of round 2 of the loop `i3ds` is called `i3ds.2.render`. Knows nothing of files: faults name a place in the
+//! pipeline.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! From an address to a client: which service, which bucket, which folder of it. Credentials come from the environment alone.
+//! From an address to a client: which service, which bucket, which folder of it. Credentials come from the environment
+//! alone.
 
 use object_store::aws::AmazonS3Builder;
 use object_store::azure::MicrosoftAzureBuilder;

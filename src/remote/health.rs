@@ -1,4 +1,5 @@
-//! What has become of a remote during a run: whether it still answers and takes results, and what the user should hear of it.
+//! What has become of a remote during a run: whether it still answers and takes results, and what the user should hear
+//! of it.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, MutexGuard};

@@ -74,8 +74,8 @@ impl Remote {
         Ok(file.bytes)
     }
 
-    /// Puts a result there: blobs first, the record last and only if there is none. `replace` puts everything there whatever
-    /// there is. Answers whether the record is new, and how many bytes of blobs went.
+    /// Puts a result there: blobs first, the record last and only if there is none. `replace` puts everything there
+    /// whatever there is. Answers whether the record is new, and how many bytes of blobs went.
     pub(super) async fn send(&self, store: &Store, record: &Record, replace: bool) -> Result<(bool, u64), Fault> {
         let sent = self.each_file(record, async |_, file| {
             let there = !replace && self.size(&file.blob).await? == Some(file.bytes);

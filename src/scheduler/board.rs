@@ -43,8 +43,8 @@ pub struct Queued {
     pub begun_as: Option<Digest>,
 }
 
-/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `queued`, `elsewhere`,
-/// `running` and `outcome.stages`.
+/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `queued`,
+/// `elsewhere`, `running` and `outcome.stages`.
 pub struct Board<'p> {
     graph: &'p Graph,
     /// Not all inputs are there: how many are missing.

@@ -34,7 +34,8 @@ impl Budget {
     }
 }
 
-/// The memory that this process may use, as far as the system says: the machine's, or less where a control group sets a limit.
+/// The memory that this process may use, as far as the system says: the machine's, or less where a control group sets a
+/// limit.
 pub fn memory_limit() -> u64 {
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;

@@ -12,7 +12,8 @@ use crate::testing::{graph, node, sum};
 /// A stage: its number, what it reduces by, and which of those before it it reads.
 type Part = (u32, u32, Vec<usize>);
 
-/// Stages that read up to three of those before them; small numbers, so that different sums are often equal when reduced.
+/// Stages that read up to three of those before them; small numbers, so that different sums are often equal when
+/// reduced.
 fn parts() -> impl Strategy<Value = Vec<Part>> {
     let part = (0u32..6, 2u32..4, prop::collection::vec(any::<prop::sample::Index>(), 0..4));
     prop::collection::vec(part, 2..8).prop_map(|parts| {
@@ -45,7 +46,7 @@ fn recipes(parts: &[Part]) -> Vec<(Part, Vec<u32>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(16))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 16))]
 
     #[test]
     fn what_runs_is_what_changed_and_the_plan_knew_it(before in parts(), changed in any::<prop::sample::Index>(), number in 0u32..6) {

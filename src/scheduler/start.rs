@@ -55,8 +55,8 @@ impl Scheduler<'_> {
         Estimate { device: estimate.device && node.stage.uses_device(), ..estimate }
     }
 
-    /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has the folder,
-    /// or had it and has left a result by now.
+    /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has
+    /// the folder, or had it and has left a result by now.
     fn claim(
         &self,
         board: &mut Board,
@@ -114,7 +114,8 @@ impl Scheduler<'_> {
         Ok(Task { node, key, work, inputs, device, kind, cancelled, extension, earlier, checkpoint_every, replace })
     }
 
-    /// The rest of a stage whose GPU has failed, for the CPU, under a key of its own; `None` if the user does not want that.
+    /// The rest of a stage whose GPU has failed, for the CPU, under a key of its own; `None` if the user does not want
+    /// that.
     pub(super) fn fall_back(&self, board: &mut Board, at: usize, ended: &Queued, fault: &GpuError) -> Option<Queued> {
         let inputs = self.inputs(at, &board.outcome.records);
         let manifest = self.context.fallen_manifest(at, &inputs)?;

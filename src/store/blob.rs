@@ -27,7 +27,8 @@ pub fn digest_file(path: &Path) -> std::io::Result<(Digest, u64)> {
 }
 
 impl Store {
-    /// Moves a finished file into the store. The file must lie on the store's file system, and nobody may be writing to it.
+    /// Moves a finished file into the store. The file must lie on the store's file system, and nobody may be writing to
+    /// it.
     pub(super) fn take_blob(&self, file: &Path) -> Result<(Digest, u64), StoreError> {
         let (digest, bytes) = digest_file(file).at("read", file)?;
         let path = self.blob_path(&digest);

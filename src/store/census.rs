@@ -52,7 +52,8 @@ pub fn references<'r>(records: impl Iterator<Item = &'r Record>) -> References {
     references
 }
 
-/// The artifacts that results hold, by the digest of their content, with an example of which output of which stage each is.
+/// The artifacts that results hold, by the digest of their content, with an example of which output of which stage each
+/// is.
 pub type Producers = BTreeMap<Digest, String>;
 
 /// Who gave which artifacts.

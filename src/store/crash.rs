@@ -1,4 +1,5 @@
-//! The store's laws on a machine that stops after any file operation, on a full disk, and on one that cannot be written.
+//! The store's laws on a machine that stops after any file operation, on a full disk, and on one that cannot be
+//! written.
 
 use std::path::Path;
 use std::time::Duration;
@@ -153,7 +154,7 @@ fn act_all(store: &Store, acts: &[Act], known: &mut [bool; 3]) -> Result<(), Sto
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases / 16, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 16))]
 
     #[test]
     fn what_was_committed_stays_and_what_was_not_is_whole_or_absent(acts in acts(), after in 0usize..160) {

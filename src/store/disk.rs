@@ -78,8 +78,8 @@ impl Disk {
         tempfile::TempPath::try_from_path(from)?.persist_noclobber(to).map_err(|error| error.error)
     }
 
-    /// A second name for a file. There is none on another file system, for a file that has too many, or for another user's: then a copy
-    /// is made, one that shares its blocks if it can, under a name of its own until it is whole.
+    /// A second name for a file. There is none on another file system, for a file that has too many, or for another
+    /// user's: then a copy is made, one that shares its blocks if it can, under a name of its own until it is whole.
     pub fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("link", to, true)?;
         match fs::hard_link(from, to) {

@@ -1,7 +1,7 @@
 //! Looks through a whole store for everything that is not as the program left it, and puts damage out of reach.
 //!
-//! Other processes may use the store meanwhile: what they have replaced since it was looked at is left alone, and so is all that
-//! a running stage may still need. Results that are sound are never touched.
+//! Other processes may use the store meanwhile: what they have replaced since it was looked at is left alone, and so is
+//! all that a running stage may still need. Results that are sound are never touched.
 
 mod blobs;
 
@@ -47,9 +47,9 @@ struct Fsck<'s> {
 }
 
 impl Store {
-    /// Reads everything through and names what is wrong. With `mend`, damage is moved to `quarantine/`, so that the next run
-    /// computes what is lost.
-    /// Files under `out` that show something else than sound blobs are named too; runs show them again.
+    /// Reads everything through and names what is wrong. With `mend`, damage is moved to `quarantine/`, so that the
+    /// next run computes what is lost. Files under `out` that show something else than sound blobs are named too; runs
+    /// show them again.
     pub fn fsck(&self, out: &Path, mend: bool) -> Result<Report, StoreError> {
         let mut fsck = Fsck { store: self, mend, report: Report::default(), sound: BTreeSet::new() };
         let records = fsck.records()?;

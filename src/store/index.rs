@@ -1,8 +1,8 @@
 //! What was found when files were read through, so that they need not be read again while they have not changed.
 //!
-//! One file of pages that is only ever added to, a page by each process that found something: a mark, the length and the checksum of
-//! what follows, then entries. It is a cache and nothing else: without it, and from a page on that is garbled, everything is
-//! read as if for the first time. Knows nothing of what the entries mean.
+//! One file of pages that is only ever added to, a page by each process that found something: a mark, the length and
+//! the checksum of what follows, then entries. It is a cache and nothing else: without it, and from a page on that is
+//! garbled, everything is read as if for the first time. Knows nothing of what the entries mean.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -113,8 +113,8 @@ impl Index {
         }
     }
 
-    /// Writes what came since to the end of the file; where that has grown far beyond its entries or is garbled, it is written anew. It
-    /// is no matter if that fails.
+    /// Writes what came since to the end of the file; where that has grown far beyond its entries or is garbled, it is
+    /// written anew. It is no matter if that fails.
     pub fn keep(&self, replace: impl FnOnce(&Path, &[u8])) {
         let Ok(mut new) = self.new.lock() else { return };
         let new = std::mem::take(&mut *new);

@@ -1,9 +1,9 @@
 //! Leases: which process computes which key. Knows nothing of what is computed.
 //!
-//! A lease is a file `leases/<key>.<generation>`, put there only if absent; the highest generation of a key holds it. Its holder
-//! touches it every few seconds. Whoever finds the holder dead puts the next generation beside it, which only one can, and
-//! removes the older file, by which a holder that was only asleep learns that its work is another's now. No clock is compared
-//! with another: a waiter measures on its own how long a file has gone untouched.
+//! A lease is a file `leases/<key>.<generation>`, put there only if absent; the highest generation of a key holds it.
+//! Its holder touches it every few seconds. Whoever finds the holder dead puts the next generation beside it, which
+//! only one can, and removes the older file, by which a holder that was only asleep learns that its work is another's
+//! now. No clock is compared with another: a waiter measures on its own how long a file has gone untouched.
 
 use std::fs::{self, File};
 use std::io;

@@ -49,8 +49,8 @@ impl Store {
         shows
     }
 
-    /// Whether a folder that was found to show an artifact at an earlier time has not changed since. Of a blob's second name, it is
-    /// enough that the folder still has it and that the blob is as it was.
+    /// Whether a folder that was found to show an artifact at an earlier time has not changed since. Of a blob's second
+    /// name, it is enough that the folder still has it and that the blob is as it was.
     fn showed(&self, seen: &Shown, output: &Output, folder: &Path) -> bool {
         let is_same = |(file, before): (&StoredFile, &Signature)| {
             file.glance.0.as_ref() == Some(before) || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)

@@ -28,7 +28,8 @@ impl Store {
         if path.exists() { Ok(()) } else { self.put(&path, &json(&path, manifest)?) }
     }
 
-    /// Which of these keys have lost their manifest. While a folder is as it was when all of them were there, they still are.
+    /// Which of these keys have lost their manifest. While a folder is as it was when all of them were there, they
+    /// still are.
     pub fn without_manifest(&self, keys: impl Iterator<Item = Digest>) -> Vec<Digest> {
         let mut keys: Vec<Digest> = keys.collect();
         keys.sort_unstable();

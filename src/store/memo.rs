@@ -12,7 +12,8 @@ use super::index::Kind;
 use super::signature::Signature;
 
 impl Store {
-    /// The answer to a question about files: the one that the index remembers, if none of them has changed since; else it is asked.
+    /// The answer to a question about files: the one that the index remembers, if none of them has changed since; else
+    /// it is asked.
     pub fn while_unchanged<T: Serialize + DeserializeOwned, E>(
         &self,
         question: &str,

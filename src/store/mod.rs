@@ -67,7 +67,8 @@ const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 /// A store in a folder.
 pub struct Store {
     root: PathBuf,
-    /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it when the process dies.
+    /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it when the process
+    /// dies.
     lock: Option<File>,
     /// Whether the system lets nothing be written.
     read_only: bool,
@@ -105,8 +106,8 @@ impl Store {
         }
     }
 
-    /// A store for writing; its folders are made where they are missing. One that is there and can only be read will do for a run that
-    /// has nothing to compute.
+    /// A store for writing; its folders are made where they are missing. One that is there and can only be read will do
+    /// for a run that has nothing to compute.
     pub fn create(root: &Path) -> Result<Self, StoreError> {
         Self::create_on(Disk::default(), root)
     }

@@ -1,4 +1,5 @@
-//! Results: which outputs a key has, and of which blobs they consist. A result counts only if all its blobs are there and sound.
+//! Results: which outputs a key has, and of which blobs they consist. A result counts only if all its blobs are there
+//! and sound.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -154,7 +155,8 @@ impl Store {
         self.index.places(Kind::Result).len() > AHEAD * wanted
     }
 
-    /// Looks up at once what the index remembers, until there is `enough`: all threads together are faster than one key after the other.
+    /// Looks up at once what the index remembers, until there is `enough`: all threads together are faster than one key
+    /// after the other.
     pub fn look_ahead(&self, enough: &AtomicBool) {
         let find = |place: &Place| {
             let seen = self.index.read(place).filter(|_| !enough.load(Ordering::Relaxed));
@@ -182,8 +184,9 @@ impl Store {
         (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
     }
 
-    /// Remembers results that this process has just written, so that the next one need not read them through: those whose blobs are still
-    /// as they were written, and were left alone for long enough that it would show if they were not.
+    /// Remembers results that this process has just written, so that the next one need not read them through: those
+    /// whose blobs are still as they were written, and were left alone for long enough that it would show if they were
+    /// not.
     pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
         let now = SystemTime::now();
         for record in records {
@@ -227,7 +230,8 @@ impl Store {
         }
     }
 
-    /// Makes a result known. If another process was first its result stays, and is the answer; `replace` overrules that.
+    /// Makes a result known. If another process was first its result stays, and is the answer; `replace` overrules
+    /// that.
     pub fn put_result(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
         let path = self.result_path(&record.key);
         let bytes = json(&path, &record)?;

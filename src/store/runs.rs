@@ -101,7 +101,8 @@ pub fn now() -> String {
     format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millis:03}Z")
 }
 
-/// The date of a day counted from 1970-01-01, in the Gregorian calendar. Years are counted from March, so that leap days come last.
+/// The date of a day counted from 1970-01-01, in the Gregorian calendar. Years are counted from March, so that leap
+/// days come last.
 fn civil(days: u64) -> (u64, u64, u64) {
     let days = days + 719_468;
     let (era, day_of_era) = (days / 146_097, days % 146_097);

@@ -6,11 +6,12 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-/// A file that changed less than this before it was read may change again without a sign of it: clocks of file systems are coarse.
+/// A file that changed less than this before it was read may change again without a sign of it: clocks of file systems
+/// are coarse.
 const RACY: Duration = Duration::from_secs(2);
 
-/// What tells that a file or a folder is as it was: inode, size, and when its content and its inode changed, in nanoseconds. Of a
-/// folder, that it has the same names, and each for the same file.
+/// What tells that a file or a folder is as it was: inode, size, and when its content and its inode changed, in
+/// nanoseconds. Of a folder, that it has the same names, and each for the same file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signature(u64, u64, i64, i64);
 

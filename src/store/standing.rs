@@ -1,6 +1,7 @@
-//! That all results of a pipeline were there, and every file that was looked at to find it out: while none of them changes, they still
-//! are. With thousands of stages that is quicker than to read the pipeline, compute all keys and look them up. It is a cache and nothing
-//! else. Knows nothing of pipelines: the question that it answers is a digest, and a stage a name.
+//! That all results of a pipeline were there, and every file that was looked at to find it out: while none of them
+//! changes, they still are. With thousands of stages that is quicker than to read the pipeline, compute all keys and
+//! look them up. It is a cache and nothing else. Knows nothing of pipelines: the question that it answers is a digest,
+//! and a stage a name.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -41,8 +42,8 @@ impl Store {
         looked.par_iter().all(stands).then_some(standing)
     }
 
-    /// Keeps an answer which was found after `since` and rests on these files and folders. If one of them is gone or changed so late
-    /// that what was found may not be what is there now, nothing is kept.
+    /// Keeps an answer which was found after `since` and rests on these files and folders. If one of them is gone or
+    /// changed so late that what was found may not be what is there now, nothing is kept.
     pub fn put_standing(&self, question: &Digest, standing: Standing, files: BTreeSet<PathBuf>, since: SystemTime) {
         let look = |path: PathBuf| {
             let signature = Signature::at(&path).filter(|signature| signature.is_settled(since))?;

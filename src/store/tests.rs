@@ -135,7 +135,8 @@ fn a_record_that_cannot_be_understood_is_no_result() {
     assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
 }
 
-/// Killed at any point, a run leaves a prefix of the steps of a commit: each prefix is no result, and none is in the way.
+/// Killed at any point, a run leaves a prefix of the steps of a commit: each prefix is no result, and none is in the
+/// way.
 #[test]
 fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
 //! The private folder in which one stage runs, and the commit that turns what it wrote into a result.
 //!
-//! In `work/<key>`, `run-<nonce>` belongs to one lease: `in` shows the stage's inputs, `out` takes its outputs. `scratch` is the
-//! key's own, and outlives an interrupted run: the place for checkpoints.
+//! In `work/<key>`, `run-<nonce>` belongs to one lease: `in` shows the stage's inputs, `out` takes its outputs.
+//! `scratch` is the key's own, and outlives an interrupted run: the place for checkpoints.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -68,8 +68,8 @@ impl Work<'_> {
         self.folder.join("scratch")
     }
 
-    /// Goes on from the checkpoint that a stage left under another key, unless it has one of its own. Where it cannot be
-    /// had, the stage begins with its first step.
+    /// Goes on from the checkpoint that a stage left under another key, unless it has one of its own. Where it cannot
+    /// be had, the stage begins with its first step.
     pub fn take_over(&self, other: &Digest) {
         let scratch = self.store.root.join("work").join(other.to_string()).join("scratch");
         let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
@@ -111,7 +111,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Turns what the stage wrote into a result: blobs, flushed, then the record. `replace` overrules an earlier result.
+    /// Turns what the stage wrote into a result: blobs, flushed, then the record. `replace` overrules an earlier
+    /// result.
     pub fn commit(self, outputs: &[(&str, ArtifactKind)], facts: Facts, replace: bool) -> Result<Record, StoreError> {
         let mut kept = BTreeMap::new();
         for (name, kind) in outputs {

@@ -8,7 +8,8 @@ use scene::Photo;
 use crate::convert;
 use crate::error::StageError;
 
-/// Writes image sets in the layout of NeRF-synthetic (see [`scene::write_transforms`]); the training set's box is the scene's.
+/// Writes image sets in the layout of NeRF-synthetic (see [`scene::write_transforms`]); the training set's box is the
+/// scene's.
 ///
 /// # Errors
 /// If the file system says no.

@@ -24,8 +24,8 @@ pub struct Decode {
     pub mode: Mode,
     /// For `Residual`: the residual latents, h.
     pub residuals: Input,
-    /// For `Residual`: the images that were encoded, x. Where there are any, their alpha is that of the result: the prior knows
-    /// colours only, and sees them before black.
+    /// For `Residual`: the images that were encoded, x. Where there are any, their alpha is that of the result: the
+    /// prior knows colours only, and sees them before black.
     pub images: Input,
     /// Rounds of back-projection onto the low-resolution views: each adds the enlarged difference between them and the
     /// reduced image. 0 turns it off.

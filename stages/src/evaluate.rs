@@ -1,4 +1,5 @@
-//! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing of how they came about.
+//! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing of how they came
+//! about.
 
 use std::collections::BTreeMap;
 
@@ -40,7 +41,8 @@ impl Default for Evaluate {
     }
 }
 
-/// What is behind a truth with alpha, and behind the fields that are measured against it: white, as NeRF-synthetic has it.
+/// What is behind a truth with alpha, and behind the fields that are measured against it: white, as NeRF-synthetic has
+/// it.
 const BEHIND: f32 = 1.0;
 
 /// An image in sRGB-encoded values, interleaved.

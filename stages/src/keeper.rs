@@ -37,8 +37,8 @@ impl<'a> Keeper<'a> {
         Self { io, total, kept: 0, since: Instant::now(), pause: io.checkpoint_every, complained: false }
     }
 
-    /// Goes on from an interrupted run, or from a finished result of fewer steps, if there is one that `rebuild` can make
-    /// something of. What cannot be used is named and set aside.
+    /// Goes on from an interrupted run, or from a finished result of fewer steps, if there is one that `rebuild` can
+    /// make something of. What cannot be used is named and set aside.
     pub fn resume<T>(
         &mut self,
         mut rebuild: impl FnMut(&Checkpoint) -> Result<T, String>,
@@ -89,8 +89,8 @@ impl<'a> Keeper<'a> {
         fs::rename(path, path.with_file_name(DAMAGED)).map_err(file)
     }
 
-    /// After a step: reports progress, and keeps a checkpoint if it is time to. An error when the run is being stopped; then
-    /// the checkpoint is of this step.
+    /// After a step: reports progress, and keeps a checkpoint if it is time to. An error when the run is being stopped;
+    /// then the checkpoint is of this step.
     pub fn after(
         &mut self,
         step: u64,

@@ -49,8 +49,8 @@ pub struct Optimize {
     pub prompt: String,
     /// What they should not be.
     pub negative_prompt: String,
-    /// In how many parts the views are refined, each a stage of its own with a LoRA of its own and its share of the steps. One
-    /// part, in which all views share a LoRA, is the paper's method.
+    /// In how many parts the views are refined, each a stage of its own with a LoRA of its own and its share of the
+    /// steps. One part, in which all views share a LoRA, is the paper's method.
     pub shards: u32,
     /// Which of the parts this is, from 1; 0 for all views.
     pub shard: u32,

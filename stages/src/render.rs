@@ -1,5 +1,5 @@
-//! `Render`: images of a field from given cameras or along a path, with depth and opacity. Knows nothing of how the field
-//! was trained.
+//! `Render`: images of a field from given cameras or along a path, with depth and opacity. Knows nothing of how the
+//! field was trained.
 
 use std::path::PathBuf;
 
@@ -13,8 +13,8 @@ use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
-/// Renders a field from the cameras of an image set. Where the images that the cameras come from have alpha, or along a path,
-/// the renders have it too.
+/// Renders a field from the cameras of an image set. Where the images that the cameras come from have alpha, or along a
+/// path, the renders have it too.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Render {

@@ -44,8 +44,8 @@ pub enum Origin {
         #[serde(default = "default_samples")]
         samples: u32,
     },
-    /// Cameras in `transforms.json`, or in `transforms_train.json` and `transforms_test.json`: NeRF-synthetic, instant-ngp,
-    /// nerfstudio.
+    /// Cameras in `transforms.json`, or in `transforms_train.json` and `transforms_test.json`: NeRF-synthetic,
+    /// instant-ngp, nerfstudio.
     Transforms {
         /// The folder, or the file itself.
         path: PathBuf,

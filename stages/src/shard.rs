@@ -7,7 +7,8 @@ use crate::registry::AnyStage;
 /// More parts than this are taken for a mistake.
 const MOST: u32 = 1024;
 
-/// Some of a stage's views: of each row of `of` views, the one at `index`. So every part sees the scene from all around.
+/// Some of a stage's views: of each row of `of` views, the one at `index`. So every part sees the scene from all
+/// around.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Which part, from 0.

@@ -13,7 +13,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::StageError;
 use crate::registry::AnyStage;
 
-/// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for what a loop carries.
+/// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for what a loop
+/// carries.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Input(pub String);
@@ -109,7 +110,8 @@ impl Estimate {
 /// Bytes of input artifacts by input name, as far as they are known.
 pub type Sizes<'a> = BTreeMap<&'a str, u64>;
 
-/// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters, with its defaults in `Default`.
+/// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters, with its defaults in
+/// `Default`.
 pub trait Stage: Send + Sync {
     /// The kind's name in pipeline files.
     fn kind(&self) -> &'static str;
@@ -121,8 +123,8 @@ pub trait Stage: Send + Sync {
     fn inputs(&self) -> Vec<InputPort<'_>>;
     /// The outputs, in a fixed order.
     fn outputs(&self) -> Vec<OutputPort>;
-    /// Parameters that say where something lies, not what it is, as paths in which variant names are left out (`source.path`):
-    /// they stay out of the key, since [`Stage::sources`] covers the content.
+    /// Parameters that say where something lies, not what it is, as paths in which variant names are left out
+    /// (`source.path`): they stay out of the key, since [`Stage::sources`] covers the content.
     fn locations(&self) -> &'static [&'static str] {
         &[]
     }
@@ -130,8 +132,8 @@ pub trait Stage: Send + Sync {
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         Ok(Vec::new())
     }
-    /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its answer stands. `None` where that
-    /// cannot be said.
+    /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its answer stands. `None`
+    /// where that cannot be said.
     fn source_files(&self) -> Option<Vec<PathBuf>> {
         self.locations().is_empty().then(Vec::new)
     }
@@ -147,7 +149,8 @@ pub trait Stage: Send + Sync {
     fn extension(&self) -> Extension {
         Extension::None
     }
-    /// Memory and time that it will take. By default those of a stage that reads all of its inputs and does little with them.
+    /// Memory and time that it will take. By default those of a stage that reads all of its inputs and does little with
+    /// them.
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs)
     }

@@ -1,6 +1,6 @@
-//! The surface of a field at one density, as a mesh, by surface nets (Gibson 1998): each cell that the surface crosses has
-//! one vertex, the mean of the crossings of its edges, and each crossed edge joins the vertices of the four cells around it.
-//! Unlike marching cubes that needs no table of cases, and leaves no slivers. Knows nothing of files.
+//! The surface of a field at one density, as a mesh, by surface nets (Gibson 1998): each cell that the surface crosses
+//! has one vertex, the mean of the crossings of its edges, and each crossed edge joins the vertices of the four cells
+//! around it. Unlike marching cubes that needs no table of cases, and leaves no slivers. Knows nothing of files.
 
 use std::f32::consts::LN_2;
 
@@ -88,8 +88,8 @@ pub fn surface(field: &Field, resolution: u32, level: f32) -> Surface {
     Surface { vertices: places.into_iter().zip(colors).map(vertex).collect(), triangles }
 }
 
-/// Logarithms of the density over the level: positive inside. They change more evenly through a surface than densities do.
-/// A rim of nothing around the box closes what the box cuts.
+/// Logarithms of the density over the level: positive inside. They change more evenly through a surface than densities
+/// do. A rim of nothing around the box closes what the box cuts.
 fn sample(field: &Field, resolution: u32, level: f32) -> Grid {
     let [low, high] = field.bounds();
     let step = longest_side(field) / resolution as f32;

@@ -1,4 +1,5 @@
-//! `Sync`: brings a field in line with enlarged views (I3DS, paper algorithm 2). Knows nothing of how they were enlarged.
+//! `Sync`: brings a field in line with enlarged views (I3DS, paper algorithm 2). Knows nothing of how they were
+//! enlarged.
 
 use artifacts_schema::{ArtifactKind, ImageSet};
 use nerf::TrainOptions;
@@ -29,7 +30,8 @@ pub struct Sync {
     pub samples: u32,
     /// Learning rate at its highest.
     pub rate: f64,
-    /// Learning rate of the last step, as a part of `rate`. At 1 it does not fall, and a finished result can be extended.
+    /// Learning rate of the last step, as a part of `rate`. At 1 it does not fall, and a finished result can be
+    /// extended.
     pub final_rate: f64,
 }
 

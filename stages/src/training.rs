@@ -35,7 +35,8 @@ pub fn extension(final_rate: f64) -> Extension {
     Extension::Impossible("steps", "the learning rate falls over all steps (unless `final_rate` is 1)")
 }
 
-/// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments and a checkpoint multiply.
+/// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments and a checkpoint
+/// multiply.
 pub fn estimate(inputs: &Sizes, table: u64, steps: u32, samples: u32) -> Estimate {
     let seconds = f64::from(steps) * f64::from(samples) * 6e-7;
     Estimate::reading(inputs).computing(8 * table + 1024 * u64::from(samples), seconds)

@@ -40,8 +40,8 @@ fn processes_on_one_store_compute_each_key_once() {
     }
 }
 
-/// A command on a host of its own, as far as it can tell: with another name, and numbers of processes that say nothing elsewhere.
-/// `None` where the system lets nobody pretend that.
+/// A command on a host of its own, as far as it can tell: with another name, and numbers of processes that say nothing
+/// elsewhere. `None` where the system lets nobody pretend that.
 fn on_host(space: &Space, name: &str, arguments: &[&str]) -> Option<Child> {
     let apart = ["--user", "--map-root-user", "--uts", "--pid", "--fork", "--mount-proc"];
     let unshare = || {

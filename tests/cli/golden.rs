@@ -1,9 +1,9 @@
-//! A digest of what each stage kind gives for a small fixed input: when the output changes, so must `VERSION`, or else stores would
-//! go on with results of the old code.
+//! A digest of what each stage kind gives for a small fixed input: when the output changes, so must `VERSION`, or else
+//! stores would go on with results of the old code.
 //!
-//! `golden.json` holds them. Sums are cut into lanes, and lanes are as wide as the processor's: so the operators are kept to AVX2 on
-//! x86-64, and there is a set for each architecture; one without a set compares nothing, and says so. `make golden` writes the set of
-//! the processor it runs on, and refuses an output that changed under the same version.
+//! `golden.json` holds them. Sums are cut into lanes, and lanes are as wide as the processor's: so the operators are
+//! kept to AVX2 on x86-64, and there is a set for each architecture; one without a set compares nothing, and says so.
+//! `make golden` writes the set of the processor it runs on, and refuses an output that changed under the same version.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

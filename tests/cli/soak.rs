@@ -1,4 +1,5 @@
-//! The whole method killed at random moments, and continued each time, ends with the digests of a run that was left alone.
+//! The whole method killed at random moments, and continued each time, ends with the digests of a run that was left
+//! alone.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -172,7 +172,8 @@ fn damaged(bytes: &[u8], cut: Option<Index>, edits: &[(Index, u8)]) -> Vec<u8> {
 }
 
 proptest! {
-    /// A panic fails the test; an error, or content that happens to be sound, does not. `PROPTEST_CASES=100000` for more.
+    /// A panic fails the test; an error, or content that happens to be sound, does not. `PROPTEST_CASES=100000` for
+    /// more.
     #[test]
     fn no_damage_makes_a_reader_panic(
         file in any::<Index>(),

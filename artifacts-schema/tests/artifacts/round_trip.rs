@@ -88,7 +88,7 @@ fn an_empty_image_set_comes_back() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 4))]
 
     #[test]
     fn any_camera_comes_back_exactly(numbers in prop::array::uniform24(prop::num::f64::NORMAL)) {

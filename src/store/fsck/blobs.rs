@@ -58,7 +58,8 @@ impl Fsck<'_> {
         Ok(())
     }
 
-    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is missed, it goes there.
+    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is missed, it goes
+    /// there.
     fn wrong_blob(
         &mut self,
         entry: &Entry,

@@ -47,8 +47,8 @@ impl Device {
         Device { backend: Backend::Cpu }
     }
 
-    /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU in
-    /// use, such as full memory, unwinds to the nearest [`attempt`].
+    /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU
+    /// in use, such as full memory, unwinds to the nearest [`attempt`].
     pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
         Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, None)?)) })
     }
@@ -58,8 +58,8 @@ impl Device {
         Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, Some(window))?)) })
     }
 
-    /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no such
-    /// hardware, no driver is asked.
+    /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no
+    /// such hardware, no driver is asked.
     pub fn auto() -> Device {
         if gpu::adapter::hardware_is_likely() { Device::gpu(None).unwrap_or(Device::cpu()) } else { Device::cpu() }
     }

@@ -12,12 +12,12 @@
 //! it shares, [`Weight::first_not_finite`] finds bad numbers without widening all of them at once, and
 //! [`Weight::with_precision`] has it multiplied in bf16.
 //!
-//! On a GPU ([`Device::gpu`]) operators record commands and return at once; [`Array::to_vec`] and the reductions to one number wait. The
-//! same adapter and driver give the same bits. A fault of the device unwinds to [`device::attempt`].
+//! On a GPU ([`Device::gpu`]) operators record commands and return at once; [`Array::to_vec`] and the reductions to one
+//! number wait. The same adapter and driver give the same bits. A fault of the device unwinds to [`device::attempt`].
 //!
-//! On the CPU, kernels are compiled for several widths of vectors, and the widest that the processor has is taken when the program
-//! runs; the environment variable `COMPUTE_SIMD` (`portable` or `avx2`) limits it. Maps and reductions give the same bits
-//! at every width, matrix products do not.
+//! On the CPU, kernels are compiled for several widths of vectors, and the widest that the processor has is taken when
+//! the program runs; the environment variable `COMPUTE_SIMD` (`portable` or `avx2`) limits it. Maps and reductions give
+//! the same bits at every width, matrix products do not.
 
 pub mod activation;
 pub mod adam;

@@ -1,4 +1,5 @@
-//! Prints the time of whole networks of tiny-x4: `networks.py` beside this file puts them, and the upscaler's, beside PyTorch.
+//! Prints the time of whole networks of tiny-x4: `networks.py` beside this file puts them, and the upscaler's, beside
+//! PyTorch.
 
 use std::time::Instant;
 

@@ -1,9 +1,10 @@
 //! One photo, one round: how far RSD, SDS or VSD come from bicubic interpolation, with the embedded prior.
 //!
-//! `cargo run --release -p diffusion --example one_view -- photo.png 256x192 '{"guidance": {"Rsd": {}}, "steps": 100}' ..`
+//! `cargo run --release -p diffusion --example one_view -- photo.png 256x192 '{"guidance": {"Rsd": {}}, "steps": 100}'
+//! ..`
 //!
-//! The photo's centre is shrunk to a quarter and brought back. Every quarter of the steps it prints PSNR to the photo, in brackets
-//! that of the shrunk result to the shrunk photo, and the same after three rounds of back-projection.
+//! The photo's centre is shrunk to a quarter and brought back. Every quarter of the steps it prints PSNR to the photo,
+//! in brackets that of the shrunk result to the shrunk photo, and the same after three rounds of back-projection.
 
 use std::error::Error;
 use std::path::Path;

@@ -42,7 +42,8 @@ pub struct LoraFile {
 }
 
 impl LoraFile {
-    /// Reads the LoRA at `path` for `unet`. Fails where a tensor is none of its attentions' or an option is not supported.
+    /// Reads the LoRA at `path` for `unet`. Fails where a tensor is none of its attentions' or an option is not
+    /// supported.
     pub fn read(path: &Path, unet: &Unet, device: &Device) -> Result<Self, ModelError> {
         let file = TensorFile::open(path)?;
         let (mut names, mut adapters) = (BTreeMap::new(), BTreeMap::new());

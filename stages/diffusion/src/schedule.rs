@@ -1,5 +1,5 @@
-//! The noise schedule: how much of a latent and how much noise there is at each timestep, and the conversions between what a
-//! network predicts and what it means. Knows no network and no guidance rule.
+//! The noise schedule: how much of a latent and how much noise there is at each timestep, and the conversions between
+//! what a network predicts and what it means. Knows no network and no guidance rule.
 
 use compute::Array;
 use compute::elementwise::scaled_sum;
@@ -32,7 +32,8 @@ pub enum Prediction {
     Noise,
 }
 
-/// `alpha_bar` by timestep. With a = sqrt(alpha_bar) and s = sqrt(1 - alpha_bar), the noised latent is z_t = a z + s eps.
+/// `alpha_bar` by timestep. With a = sqrt(alpha_bar) and s = sqrt(1 - alpha_bar), the noised latent is z_t = a z + s
+/// eps.
 ///
 /// The functions over arrays take batches `[N, ...]` and one timestep for each of the N, or a single one for all.
 #[derive(Clone, Debug)]

@@ -125,8 +125,8 @@ struct Index {
 }
 
 impl ModelSource {
-    /// Which of the files `there` of the model `name` make it up, weights in `variant` where there are such. Fails where a
-    /// network's weights are missing or pickled.
+    /// Which of the files `there` of the model `name` make it up, weights in `variant` where there are such. Fails
+    /// where a network's weights are missing or pickled.
     pub fn choose(name: &str, there: &BTreeSet<String>, variant: Option<&str>) -> Result<Vec<String>, ModelError> {
         let has = |file: &String| there.contains(file);
         let mut chosen: Vec<String> = DESCRIPTIONS.map(str::to_owned).into_iter().filter(has).collect();

@@ -1,6 +1,7 @@
 //! CLIP's tokenizer: byte-level byte-pair encoding (Sennrich et al. 2016) of cleaned-up, lower-cased text.
 //!
-//! Gives the ids that `CLIPTokenizer(..., padding="max_length", truncation=True)` of transformers gives. Knows no model.
+//! Gives the ids that `CLIPTokenizer(..., padding="max_length", truncation=True)` of transformers gives. Knows no
+//! model.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! A prior as the optimisation asks it: with two prompts, and the low-resolution image beside the latent. Knows no rule.
+//! A prior as the optimisation asks it: with two prompts, and the low-resolution image beside the latent. Knows no
+//! rule.
 
 use std::collections::BTreeMap;
 

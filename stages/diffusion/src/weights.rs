@@ -1,6 +1,7 @@
 //! The weights of one network: tensors out of one file, or out of the shards of one.
 //!
-//! Hands out tensors by the place of their layer, each of exactly the shape that is asked for, and knows which nobody wanted.
+//! Hands out tensors by the place of their layer, each of exactly the shape that is asked for, and knows which nobody
+//! wanted.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,12 +24,13 @@ pub(crate) struct Weights {
     precision: Precision,
 }
 
-/// Weights of fewer bytes are widened when they are read; larger ones stay in the file's map and in its number format, and the
-/// operators widen them piece by piece.
+/// Weights of fewer bytes are widened when they are read; larger ones stay in the file's map and in its number format,
+/// and the operators widen them piece by piece.
 const WIDENED: usize = 64 << 20;
 
 impl Weights {
-    /// Reads the headers of `files`. Fails where a header and its file do not fit together, and where two hold one tensor.
+    /// Reads the headers of `files`. Fails where a header and its file do not fit together, and where two hold one
+    /// tensor.
     pub fn open(files: Vec<ModelFile>, device: &Device) -> Result<Self, ModelError> {
         let files = files.into_iter().map(TensorFile::new).collect::<Result<Vec<_>, _>>()?;
         let mut places = BTreeMap::new();
@@ -134,7 +136,8 @@ impl Scope<'_> {
         self.weights.places.contains_key(self.at(name).path())
     }
 
-    /// The tensor `name` below this place, of exactly this shape. Fails if it is missing, of another shape or not finite.
+    /// The tensor `name` below this place, of exactly this shape. Fails if it is missing, of another shape or not
+    /// finite.
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Array, ModelError> {
         Ok(self.weight(name, shape)?.to_array())
     }

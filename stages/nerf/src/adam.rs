@@ -1,5 +1,5 @@
-//! Adam for a field's parameters (Kingma and Ba 2015): every step for matrices, only when touched for hash entries. Knows
-//! nothing of what the gradients come from.
+//! Adam for a field's parameters (Kingma and Ba 2015): every step for matrices, only when touched for hash entries.
+//! Knows nothing of what the gradients come from.
 
 use crate::config::FEATURES;
 use crate::kernels::hash::Entry;
@@ -52,8 +52,8 @@ fn advance<S: Simd>(simd: S, [value, first, second]: [S::f32s; 3], gradient: S::
     [simd.sub_f32s(value, simd.div_f32s(simd.mul_f32s(rate, first), size)), first, second]
 }
 
-/// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient. Their sizes are multiples
-/// of 16.
+/// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient. Their sizes are
+/// multiples of 16.
 pub fn update_dense(parameters: &mut [f32], gradient: &[f32], moments: &mut Moments, rate: f32, step: u32, l2: f32) {
     assert!(parameters.len() == gradient.len() && parameters.len().is_multiple_of(16), "update_dense: sizes");
     let rate = rate * CORRECTIONS[(step as usize).min(CORRECTED)];
@@ -127,9 +127,9 @@ pub struct SparsePart<'a> {
     steps: &'a mut [u16],
 }
 
-/// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in instant-ngp. Writes the
-/// table that look-ups read, and clears the gradient for the next step. Entries come in groups of eight, as those of levels
-/// do.
+/// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in instant-ngp. Writes
+/// the table that look-ups read, and clears the gradient for the next step. Entries come in groups of eight, as those
+/// of levels do.
 pub fn update_sparse(table: &mut [Entry], gradient: &mut [[f32; FEATURES]], part: SparsePart<'_>, rate: f32) {
     assert!(table.len() == gradient.len() && table.len() == part.values.len(), "update_sparse: sizes differ");
     assert!(table.len().is_multiple_of(8), "update_sparse: a group is not whole");

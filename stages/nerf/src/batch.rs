@@ -51,8 +51,8 @@ impl Sampler {
         Self { ends: sums.collect(), rng: Rng::new(seed, "training batch") }
     }
 
-    /// Pixel `element` of the `count` of a step. Each lies at a random place in its own equal share of all pixels, so that
-    /// every batch covers all views evenly.
+    /// Pixel `element` of the `count` of a step. Each lies at a random place in its own equal share of all pixels, so
+    /// that every batch covers all views evenly.
     pub fn pixel(&self, views: &[TrainView], step: u64, element: u64, count: u64) -> Pixel {
         let total = self.ends.last().copied().unwrap_or(0);
         let place = (element as f64 + f64::from(self.random(step, element, 0))) / count as f64;

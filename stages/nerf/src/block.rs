@@ -1,5 +1,5 @@
-//! A block of rays through the field: from the features of their samples through the networks to what the rays see, and all
-//! the way back. Knows nothing of pixels, losses or optimisers.
+//! A block of rays through the field: from the features of their samples through the networks to what the rays see, and
+//! all the way back. Knows nothing of pixels, losses or optimisers.
 //!
 //! The arrays of a block fit into the second-level cache; one thread takes a block from the features to the gradients.
 
@@ -46,8 +46,8 @@ pub struct Regularizer {
     pub fog_range: f32,
 }
 
-/// What backward passes leave: the gradient to the networks' weights, and for the hash table positions with one gradient
-/// pair per level each.
+/// What backward passes leave: the gradient to the networks' weights, and for the hash table positions with one
+/// gradient pair per level each.
 #[derive(Default)]
 pub struct FieldGradient {
     /// Summed, in the layout of the networks' weights.
@@ -166,8 +166,8 @@ impl Block {
         }
     }
 
-    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks' weights, appends the one to the
-    /// hash features, and returns the distortion loss (unweighted, summed over rays).
+    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks' weights, appends the one
+    /// to the hash features, and returns the distortion loss (unweighted, summed over rays).
     pub fn backward(
         &mut self,
         field: &Field,

@@ -1,15 +1,17 @@
-//! Emission and absorption along one ray: weights, their sums, and the way back. Knows nothing of what gave the densities.
+//! Emission and absorption along one ray: weights, their sums, and the way back. Knows nothing of what gave the
+//! densities.
 //!
-//! With alpha_i = 1 - exp(-sigma_i dt_i) and T_i the product of 1 - alpha_j over the samples before i, a sample's weight
-//! is w_i = T_i alpha_i, and what is behind the last sample shows with weight T_end (Max 1995; Mildenhall et al. 2020).
+//! With alpha_i = 1 - exp(-sigma_i dt_i) and T_i the product of 1 - alpha_j over the samples before i, a sample's
+//! weight is w_i = T_i alpha_i, and what is behind the last sample shows with weight T_end (Max 1995; Mildenhall et al.
+//! 2020).
 
 use crate::exponential::exp;
 
 /// A ray is cut where less than this of what lies behind would show.
 pub const CUT: f32 = 1e-4;
 
-/// How many of a ray's next samples come before its transmittance falls below [`CUT`]. `depths` are their sigma_i dt_i, and
-/// `optical_depth` is the sum over the samples before them, to which those that are seen are added.
+/// How many of a ray's next samples come before its transmittance falls below [`CUT`]. `depths` are their sigma_i dt_i,
+/// and `optical_depth` is the sum over the samples before them, to which those that are seen are added.
 pub fn visible(depths: impl Iterator<Item = f32>, optical_depth: &mut f32) -> usize {
     let limit = -CUT.ln();
     depths

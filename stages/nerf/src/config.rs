@@ -21,13 +21,14 @@ pub struct FieldConfig {
     pub occupancy_resolution: u32,
     /// Marching steps along the longest side of unit space, at their shortest.
     pub march_steps: u32,
-    /// Growth of the marching step with the distance from the camera in a box; 0 keeps it constant. In perspective it is 0.
+    /// Growth of the marching step with the distance from the camera in a box; 0 keeps it constant. In perspective it
+    /// is 0.
     pub march_cone: f64,
 }
 
-/// Chosen by the held-out PSNR at full resolution of fields fitted to 60-pixel-wide photos (`examples/fit.rs`; LLFF fern
-/// and the procedural still life): finer levels and longer tables cost time and change nothing there, but the views that
-/// `Sync` brings later need them; shorter steps only buy fewer pixels per batch.
+/// Chosen by the held-out PSNR at full resolution of fields fitted to 60-pixel-wide photos (`examples/fit.rs`; LLFF
+/// fern and the procedural still life): finer levels and longer tables cost time and change nothing there, but the
+/// views that `Sync` brings later need them; shorter steps only buy fewer pixels per batch.
 impl Default for FieldConfig {
     fn default() -> Self {
         Self {

@@ -1,5 +1,5 @@
-//! What a batch of pixels adds to a training step: rays traced, compared with the photos, and gradients all the way back.
-//! Knows nothing of optimisers.
+//! What a batch of pixels adds to a training step: rays traced, compared with the photos, and gradients all the way
+//! back. Knows nothing of optimisers.
 
 use crate::batch::{Pixel, Sampler, TrainView};
 use crate::block::{Block, FieldGradient, Rays, Regularizer, Seen, SeenGradient};
@@ -63,8 +63,8 @@ impl Batch<'_> {
         look.start(samples);
     }
 
-    /// Ends a part for which everything has been looked up: what its rays see, compared with the photos, and all the way back;
-    /// `per_block` pixels at a time.
+    /// Ends a part for which everything has been looked up: what its rays see, compared with the photos, and all the
+    /// way back; `per_block` pixels at a time.
     pub fn learn(&self, features: &Features, per_block: usize, block: &mut Block, part: &mut Contribution) {
         let Contribution { pixels, samples, look, gradient, loss, squared_error } = part;
         look.cut(samples);

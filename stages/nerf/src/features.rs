@@ -1,5 +1,5 @@
-//! What the hash grid holds at some positions, level by level, so that one level stays in the cache while all positions pass.
-//! Knows nothing of rays.
+//! What the hash grid holds at some positions, level by level, so that one level stays in the cache while all positions
+//! pass. Knows nothing of rays.
 
 use crate::config::{FEATURES, Level};
 use crate::field::Field;

@@ -1,10 +1,11 @@
 //! The hash-grid radiance field: occupancy, marching, compositing, training, rendering.
 //!
 //! A [`Field`] lives in unit space ([`Space`]); a [`Trainer`] fits it to [`TrainView`]s; [`render`] makes images of it.
-//! Gradients are written out by hand beside each forward pass. Results have the same bits for any number of threads and on any machine:
-//! sums have one order, and the kernels use the same fused operations whatever the vector width.
+//! Gradients are written out by hand beside each forward pass. Results have the same bits for any number of threads and
+//! on any machine: sums have one order, and the kernels use the same fused operations whatever the vector width.
 //!
-//! [`Training`] and [`Renderer`] do the same on whatever device was chosen; on a GPU the same adapter and driver give the same bits.
+//! [`Training`] and [`Renderer`] do the same on whatever device was chosen; on a GPU the same adapter and driver give
+//! the same bits.
 
 mod adam;
 mod batch;
@@ -33,17 +34,19 @@ mod space;
 mod spherical;
 mod state;
 mod survey;
+mod tensors;
 mod train;
 mod training;
 
 pub use batch::TrainView;
 pub use config::{FieldConfig, Level};
-pub use field::{Field, FieldError, Tensors};
+pub use field::Field;
 pub use gpu::{Check, GpuTrainer, Renderer, Work, check};
 pub use march::Segment;
 pub use options::TrainOptions;
 pub use probe::Fullness;
 pub use render::{RenderOptions, Rendered, render};
 pub use space::{Space, SpaceKind};
+pub use tensors::{FieldError, Tensors};
 pub use train::{StepStats, Trainer};
 pub use training::Training;

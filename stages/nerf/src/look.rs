@@ -8,15 +8,16 @@ use crate::network::{Activations, GEOMETRY};
 use crate::samples::Samples;
 use std::ops::Range;
 
-/// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to go far behind a surface.
+/// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to go far behind a
+/// surface.
 const WAVE: usize = 16;
 /// Samples that pass through the density network together; their activations stay in the second-level cache.
 const ROWS: usize = 256;
 /// The row of a sample that is not seen.
 const NONE: u32 = u32::MAX;
 
-/// The search for the ends of some rays, wave by wave: [`Look::ask`] says which features it needs next, and [`Look::answer`]
-/// goes on once they are there.
+/// The search for the ends of some rays, wave by wave: [`Look::ask`] says which features it needs next, and
+/// [`Look::answer`] goes on once they are there.
 #[derive(Default)]
 pub struct Look {
     /// By sample that is seen: its place among the features.

@@ -95,8 +95,8 @@ impl Stride {
     }
 }
 
-/// Calls `visit` with the middle and the length of every step that ends up in an occupied cell, front to back. The first
-/// step starts `jitter` steps behind the segment's start.
+/// Calls `visit` with the middle and the length of every step that ends up in an occupied cell, front to back. The
+/// first step starts `jitter` steps behind the segment's start.
 #[inline]
 pub fn march(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f32, mut visit: impl FnMut(f32, f32)) {
     let [start, end] = segment.range;

@@ -174,7 +174,8 @@ impl Network {
         self.backward_layer(2, transposed, [d_a, d_b], &mut a.color_input, Epilogue::Keep, d_weights);
     }
 
-    /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the one to `encoding` there.
+    /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the one to `encoding`
+    /// there.
     pub fn density_backward(&self, transposed: &Transposed, a: &mut Activations, d_weights: &mut [f32]) {
         let [d_a, d_b] = &mut a.d_hidden;
         let hidden = &a.density_hidden;

@@ -50,8 +50,8 @@ impl OccupancyGrid {
         std::array::from_fn(|axis| (cell[axis] as f32 + fraction[axis]) / self.resolution)
     }
 
-    /// Marks the cells that `seen` (by their index) refuses: they stay empty for good. A cell that was marked before and is
-    /// seen now starts anew as possibly occupied.
+    /// Marks the cells that `seen` (by their index) refuses: they stay empty for good. A cell that was marked before
+    /// and is seen now starts anew as possibly occupied.
     pub fn see(&mut self, seen: &[bool]) {
         for (value, &seen) in self.values.iter_mut().zip(seen) {
             *value = match (seen, *value < 0.0) {

@@ -1,4 +1,5 @@
-//! How a field is trained: the numbers, and the learning rate that follows from them. Knows nothing of the training itself.
+//! How a field is trained: the numbers, and the learning rate that follows from them. Knows nothing of the training
+//! itself.
 
 use serde::{Deserialize, Serialize};
 
@@ -31,8 +32,8 @@ pub struct TrainOptions {
     pub random_background: bool,
 }
 
-/// The rate was chosen by held-out PSNR (still life after 1500 steps: 24.46 dB at 0.01, 25.15 at 0.03, 24.57 at 0.04 with
-/// a steeper fall; LLFF fern after 600: 23.29 at 0.01, 23.51 at 0.03).
+/// The rate was chosen by held-out PSNR (still life after 1500 steps: 24.46 dB at 0.01, 25.15 at 0.03, 24.57 at 0.04
+/// with a steeper fall; LLFF fern after 600: 23.29 at 0.01, 23.51 at 0.03).
 impl Default for TrainOptions {
     fn default() -> Self {
         Self {

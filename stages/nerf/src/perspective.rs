@@ -1,20 +1,20 @@
-//! From world space to the unit space of a scene that is photographed from one side: what a camera at its front sees, spread
-//! in depth by disparity. Knows nothing of what the field holds.
+//! From world space to the unit space of a scene that is photographed from one side: what a camera at its front sees,
+//! spread in depth by disparity. Knows nothing of what the field holds.
 
 use glam::{DMat4, DVec3, DVec4};
 use scene::Camera;
 
 /// The least cosine of the angle between the mean of all cameras' axes and anything that one of them sees: 66 degrees.
 const LEAST_COSINE: f64 = 0.4;
-/// How far cameras are taken to see, in their own near and far: readers know these from percentiles of sparse points, and
-/// here a wider range costs little. Its ends were chosen by held-out PSNR (fern: near alone is worth 0.2 dB).
+/// How far cameras are taken to see, in their own near and far: readers know these from percentiles of sparse points,
+/// and here a wider range costs little. Its ends were chosen by held-out PSNR (fern: near alone is worth 0.2 dB).
 const REACH: [f64; 2] = [0.75, 4.0];
 /// Nothing seen is nearer to the front camera than this part of the nearest near: it stands as far back as that takes.
 const LEAST_DEPTH: f64 = 0.5;
 
 /// A projective map, as a pinhole camera's in homogeneous coordinates (normalized device coordinates; Mildenhall et al.
-/// 2020, appendix C). Straight lines stay straight, so rays are marched in unit space as in a box. Equal steps are of equal
-/// disparity: as fine in depth as the photos tell, and a pixel covers as many cells near as far.
+/// 2020, appendix C). Straight lines stay straight, so rays are marched in unit space as in a box. Equal steps are of
+/// equal disparity: as fine in depth as the photos tell, and a pixel covers as many cells near as far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Perspective {
     /// World points to unit points, row by row; the last row is the depth before the front camera, which the others are

@@ -1,5 +1,5 @@
-//! Scratch space that threads borrow and give back, so that nothing is allocated anew from step to step. Knows nothing of
-//! what it is used for: what a borrower finds in it must not change what the borrower does.
+//! Scratch space that threads borrow and give back, so that nothing is allocated anew from step to step. Knows nothing
+//! of what it is used for: what a borrower finds in it must not change what the borrower does.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

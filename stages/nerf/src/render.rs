@@ -47,8 +47,8 @@ pub struct Rendered {
     /// Colours in the space the field was trained in (sRGB-encoded photos give sRGB), composited on the background:
     /// `height * width * 3` values.
     pub rgb: Vec<f32>,
-    /// Mean depth along the view axis in world units, normalised by opacity: sum of w z over sum of w. Where the opacity
-    /// is below 1/1000 there is nothing to have a depth, and it is the camera's far.
+    /// Mean depth along the view axis in world units, normalised by opacity: sum of w z over sum of w. Where the
+    /// opacity is below 1/1000 there is nothing to have a depth, and it is the camera's far.
     pub depth: Vec<f32>,
     /// 1 - T_end, averaged over the pixel.
     pub opacity: Vec<f32>,

@@ -12,15 +12,16 @@ pub enum SpaceKind {
     Auto,
     /// The scene box, scaled evenly: for what is photographed from all around.
     Box,
-    /// What a camera at the front sees, with places in depth spread by disparity: for what is photographed from one side.
+    /// What a camera at the front sees, with places in depth spread by disparity: for what is photographed from one
+    /// side.
     Perspective,
 }
 
 /// The scene box and the map to unit space.
 ///
-/// In a box the map is a shift and one *uniform* scale that makes the box's longest side 1, so that cells stay cubes and a
-/// distance means the same in every direction; the shorter sides end below 1. A scene photographed from one side may have
-/// a perspective map instead. Densities are per unit length.
+/// In a box the map is a shift and one *uniform* scale that makes the box's longest side 1, so that cells stay cubes
+/// and a distance means the same in every direction; the shorter sides end below 1. A scene photographed from one side
+/// may have a perspective map instead. Densities are per unit length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
     /// The box's lowest and highest corner in world space.
@@ -42,8 +43,8 @@ impl Space {
         Self { bounds, scale, extent: sides.map(|side| side * scale), perspective: None }
     }
 
-    /// The space of a scene box and the cameras that see the scene. `None` where a perspective is asked for and the cameras
-    /// do not look the same way.
+    /// The space of a scene box and the cameras that see the scene. `None` where a perspective is asked for and the
+    /// cameras do not look the same way.
     pub fn of(kind: SpaceKind, bounds: [[f32; 3]; 2], cameras: &[&Camera]) -> Option<Self> {
         let perspective = || Perspective::of(cameras).map(|(map, extent)| Self::in_perspective(bounds, map, extent));
         match kind {
@@ -84,14 +85,14 @@ impl Space {
         }
     }
 
-    /// Growth of marching steps with the distance from the camera: equal steps in perspective are already steps of equal
-    /// disparity.
+    /// Growth of marching steps with the distance from the camera: equal steps in perspective are already steps of
+    /// equal disparity.
     pub fn cone(&self, config: &FieldConfig) -> f64 {
         if self.perspective.is_some() { 0.0 } else { config.march_cone }
     }
 
-    /// Unit lengths per world length at a world point; in perspective, where it depends on the direction, along the front
-    /// camera's axis.
+    /// Unit lengths per world length at a world point; in perspective, where it depends on the direction, along the
+    /// front camera's axis.
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
         self.perspective.as_ref().map_or(self.scale, |map| map.scale_at(point))
     }

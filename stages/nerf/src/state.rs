@@ -3,15 +3,16 @@
 
 use crate::batch::TrainView;
 use crate::config::{FEATURES, FieldConfig};
-use crate::field::{Field, FieldError, Tensors, network_tensors, read_network, take};
+use crate::field::Field;
 use crate::network::Network;
 use crate::options::TrainOptions;
+use crate::tensors::{FieldError, Tensors, network_tensors, read_network, take};
 use crate::train::Trainer;
 
 impl Trainer {
-    /// Everything that the coming steps depend on besides the views, the options and the seed: the field, Adam's moments
-    /// and counters, the step and the batch size. Whole numbers stand as f32, exact below 2^24; hash entries have the full
-    /// precision that steps are taken in.
+    /// Everything that the coming steps depend on besides the views, the options and the seed: the field, Adam's
+    /// moments and counters, the step and the batch size. Whole numbers stand as f32, exact below 2^24; hash entries
+    /// have the full precision that steps are taken in.
     pub fn state(&self) -> Tensors {
         let mut tensors = self.field.tensors();
         let entries = self.field.table.len();

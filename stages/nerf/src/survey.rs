@@ -37,7 +37,8 @@ pub fn see(field: &mut Field, cameras: &[&Camera]) {
     field.occupancy.see(&seen);
 }
 
-/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own, between two depths.
+/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own, between two
+/// depths.
 fn sees(camera: &Camera, window: [f64; 4], [near, far]: [f64; 2], center: [f64; 3], radius: f64) -> bool {
     let to_camera = camera.camera_to_world.inverse();
     let p = to_camera.transform_point3(center.into());
@@ -52,8 +53,8 @@ fn sees(camera: &Camera, window: [f64; 4], [near, far]: [f64; 2], center: [f64; 
     inside(p.x, window[0], window[1]) && inside(p.y, window[2], window[3])
 }
 
-/// One update of the grid: all seen cells at first, then some at random and some of the occupied, each at a random point
-/// in it. The optical depth of a cell is that of the shortest marching step.
+/// One update of the grid: all seen cells at first, then some at random and some of the occupied, each at a random
+/// point in it. The optical depth of a cell is that of the shortest marching step.
 pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
     let round = u64::from(field.occupancy.updates);
     let cells = cells_to_look_at(field, rng, round);

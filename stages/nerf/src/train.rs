@@ -132,8 +132,8 @@ impl Trainer {
         self.views.iter().map(TrainView::rays_per_pixel).max().unwrap_or(1)
     }
 
-    /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts a
-    /// quarter of one that is trained on. At most twice or half as many as before.
+    /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts
+    /// a quarter of one that is trained on. At most twice or half as many as before.
     pub(crate) fn next_pixels(&self, samples: usize, looked: usize) -> u32 {
         let cost = (3 * samples as u64 + looked as u64).max(1);
         let wanted = u64::from(self.pixels) * 4 * u64::from(self.options.samples) / cost;

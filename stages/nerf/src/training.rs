@@ -2,9 +2,10 @@
 
 use crate::batch::TrainView;
 use crate::config::FieldConfig;
-use crate::field::{Field, FieldError, Tensors};
+use crate::field::Field;
 use crate::gpu::GpuTrainer;
 use crate::options::TrainOptions;
+use crate::tensors::{FieldError, Tensors};
 use crate::train::{StepStats, Trainer};
 use compute::Device;
 

@@ -115,8 +115,8 @@ impl Camera {
         self.camera_to_world.w_axis.truncate()
     }
 
-    /// What the camera sees of the plane at depth 1: `[left, right, low, high]` in camera space (x right, y up). With a lens
-    /// that bends, the smallest such window around all that is seen.
+    /// What the camera sees of the plane at depth 1: `[left, right, low, high]` in camera space (x right, y up). With a
+    /// lens that bends, the smallest such window around all that is seen.
     pub fn view_window(&self) -> [f64; 4] {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         let steps = if self.distortion.is_none() { 1 } else { RIM };
@@ -162,8 +162,8 @@ impl Camera {
         DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), position.extend(1.0))
     }
 
-    /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a uniform `scale` about the
-    /// origin. What it sees stays where it was in the image; depths, near and far are scaled.
+    /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a uniform `scale` about
+    /// the origin. What it sees stays where it was in the image; depths, near and far are scaled.
     pub(crate) fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
         camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));

@@ -5,8 +5,8 @@ const TOLERANCE: f64 = 1e-13;
 /// Newton's method needs four steps or so; where the model folds over it may never end.
 const STEPS: usize = 40;
 
-/// Radial (k1, k2, k3) and tangential (p1, p2) distortion: OpenCV's first five coefficients, in its own order k1, k2, p1,
-/// p2, k3. All zero, the default, is a pinhole.
+/// Radial (k1, k2, k3) and tangential (p1, p2) distortion: OpenCV's first five coefficients, in its own order k1, k2,
+/// p1, p2, k3. All zero, the default, is a pinhole.
 ///
 /// Points are those of OpenCV's image plane at depth 1, in focal lengths from the optical axis: x right, y *down*. With
 /// r² = x² + y² and f = 1 + k1 r² + k2 r⁴ + k3 r⁶ the point (x, y) is seen at
@@ -64,8 +64,8 @@ impl Distortion {
         None
     }
 
-    /// Whether the point lies before the rim at which a strong distortion folds the image over: from the axis to it, the
-    /// image keeps its sense.
+    /// Whether the point lies before the rim at which a strong distortion folds the image over: from the axis to it,
+    /// the image keeps its sense.
     pub fn is_before_fold(&self, [x, y]: Point) -> bool {
         const PROBES: u32 = 32;
         self.is_none()
@@ -127,8 +127,8 @@ mod tests {
         }
     }
 
-    /// `cv2.projectPoints` of the point (0.4, -0.7, 1) with a unit camera and these coefficients, to six digits, by hand:
-    /// r² = 0.65, f = 1 + 0.0578421 * 0.65 - 0.0805099 * 0.4225 = 1.003582.
+    /// `cv2.projectPoints` of the point (0.4, -0.7, 1) with a unit camera and these coefficients, to six digits, by
+    /// hand: r² = 0.65, f = 1 + 0.0578421 * 0.65 - 0.0805099 * 0.4225 = 1.003582.
     #[test]
     fn a_known_lens_bends_as_its_formula_says() {
         let [x, y] = PHONE.apply([0.4, -0.7]);

@@ -1,4 +1,5 @@
-//! The files of an LLFF folder: which there are, which to take, and their digest. Looks into photos only for their size.
+//! The files of an LLFF folder: which there are, which to take, and their digest. Looks into photos only for their
+//! size.
 
 use std::path::{Path, PathBuf};
 

@@ -13,8 +13,8 @@ const SPREAD: f64 = 0.8;
 /// A spiral goes forwards and backwards by this part of its width.
 const ALONG: f64 = 0.3;
 
-/// `frames` cameras on a spiral about the average camera, as wide as the cameras stand apart, looking at what all of them look
-/// at: for scenes photographed from one side. It closes after `turns` turns.
+/// `frames` cameras on a spiral about the average camera, as wide as the cameras stand apart, looking at what all of
+/// them look at: for scenes photographed from one side. It closes after `turns` turns.
 ///
 /// # Panics
 /// If there are no cameras.
@@ -34,8 +34,8 @@ pub fn spiral(cameras: &[Camera], frames: u32, turns: f64) -> Vec<Camera> {
     along(cameras, frames, place)
 }
 
-/// `frames` cameras on a circle around what all cameras look at, as far and as high as these stand on average: for objects
-/// photographed from all around.
+/// `frames` cameras on a circle around what all cameras look at, as far and as high as these stand on average: for
+/// objects photographed from all around.
 ///
 /// # Panics
 /// If there are no cameras.
@@ -60,8 +60,9 @@ pub fn circle(cameras: &[Camera], frames: u32) -> Vec<Camera> {
     along(cameras, frames, place)
 }
 
-/// The direction that the cameras' sides are at right angles to, as photographers hold them: better than the mean of their
-/// own upward directions, which leans to where more of them stand. Of the directions that serve, the nearest to that mean.
+/// The direction that the cameras' sides are at right angles to, as photographers hold them: better than the mean of
+/// their own upward directions, which leans to where more of them stand. Of the directions that serve, the nearest to
+/// that mean.
 fn upwards(cameras: &[Camera]) -> DVec3 {
     const STEPS: usize = 64;
     let mean = cameras.iter().map(|camera| camera.camera_to_world.y_axis.truncate()).sum::<DVec3>();
@@ -74,8 +75,8 @@ fn upwards(cameras: &[Camera]) -> DVec3 {
     (0..STEPS).fold(start, |up, _| (up - sideways(up)).try_normalize().unwrap_or(up))
 }
 
-/// The cameras of a `transforms.json`, in its order and in the scene's own coordinates. What it does not say of size, near and
-/// far is the first camera's.
+/// The cameras of a `transforms.json`, in its order and in the scene's own coordinates. What it does not say of size,
+/// near and far is the first camera's.
 ///
 /// # Errors
 /// A file that is not such a file, by name and field.

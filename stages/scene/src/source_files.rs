@@ -73,8 +73,8 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     Ok(bytes)
 }
 
-/// A BLAKE3 digest over the names and bytes of files, which are read side by side. It says whether a scene on disk has changed, without
-/// decoding it.
+/// A BLAKE3 digest over the names and bytes of files, which are read side by side. It says whether a scene on disk has
+/// changed, without decoding it.
 pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 32], SceneError> {
     let files: Vec<&Path> = files.collect();
     let contents: Vec<blake3::Hash> = files.par_iter().map(|path| content_digest(path)).collect::<Result<_, _>>()?;

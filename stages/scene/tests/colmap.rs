@@ -189,7 +189,7 @@ fn what_is_wrong_is_named_by_file_and_record() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases / 3, failure_persistence: None, ..ProptestConfig::default() })]
     /// Whatever is in the files, they are read or refused by name.
     #[test]
     fn no_damage_is_more_than_an_error(

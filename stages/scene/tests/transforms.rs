@@ -1,4 +1,5 @@
-//! Scenes in `transforms.json`: NeRF-synthetic, instant-ngp and nerfstudio, written, read back, and broken in every way.
+//! Scenes in `transforms.json`: NeRF-synthetic, instant-ngp and nerfstudio, written, read back, and broken in every
+//! way.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 mod common;
@@ -171,7 +172,7 @@ fn what_is_wrong_is_named_by_file_and_field() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases / 4, failure_persistence: None, ..ProptestConfig::default() })]
     /// Whatever is in the file, it is read or refused by name.
     #[test]
     fn no_damage_is_more_than_an_error(damages in prop::collection::vec(any_damage(), 1..4)) {

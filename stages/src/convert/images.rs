@@ -83,8 +83,8 @@ pub fn pixels(image: &Array) -> Vec<f32> {
     (0..plane).flat_map(|i| [values[i], values[plane + i], values[2 * plane + i]]).collect()
 }
 
-/// Colours for disk of an sRGB-encoded array before black, of which `alpha` is in front of it; what lies outside 0 to 1 is
-/// clipped.
+/// Colours for disk of an sRGB-encoded array before black, of which `alpha` is in front of it; what lies outside 0 to 1
+/// is clipped.
 pub fn disk_pixels(image: &Array, alpha: Option<&[f32]>) -> Vec<f32> {
     premultiplied_linear(&straight(pixels(image), alpha), alpha)
 }

@@ -1,5 +1,5 @@
-//! The factors of products. Each says for itself how it is read, piece by piece, so that neither an image's patches nor a
-//! widened weight ever exists as a whole.
+//! The factors of products. Each says for itself how it is read, piece by piece, so that neither an image's patches nor
+//! a widened weight ever exists as a whole.
 
 use std::ops::Range;
 

@@ -12,8 +12,8 @@ fn rows_per_task(width: usize) -> usize {
     (CHUNK / width.max(1)).max(1)
 }
 
-/// What a group is normalised by. The mean comes in two parts, the second what the first lost by rounding: in a group whose
-/// numbers hardly differ, that is much of what they differ by.
+/// What a group is normalised by. The mean comes in two parts, the second what the first lost by rounding: in a group
+/// whose numbers hardly differ, that is much of what they differ by.
 #[derive(Clone, Copy)]
 struct Moments {
     mean: f32,

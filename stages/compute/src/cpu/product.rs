@@ -1,5 +1,5 @@
-//! Products of matrices: packed panels of the right factor meet tiles of the left one, share by share. It knows how work
-//! is cut, not where factors come from.
+//! Products of matrices: packed panels of the right factor meet tiles of the left one, share by share. It knows how
+//! work is cut, not where factors come from.
 
 use super::bf16;
 use super::buffer::Buffer;

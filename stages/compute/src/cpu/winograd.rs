@@ -139,8 +139,8 @@ impl Band<'_> {
         }
     }
 
-    /// Moves one line of spots, `[SIGHT, rows, across + 1]`, to row `row` of the share's panels. `tiles` is space for one
-    /// spot of all tiles.
+    /// Moves one line of spots, `[SIGHT, rows, across + 1]`, to row `row` of the share's panels. `tiles` is space for
+    /// one spot of all tiles.
     fn write_spots(&self, line: usize, row: usize, spots: &[f32], tiles: &mut [f32], share: &mut Share) {
         let across = self.across();
         for column in 0..SIGHT {

@@ -26,7 +26,7 @@ const FILTERS: [Filter; 6] =
     [Filter::Nearest, Filter::Bilinear, Filter::BicubicTorch, Filter::BicubicPil, Filter::Lanczos3, Filter::Area];
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 21))]
 
     #[test]
     fn linear_layers(rows in 1usize..150, k in 1usize..150, m in 1usize..150, bias: bool) {

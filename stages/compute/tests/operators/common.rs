@@ -28,7 +28,8 @@ pub fn assert_close(what: &str, got: &Array, expected: &Array, tolerance: f32) {
     }
 }
 
-/// Fails unless `back`, which is `<x, A^T dy>`, is `<y, dy>` with y = A x. Relative to the norms: the products may cancel.
+/// Fails unless `back`, which is `<x, A^T dy>`, is `<y, dy>` with y = A x. Relative to the norms: the products may
+/// cancel.
 #[track_caller]
 pub fn assert_adjoint(what: &str, y: &Array, dy: &Array, back: f64) {
     let (forward, scale) = (dot(y, dy), (dot(y, y) * dot(dy, dy)).sqrt());

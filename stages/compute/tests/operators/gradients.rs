@@ -10,7 +10,7 @@ use compute::{Array, activation, attention, matmul, shape};
 use proptest::prelude::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 4))]
 
     #[test]
     fn linear_has_adjoints(rows in 1usize..40, k in 1usize..70, m in 1usize..70) {

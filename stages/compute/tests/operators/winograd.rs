@@ -4,7 +4,7 @@ use compute::conv::{Conv, conv2d, conv2d_backward_input};
 use compute::{Array, Device, Rng};
 use proptest::prelude::*;
 
-use crate::common::{assert_adjoint, dot, pattern};
+use crate::common::{assert_adjoint, dot};
 
 /// The 3x3 convolution's output (`image`, `channel`, `y`, `x`), summed in `f64`.
 fn exact(input: &Array, weight: &Array, pad: [usize; 4], [image, channel, y, x]: [usize; 4]) -> f64 {
@@ -18,6 +18,12 @@ fn exact(input: &Array, weight: &Array, pad: [usize; 4], [image, channel, y, x]:
         _ => 0.0,
     };
     (0..c).map(|i| (0..9).map(|t| tap(i, t / 3, t % 3)).sum::<f64>()).sum()
+}
+
+/// Independent numbers. `pattern`'s are not: at some widths the channels' products cancel, and an error relative to
+/// what is left of them says little.
+fn normals(salt: u64, shape: &[usize]) -> Array {
+    Rng::new(salt, "winograd").normals(0, shape, &Device::cpu())
 }
 
 /// The norm of the error over the norm of the result, over every `step`-th output.
@@ -34,7 +40,7 @@ fn error(input: &Array, weight: &Array, pad: [usize; 4], step: usize) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 10))]
 
     #[test]
     fn any_size_and_padding_is_right(
@@ -42,18 +48,17 @@ proptest! {
         (h, w) in (13usize..40, 13usize..40),
         pad in prop::array::uniform4(0usize..4),
     ) {
-        let (x, weight) = (pattern(1, &[n, c, h, w]), pattern(2, &[o, c, 3, 3]));
-        prop_assert!(error(&x, &weight, pad, 97) < 3e-6);
+        let (x, weight) = (normals(1, &[n, c, h, w]), normals(2, &[o, c, 3, 3]));
+        prop_assert!(error(&x, &weight, pad, 97) < 1.5e-6);
         let conv = Conv { stride: 1, pad };
         let y = conv2d(&x, &weight, None, conv);
-        let dy = pattern(3, y.shape());
+        let dy = normals(3, y.shape());
         assert_adjoint("input", &y, &dy, dot(&x, &conv2d_backward_input(&dy, &weight, conv, [h, w])));
     }
 }
 
 #[test]
 fn many_channels_lose_less_than_two_digits() {
-    let normals = |salt, shape: &[usize]| Rng::new(salt, "winograd").normals(0, shape, &Device::cpu());
     let (x, weight) = (normals(1, &[1, 256, 32, 32]), normals(2, &[64, 256, 3, 3]));
     let error = error(&x, &weight, [1; 4], 131);
     assert!(error < 2.5e-6, "an error of {error}, where plain sums have about 2e-7");

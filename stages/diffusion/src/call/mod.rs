@@ -55,7 +55,8 @@ enum Kind {
 }
 
 impl Call {
-    /// Loads `part` of the model and checks the tensors of `inputs` for it. Tensors that it does not take are not looked at.
+    /// Loads `part` of the model and checks the tensors of `inputs` for it. Tensors that it does not take are not
+    /// looked at.
     pub fn new(
         source: &ModelSource,
         part: Part,
@@ -91,8 +92,8 @@ impl Call {
         }
     }
 
-    /// One forward and one backward pass: the output, `loss`, `grad.sample`, and `grad.` and its name for each LoRA tensor.
-    /// Nothing where no gradients were asked for.
+    /// One forward and one backward pass: the output, `loss`, `grad.sample`, and `grad.` and its name for each LoRA
+    /// tensor. Nothing where no gradients were asked for.
     pub fn gradients(&self) -> Option<Outputs> {
         match &self.0 {
             Kind::Unet(call) => call.gradients(),

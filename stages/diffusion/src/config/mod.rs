@@ -54,8 +54,8 @@ impl<T> PerBlock<T> {
     }
 }
 
-/// Reads a configuration. Fields of `fixed` must have the value given there (or be absent); fields of `idle` and those that begin
-/// with an underscore may have any.
+/// Reads a configuration. Fields of `fixed` must have the value given there (or be absent); fields of `idle` and those
+/// that begin with an underscore may have any.
 pub(crate) fn parse<T: DeserializeOwned>(file: &ModelFile, fixed: &Value, idle: &[&str]) -> Result<T, ModelError> {
     let mut fields: Map<String, Value> =
         serde_json::from_slice(file).map_err(|e| ModelError::file(&file.name, format!("is not a JSON object: {e}")))?;

@@ -55,7 +55,8 @@ pub struct Estimate<'a> {
     pub noisy: &'a Array,
     /// The prior's velocity for it, guided between the prompts.
     pub velocity: &'a Array,
-    /// The velocity of the prior with the LoRA, for variational score distillation. Where there is none, the LoRA takes no part.
+    /// The velocity of the prior with the LoRA, for variational score distillation. Where there is none, the LoRA takes
+    /// no part.
     pub lora_velocity: Option<&'a Array>,
     /// One timestep for each of the N.
     pub t: &'a [u32],

@@ -68,8 +68,8 @@ pub(super) fn towards_clean(schedule: &Schedule, estimate: &Estimate) -> Array {
     sub(estimate.latent, &schedule.clean(estimate.noisy, estimate.velocity, estimate.t))
 }
 
-/// kappa = a_t' - a_t s_t' / s_t, in z_t' - zhat_t' = kappa (z' - x0_hat): how far one deterministic step of the sampler (DDIM)
-/// from t to t' = t - spacing moves along the estimate.
+/// kappa = a_t' - a_t s_t' / s_t, in z_t' - zhat_t' = kappa (z' - x0_hat): how far one deterministic step of the
+/// sampler (DDIM) from t to t' = t - spacing moves along the estimate.
 pub fn kappa(schedule: &Schedule, t: u32, spacing: u32) -> f64 {
     let (a, s) = renoised(schedule, t, spacing);
     a - schedule.a(t) * s / schedule.s(t)

@@ -1,5 +1,5 @@
-//! Variational score distillation (ProlificDreamer, NeurIPS 2023): descend the difference between the prior's score and the
-//! score of what there is, which a LoRA of the same network learns along the way.
+//! Variational score distillation (ProlificDreamer, NeurIPS 2023): descend the difference between the prior's score and
+//! the score of what there is, which a LoRA of the same network learns along the way.
 
 use compute::Array;
 use compute::elementwise::{scaled_sum, sub};
@@ -12,9 +12,9 @@ use crate::schedule::{Schedule, scale};
 
 /// Options of variational score distillation.
 ///
-/// Unlike the other rules' directions, this one need not vanish where the latent is good: before the LoRA has adapted it is the
-/// pure difference between prompts, afterwards the two networks' disagreement. `warm_up`, `anchor` and a low `rate` keep it
-/// from drifting.
+/// Unlike the other rules' directions, this one need not vanish where the latent is good: before the LoRA has adapted
+/// it is the pure difference between prompts, afterwards the two networks' disagreement. `warm_up`, `anchor` and a low
+/// `rate` keep it from drifting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Vsd {
@@ -37,9 +37,10 @@ pub struct Vsd {
 }
 
 impl Default for Vsd {
-    /// Measured with tiny-x4: at this anchor the rule stays within a tenth of a decibel of renoised score distillation, or above,
-    /// for 1000 steps at this rate and for 2000 at twice the rate. With a weaker anchor the last timesteps of the annealing, where
-    /// the rule weighs most, push the latents apart. The paper's LoRA rate of 1e-4 is for many more steps.
+    /// Measured with tiny-x4: at this anchor the rule stays within a tenth of a decibel of renoised score distillation,
+    /// or above, for 1000 steps at this rate and for 2000 at twice the rate. With a weaker anchor the last timesteps of
+    /// the annealing, where the rule weighs most, push the latents apart. The paper's LoRA rate of 1e-4 is for many
+    /// more steps.
     fn default() -> Self {
         Self {
             rate: 0.005,

@@ -46,8 +46,8 @@ impl GroupNorm {
         Moments((0..self.groups).map(group).collect())
     }
 
-    /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those only change the scale and the
-    /// shift of what its own give.
+    /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those only change the scale
+    /// and the shift of what its own give.
     pub fn forward_by(&self, x: &Array, moments: &Moments) -> Array {
         let (own, eps) = (self.moments(x), f64::from(self.eps));
         let (mut gamma, mut beta) = (self.gamma.to_vec(), self.beta.to_vec());

@@ -1,5 +1,5 @@
-//! `Transformer2DModel` of diffusers: normalised image tokens through blocks of two attentions and a gated feed-forward layer,
-//! added to the image.
+//! `Transformer2DModel` of diffusers: normalised image tokens through blocks of two attentions and a gated feed-forward
+//! layer, added to the image.
 
 use std::collections::BTreeMap;
 

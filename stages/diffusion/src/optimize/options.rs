@@ -77,8 +77,8 @@ impl Default for Optimizer {
 }
 
 impl Default for Moments {
-    /// DiSR-NeRF's decays. Its eps of 1e-15 makes a step of the full rate of any direction, however small, and so turns steady
-    /// small ones into drift; 0.1 is the size of the rules' directions on latents of unit variance.
+    /// DiSR-NeRF's decays. Its eps of 1e-15 makes a step of the full rate of any direction, however small, and so turns
+    /// steady small ones into drift; 0.1 is the size of the rules' directions on latents of unit variance.
     fn default() -> Self {
         Self { beta1: 0.9, beta2: 0.99, eps: 0.1 }
     }

@@ -1,7 +1,7 @@
 //! The residual latent of one view, and the optimiser that changes a window of it. Knows no guidance rule.
 //!
-//! The optimiser is sparse: moments and step counts belong to pixels, and a pixel outside the window is left alone. (The dense
-//! Adam of DiSR-NeRF keeps moving a pixel long after a crop last saw it.)
+//! The optimiser is sparse: moments and step counts belong to pixels, and a pixel outside the window is left alone.
+//! (The dense Adam of DiSR-NeRF keeps moving a pixel long after a crop last saw it.)
 
 use super::options::Optimizer;
 use super::window::Window;

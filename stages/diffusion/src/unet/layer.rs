@@ -121,8 +121,8 @@ impl Layer {
         tape
     }
 
-    /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it. Backwards, joining puts a
-    /// gradient on the stack and putting takes it off.
+    /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it. Backwards, joining
+    /// puts a gradient on the stack and putting takes it off.
     pub fn backward(&self, tape: LayerTape, walk: &mut Walk, pass: &Pass, gathered: &mut Gathered, input: bool) {
         let dy = &walk.x;
         let dx = match (self, tape) {

@@ -1,7 +1,8 @@
-//! `UNet2DConditionModel` of diffusers, as its configuration says, with LoRA training: gradients by the adapters, the camera
-//! embedding and the input. The frozen weights get none.
+//! `UNet2DConditionModel` of diffusers, as its configuration says, with LoRA training: gradients by the adapters, the
+//! camera embedding and the input. The frozen weights get none.
 //!
-//! The network is one list of layers and a stack of skip connections, walked forwards and backwards. Knows no noise schedule.
+//! The network is one list of layers and a stack of skip connections, walked forwards and backwards. Knows no noise
+//! schedule.
 
 mod layer;
 mod plan;
@@ -56,8 +57,8 @@ pub struct Input<'a> {
 }
 
 impl Unet {
-    /// Reads the network of `source` onto `device`, to multiply in `precision`. The error names the file, and the field or tensor
-    /// in it.
+    /// Reads the network of `source` onto `device`, to multiply in `precision`. The error names the file, and the field
+    /// or tensor in it.
     pub fn load(source: &ModelSource, device: &Device, precision: Precision) -> Result<Self, ModelError> {
         let config = UnetConfig::read(&source.file("unet/config.json")?)?;
         let weights = Weights::open(source.weights("unet/diffusion_pytorch_model")?, device)?;
@@ -125,8 +126,9 @@ impl Unet {
         texts.iter().map(finish).collect()
     }
 
-    /// [`Unet::forward`], and what [`Unet::backward`] needs; `budget` is how many bytes that may be beside the layers' inputs.
-    /// What does not fit is computed once more on the way back: 0 for the least memory, `usize::MAX` for the least time.
+    /// [`Unet::forward`], and what [`Unet::backward`] needs; `budget` is how many bytes that may be beside the layers'
+    /// inputs. What does not fit is computed once more on the way back: 0 for the least memory, `usize::MAX` for the
+    /// least time.
     pub fn forward_train(&self, input: &Input, text: &TextContext, budget: usize) -> (Array, Tape) {
         let (embedding, time) = self.time.forward(input);
         let mut kept = Kept::new(budget);
@@ -144,8 +146,8 @@ impl Unet {
         self.conv_out.forward(&self.norm_out.forward(x))
     }
 
-    /// The gradients of a loss whose gradient by the output is `dy [N, C', h, w]`; that by the sample if `sample` asks for it.
-    /// `input` and `text` are those of the forward pass.
+    /// The gradients of a loss whose gradient by the output is `dy [N, C', h, w]`; that by the sample if `sample` asks
+    /// for it. `input` and `text` are those of the forward pass.
     ///
     /// The walk back ends at the first layer that has something to learn.
     pub fn backward(&self, input: &Input, text: &TextContext, tape: Tape, dy: &Array, sample: bool) -> LoraGradients {
@@ -184,8 +186,8 @@ impl Unet {
         LoraNetwork::new(&self.sites, self.time.width(), rank, alpha, seed, &self.device)
     }
 
-    /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner; `file`, where they came from, is
-    /// named.
+    /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner; `file`, where they came
+    /// from, is named.
     pub fn check_lora(&self, lora: &LoraNetwork, file: &str) -> Result<(), ModelError> {
         lora.check(&self.sites, self.time.width(), file)
     }

@@ -1,4 +1,5 @@
-//! What a forward pass keeps for its backward pass: whole tapes as far as a budget goes, else inputs to compute again from.
+//! What a forward pass keeps for its backward pass: whole tapes as far as a budget goes, else inputs to compute again
+//! from.
 //!
 //! Which of the two a layer gets changes time and memory, and never a bit of the gradients.
 

@@ -31,7 +31,8 @@ pub struct Vae {
     decoder: Coder,
 }
 
-/// The distribution of latents that the encoder gives for an image: normal and independent in each element `[N, C, h, w]`, unscaled.
+/// The distribution of latents that the encoder gives for an image: normal and independent in each element `[N, C, h,
+/// w]`, unscaled.
 #[derive(Clone, Debug)]
 pub struct Posterior {
     /// Means.
@@ -104,9 +105,9 @@ impl Vae {
         }
     }
 
-    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in [-1, 1]: the posterior's mean
-    /// times the scaling factor. The image is continued by reflection to whole latent pixels, and taken in overlapping tiles of
-    /// `tile` image pixels if it is larger.
+    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in [-1, 1]: the
+    /// posterior's mean times the scaling factor. The image is continued by reflection to whole latent pixels, and
+    /// taken in overlapping tiles of `tile` image pixels if it is larger.
     pub fn encode_image(&self, image: &Array, tile: usize) -> Array {
         let (factor, [height, width]) = (self.factor(), [image.shape()[2], image.shape()[3]]);
         let image = continued(image, [height, width].map(|extent| extent.next_multiple_of(factor)));
@@ -120,8 +121,8 @@ impl Vae {
         scale(&mean, self.config.scaling_factor as f32)
     }
 
-    /// The image `[N, 3, H, W]` of a scaled `latent`, where `[H, W]` = `size` is that of the image before it was encoded;
-    /// in overlapping tiles of `tile` image pixels if it is larger.
+    /// The image `[N, 3, H, W]` of a scaled `latent`, where `[H, W]` = `size` is that of the image before it was
+    /// encoded; in overlapping tiles of `tile` image pixels if it is larger.
     pub fn decode_latent(&self, latent: &Array, size: [usize; 2], tile: usize) -> Array {
         let latent = scale(latent, (1.0 / self.config.scaling_factor) as f32);
         let tiling = Tiling::new([latent.shape()[2], latent.shape()[3]], self.tile(tile));
@@ -145,8 +146,8 @@ fn each(images: &Array, compute: impl Fn(&Array) -> Array) -> Array {
     concat(&parts.iter().collect::<Vec<_>>(), 0)
 }
 
-/// An image continued by reflection, downwards and to the right, to the height and width `to`; at once as far as it reaches, and
-/// again from there. What is one pixel wide is repeated.
+/// An image continued by reflection, downwards and to the right, to the height and width `to`; at once as far as it
+/// reaches, and again from there. What is one pixel wide is repeated.
 fn continued(image: &Array, to: [usize; 2]) -> Array {
     let (mut image, [height, width]) = (image.clone(), to);
     loop {

@@ -1,4 +1,5 @@
-//! Covers a large image with overlapping tiles and blends what is computed for each, so that memory is bounded by one tile.
+//! Covers a large image with overlapping tiles and blends what is computed for each, so that memory is bounded by one
+//! tile.
 //!
 //! Knows positions and weights, not what is computed.
 
@@ -28,8 +29,9 @@ impl Axis {
         Self { extent, tile, starts: (0..=gaps).map(|i| i * (extent - tile) / gaps).collect() }
     }
 
-    /// The share of each tile in each position of the result, which has `unit` positions for one of the axis; the shares of all
-    /// tiles add up to 1. A share grows linearly from an edge inside the image and is level beyond a quarter of the tile.
+    /// The share of each tile in each position of the result, which has `unit` positions for one of the axis; the
+    /// shares of all tiles add up to 1. A share grows linearly from an edge inside the image and is level beyond a
+    /// quarter of the tile.
     fn shares(&self, unit: usize) -> Vec<Vec<f32>> {
         let (tile, ramp) = (self.tile * unit, (self.tile * unit).div_ceil(4) as f32);
         let weight = |start: usize, i: usize| {
@@ -52,9 +54,9 @@ impl Tiling {
         Self { axes: size.map(|extent| Axis::new(extent, tile)) }
     }
 
-    /// The result for the whole image, `unit` times its size, blended from those of tiles. `compute` is given the first pixel
-    /// `[top, left]` and the size `[height, width]` of a tile and gives `[N, C, unit height, unit width]`. Where there is more than
-    /// one tile it is called twice for each: once to gather statistics, once to use those of all.
+    /// The result for the whole image, `unit` times its size, blended from those of tiles. `compute` is given the first
+    /// pixel `[top, left]` and the size `[height, width]` of a tile and gives `[N, C, unit height, unit width]`. Where
+    /// there is more than one tile it is called twice for each: once to gather statistics, once to use those of all.
     pub fn blend(&self, unit: usize, compute: impl Fn([usize; 2], [usize; 2], &mut Statistics) -> Array) -> Array {
         let [rows, columns] = &self.axes;
         let tile = [rows.tile, columns.tile];

@@ -1,4 +1,5 @@
-//! Ten guidance steps with tiny-x4 against PyTorch: `../golden/guidance.py` makes the same draws and writes `guidance.json`.
+//! Ten guidance steps with tiny-x4 against PyTorch: `../golden/guidance.py` makes the same draws and writes
+//! `guidance.json`.
 
 use std::collections::BTreeMap;
 

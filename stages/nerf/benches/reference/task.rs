@@ -1,5 +1,5 @@
-//! What a run trains on and is judged by: photos, the shape of the field, and settings from the command line. Knows nothing
-//! of training.
+//! What a run trains on and is judged by: photos, the shape of the field, and settings from the command line. Knows
+//! nothing of training.
 
 use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::{
@@ -35,8 +35,8 @@ pub struct Task {
 }
 
 impl Task {
-    /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`, `width=PIXELS` (of photos from
-    /// elsewhere), `looks=COUNT` (at the held-out views) or `space=Auto|Box|Perspective`.
+    /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`, `width=PIXELS` (of photos
+    /// from elsewhere), `looks=COUNT` (at the held-out views) or `space=Auto|Box|Perspective`.
     pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
         let source = arguments.next().unwrap_or("still_life".into());
         let (mut field, mut train, mut width, mut looks) = (Map::new(), Map::new(), 252, 8);

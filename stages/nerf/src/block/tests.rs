@@ -82,8 +82,8 @@ fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient)
     (seen + f64::from(regularizer.distortion * distortion), Gradient { table, weights: passed.weights })
 }
 
-/// Compares gradients with central differences of the loss. A step that carries a unit across the kink of its ReLU gives a
-/// wrong difference; few do.
+/// Compares gradients with central differences of the loss. A step that carries a unit across the kink of its ReLU
+/// gives a wrong difference; few do.
 fn compare(pairs: impl Iterator<Item = (f32, f64)>) {
     let (mut large, mut wrong, mut count) = (0, 0, 0);
     for (analytic, numeric) in pairs {

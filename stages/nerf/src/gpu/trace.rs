@@ -22,7 +22,8 @@ pub const RAY: usize = 16;
 pub struct Rays {
     /// How many.
     pub count: usize,
-    /// Sixteen numbers each: origin and start; direction and end; jitter, pixel and number within the pixel; direction in the world.
+    /// Sixteen numbers each: origin and start; direction and end; jitter, pixel and number within the pixel; direction
+    /// in the world.
     pub buffer: Buffer,
     /// Samples of each that are seen.
     pub seen: Buffer,

@@ -1,8 +1,8 @@
 //! Trilinear look-up in the multiresolution hash grid, and its backward pass (Müller et al. 2022, section 3). Knows
 //! nothing of rays or networks.
 //!
-//! Positions lie in unit space, in groups of [`LANES`]; callers pad. Entries are half-precision numbers, so that a level
-//! stays in the second-level cache; sums are single-precision. With AVX-512 the look-ups of a group are gathers
+//! Positions lie in unit space, in groups of [`LANES`]; callers pad. Entries are half-precision numbers, so that a
+//! level stays in the second-level cache; sums are single-precision. With AVX-512 the look-ups of a group are gathers
 //! ([`super::wide`]), elsewhere they are made one by one; the bits are the same.
 
 #[cfg(target_arch = "x86_64")]
@@ -92,7 +92,8 @@ fn entry(level: &Level, [x, y, z]: [u32; 3]) -> u32 {
     if !level.dense {
         return (x ^ y.wrapping_mul(PRIMES[0]) ^ z.wrapping_mul(PRIMES[1])) & (entries - 1);
     }
-    // A corner past the last vertex wraps into the next row, as in instant-ngp. What lies outside the box stays harmless.
+    // A corner past the last vertex wraps into the next row, as in instant-ngp. What lies outside the box stays
+    // harmless.
     let i = x.wrapping_add(nx.wrapping_mul(y.wrapping_add(ny.wrapping_mul(z))));
     i.min(i.wrapping_sub(entries)).min(entries - 1)
 }

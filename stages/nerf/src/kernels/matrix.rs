@@ -108,7 +108,8 @@ fn finish<S: Simd, const V: usize>(simd: S, sum: [S::f32s; V], epilogue: Epilogu
     }
 }
 
-/// c[k, m] += transpose(a[n, k]) b[n, m]: the gradient of a weight from its input `a` and the gradient `b` of its output.
+/// c[k, m] += transpose(a[n, k]) b[n, m]: the gradient of a weight from its input `a` and the gradient `b` of its
+/// output.
 pub fn add_transposed_product(c: &mut [f32], a: &[f32], b: &[f32], inner: usize, columns: usize) {
     assert!(columns.is_multiple_of(COLUMNS) && inner.is_multiple_of(ROWS), "transposed product: {inner} x {columns}");
     assert!(c.len() == inner * columns && a.len() * columns == b.len() * inner, "transposed product: rows differ");

@@ -1,5 +1,5 @@
-//! The hash grid's corners and look-ups with AVX-512: a group of positions at once, one gather per corner. Same bits as the
-//! portable kernel of [`super::hash`], to which it says no more than "this machine can".
+//! The hash grid's corners and look-ups with AVX-512: a group of positions at once, one gather per corner. Same bits as
+//! the portable kernel of [`super::hash`], to which it says no more than "this machine can".
 #![allow(unsafe_code)]
 #![allow(clippy::needless_range_loop)] // Corners are numbers with meaning: bit 0 is x, bit 1 is y, bit 2 is z.
 
@@ -96,8 +96,9 @@ impl Kernel for Avx512 {
     fn look_up(self, level: &Level, table: &[Entry], positions: [&[f32; LANES]; 3]) -> [[f32; FEATURES]; LANES] {
         assert_eq!(table.len(), level.entries, "look_up: a table of another level");
         let (entry, weight) = self.vertices(level, positions);
-        // SAFETY: `self` proves that the machine has AVX-512F. An entry is two halves, four bytes, and every index is below
-        // the table's length: hashes are masked to it (a power of two), places in a dense level are limited to it.
+        // SAFETY: `self` proves that the machine has AVX-512F. An entry is two halves, four bytes, and every index is
+        // below the table's length: hashes are masked to it (a power of two), places in a dense level are limited to
+        // it.
         unsafe {
             let mut sum = [_mm512_setzero_ps(); FEATURES];
             for corner in 0..CORNERS {

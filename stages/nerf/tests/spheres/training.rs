@@ -135,7 +135,8 @@ fn a_larger_image_of_the_same_view_agrees_with_the_smaller() {
     }
 }
 
-/// Photos are opaque and the field starts out empty in front of them: without fog, rays end in the scene, not at the lens.
+/// Photos are opaque and the field starts out empty in front of them: without fog, rays end in the scene, not at the
+/// lens.
 #[test]
 fn opaque_views_leave_no_hole_and_no_fog_before_the_near_plane() {
     let wall = |camera: Camera| {

@@ -1,8 +1,8 @@
 //! Reads a COLMAP reconstruction beside its photos. Knows nothing of what is done with it.
 //!
-//! Near and far of a photo are percentiles of the depths of the sparse points found in it, as LLFF's are; the scene box is the
-//! hull of all frusta between them, and coordinates are those of LLFF scenes (`docs/conventions.md`). Rigs and frames, of
-//! which newer versions write files as well, are noted and passed over: every image has its own pose.
+//! Near and far of a photo are percentiles of the depths of the sparse points found in it, as LLFF's are; the scene box
+//! is the hull of all frusta between them, and coordinates are those of LLFF scenes (`docs/conventions.md`). Rigs and
+//! frames, of which newer versions write files as well, are noted and passed over: every image has its own pose.
 
 mod binary;
 mod model;
@@ -40,9 +40,10 @@ struct Survey {
 
 /// Reads the COLMAP scene in `folder`.
 ///
-/// The reconstruction, binary or text, lies in `sparse/0`, `sparse`, the same under `colmap`, or the folder itself. `images`
-/// names the subfolder of photos, which by default is chosen as for [`crate::llff`]; they may be reduced copies. Photos of
-/// another size than `size` are resized by an antialiased bicubic filter. Lenses up to OPENCV (k1, k2, p1, p2) are known.
+/// The reconstruction, binary or text, lies in `sparse/0`, `sparse`, the same under `colmap`, or the folder itself.
+/// `images` names the subfolder of photos, which by default is chosen as for [`crate::llff`]; they may be reduced
+/// copies. Photos of another size than `size` are resized by an antialiased bicubic filter. Lenses up to OPENCV (k1,
+/// k2, p1, p2) are known.
 ///
 /// # Errors
 /// Every way in which the files can be unfit, as a [`SceneError`] that names file and record.

@@ -55,7 +55,8 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
     })
 }
 
-/// Reads `images.txt`: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, each followed by a line of 2-D points, perhaps empty.
+/// Reads `images.txt`: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, each followed by a line of 2-D points, perhaps
+/// empty.
 pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     lines(bytes, |mut words, rest| {
         let number = words.number("IMAGE_ID")?;

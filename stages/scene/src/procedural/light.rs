@@ -51,8 +51,8 @@ impl Lights {
         }
     }
 
-    /// Linear radiance from a point towards the eye. `sample` counts a pixel's samples: the average over every sixteen in
-    /// a row weighs all points of all lights alike.
+    /// Linear radiance from a point towards the eye. `sample` counts a pixel's samples: the average over every sixteen
+    /// in a row weighs all points of all lights alike.
     pub(super) fn shade(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let direct: Vec3 = self.luminaires.iter().map(|light| light.reflected(world, hit, to_eye, sample)).sum();
         direct + hit.material.color * BOUNCE * (1.3 + 0.7 * hit.normal.y)

@@ -15,11 +15,11 @@ const TRAIN_PER_TEST: u32 = 4;
 /// From the tracer's axes (y up) to those of NeRF-synthetic (z up): columns.
 const Z_UP: DMat4 = DMat4::from_cols(DVec4::X, DVec4::Z, DVec4::new(0.0, -1.0, 0.0, 0.0), DVec4::W);
 
-/// Photographs the object on nothing: `views` cameras for training at random places of a half sphere, and a fourth as many
-/// for testing on a spiral over it. `size` = (width, height) pixels, `samples` x `samples` rays a pixel.
+/// Photographs the object on nothing: `views` cameras for training at random places of a half sphere, and a fourth as
+/// many for testing on a spiral over it. `size` = (width, height) pixels, `samples` x `samples` rays a pixel.
 ///
-/// Photos have alpha. The world is that of NeRF-synthetic: the object about the origin, z up. All cameras share near and far.
-/// The same arguments give the same bits for any thread count.
+/// Photos have alpha. The world is that of NeRF-synthetic: the object about the origin, z up. All cameras share near
+/// and far. The same arguments give the same bits for any thread count.
 ///
 /// # Panics
 /// If `views`, `samples` or a side of `size` is 0: callers check what they are asked for.

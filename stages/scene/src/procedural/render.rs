@@ -40,8 +40,8 @@ impl Seen {
     }
 }
 
-/// Renders with `samples` x `samples` rays through every pixel, on a regular grid, averaged in linear light and only then
-/// clipped and encoded: the image is the mean over each pixel's area, known as well as the grid is fine.
+/// Renders with `samples` x `samples` rays through every pixel, on a regular grid, averaged in linear light and only
+/// then clipped and encoded: the image is the mean over each pixel's area, known as well as the grid is fine.
 pub(super) fn render(world: &World, lights: &Lights, camera: &Camera, samples: u32) -> Picture {
     let rows: Vec<_> = (0..camera.height).into_par_iter().map(|y| row(world, lights, camera, samples, y)).collect();
     let seen = rows.iter().map(|row| row.seen).fold(Seen::NOTHING, Seen::and);

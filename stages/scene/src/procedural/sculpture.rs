@@ -1,7 +1,7 @@
 //! A small monument that stands alone: what the world `object` is made of. Knows nothing of light or cameras.
 //!
-//! It fits into a ball of radius 1.2 about the origin, y up. Seen from 4 units with 400 pixels a pixel is 0.007 units wide:
-//! joints of 0.013, wires of 0.010 and the finer letters are there to see, and are gone at a quarter of that.
+//! It fits into a ball of radius 1.2 about the origin, y up. Seen from 4 units with 400 pixels a pixel is 0.007 units
+//! wide: joints of 0.013, wires of 0.010 and the finer letters are there to see, and are gone at a quarter of that.
 
 use glam::{Mat3, Vec3, vec2, vec3};
 

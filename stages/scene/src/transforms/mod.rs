@@ -1,9 +1,9 @@
 //! Reads scenes whose cameras stand in `transforms.json`: NeRF-synthetic (Mildenhall et al. 2020), instant-ngp,
 //! nerfstudio, and our own image sets. Knows nothing of what is done with them.
 //!
-//! All of them write camera-to-world matrices with OpenGL axes, ours, and coordinates are kept as they are. A file that says
-//! nothing of a scene box has instant-ngp's: p * `scale` + `offset` fills the cube of side `aabb_scale` about (0.5, 0.5,
-//! 0.5); with the usual 0.33, 0.5 and 1 that is ±1.515, where the objects of NeRF-synthetic are.
+//! All of them write camera-to-world matrices with OpenGL axes, ours, and coordinates are kept as they are. A file that
+//! says nothing of a scene box has instant-ngp's: p * `scale` + `offset` fills the cube of side `aabb_scale` about
+//! (0.5, 0.5, 0.5); with the usual 0.33, 0.5 and 1 that is ±1.515, where the objects of NeRF-synthetic are.
 
 mod file;
 mod write;
@@ -45,8 +45,8 @@ struct Survey {
 /// Reads the scene at `path`: a JSON file, or a folder with `transforms.json`, or one with `transforms_train.json` and
 /// `transforms_test.json` (or, where that is missing, `transforms_val.json`).
 ///
-/// Photos are those that the frames name, with or without extension; frames without a photo are left out, and noted. What
-/// the source sets aside for testing, by file or by nerfstudio's `test_filenames`, is in [`SceneData::test`].
+/// Photos are those that the frames name, with or without extension; frames without a photo are left out, and noted.
+/// What the source sets aside for testing, by file or by nerfstudio's `test_filenames`, is in [`SceneData::test`].
 ///
 /// # Errors
 /// Every way in which the files can be unfit, as a [`SceneError`] that names file and field.
@@ -64,7 +64,8 @@ pub fn transforms(path: &Path, options: &TransformsOptions) -> Result<SceneData,
     })
 }
 
-/// A digest over the files that [`transforms`] would read with the same arguments: whether the scene on disk has changed.
+/// A digest over the files that [`transforms`] would read with the same arguments: whether the scene on disk has
+/// changed.
 ///
 /// # Errors
 /// The same as [`transforms`]'s, but for photos that cannot be decoded.
@@ -74,8 +75,8 @@ pub fn transforms_digest(path: &Path, options: &TransformsOptions) -> Result<[u8
     source_files::digest(survey.sources.iter().map(PathBuf::as_path).chain(photos))
 }
 
-/// The cameras of a file's frames, in its order, whether their photos are there or not. Where the file gives no size, near or
-/// far, those of `like` serve.
+/// The cameras of a file's frames, in its order, whether their photos are there or not. Where the file gives no size,
+/// near or far, those of `like` serve.
 pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>, SceneError> {
     let file = File::read(path)?;
     let camera = |frame: &Frame| {
@@ -213,8 +214,8 @@ fn place(
     Ok(bounds)
 }
 
-/// instant-ngp's cube in the file's coordinates. Without `aabb_scale` only a NeRF-synthetic file, which has a field of view
-/// and no focal length, means it.
+/// instant-ngp's cube in the file's coordinates. Without `aabb_scale` only a NeRF-synthetic file, which has a field of
+/// view and no focal length, means it.
 fn cube(path: &Path, file: &File) -> Result<Option<[[f64; 3]; 2]>, SceneError> {
     let Some(side) = file.aabb_scale.or(file.has_field_of_view_alone().then_some(1.0)) else { return Ok(None) };
     let (scale, offset) = (file.scale.unwrap_or(SCALE), file.offset.unwrap_or(OFFSET));

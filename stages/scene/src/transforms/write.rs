@@ -1,5 +1,5 @@
-//! Writes a scene in the layout of NeRF-synthetic: `transforms_{train,test}.json` and one RGBA PNG per photo. Knows nothing
-//! of where the scene comes from.
+//! Writes a scene in the layout of NeRF-synthetic: `transforms_{train,test}.json` and one RGBA PNG per photo. Knows
+//! nothing of where the scene comes from.
 
 use std::path::Path;
 
@@ -10,8 +10,9 @@ use crate::{Photo, SceneError};
 
 /// Writes `train` and `test` into `folder`, which is created: photos as 8-bit PNGs, cameras exactly.
 ///
-/// Any reader of NeRF-synthetic scenes takes it. What that format has no fields for (focal lengths per axis, distortion, near,
-/// far and the scene box) stands in the fields of instant-ngp and ours, so that [`crate::transforms`] reads the same scene.
+/// Any reader of NeRF-synthetic scenes takes it. What that format has no fields for (focal lengths per axis,
+/// distortion, near, far and the scene box) stands in the fields of instant-ngp and ours, so that [`crate::transforms`]
+/// reads the same scene.
 ///
 /// # Errors
 /// If the file system says no.
