@@ -10,6 +10,10 @@ use crate::occupancy::OccupancyGrid;
 use crate::space::Space;
 use compute::rng::Rng;
 use half::f16;
+use std::ops::Range;
+
+/// Samples that pass through the density network together; their activations stay in the second-level cache.
+const ROWS: usize = 256;
 
 /// A hash-grid radiance field (Müller et al. 2022).
 #[derive(Clone, Debug, PartialEq)]
@@ -65,29 +69,37 @@ impl Field {
         Stride { shortest: 1.0 / self.config.march_steps as f32, cone }
     }
 
-    /// The density network's outputs at points in unit space.
-    pub(crate) fn density(
-        &self,
-        points: impl ExactSizeIterator<Item = [f32; 3]>,
-        features: &mut Features,
-        activations: &mut Activations,
-    ) {
-        let count = points.len();
+    /// Looks up the features at points in unit space.
+    pub(crate) fn look_up(&self, points: impl Iterator<Item = [f32; 3]>, features: &mut Features) {
         features.clear(self);
         points.for_each(|point| features.positions.push(point));
         features.positions.pad();
         features.look_ups(self).for_each(LookUp::run);
-        features.rows(0..count, self.encoding_width(), &mut activations.encoding);
-        self.network.density(activations);
+    }
+
+    /// Adds the densities, per unit length, at some of the positions that were looked up.
+    pub(crate) fn sigmas(
+        &self,
+        features: &Features,
+        positions: Range<usize>,
+        scratch: &mut Activations,
+        sigmas: &mut Vec<f32>,
+    ) {
+        for first in positions.clone().step_by(ROWS) {
+            let rows = first..positions.end.min(first + ROWS);
+            let count = rows.len();
+            features.rows(rows, self.encoding_width(), &mut scratch.encoding);
+            self.network.density(scratch);
+            sigmas.extend(scratch.geometry.chunks_exact(GEOMETRY).take(count).map(|row| sigma(row[0])));
+        }
     }
 
     /// Densities at points in world space, per world length. Points outside the box are taken as they are.
     pub fn densities(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        let mut activations = Activations::default();
-        let inside = points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0)));
-        self.density(inside, &mut Features::default(), &mut activations);
-        let rows = activations.geometry.chunks_exact(GEOMETRY).take(points.len());
-        rows.zip(points).map(|(row, &point)| sigma(row[0]) * self.space.scale_at(point)).collect()
+        let (mut features, mut sigmas) = (Features::default(), Vec::with_capacity(points.len()));
+        self.look_up(points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))), &mut features);
+        self.sigmas(&features, 0..points.len(), &mut Activations::default(), &mut sigmas);
+        sigmas.iter().zip(points).map(|(sigma, &point)| sigma * self.space.scale_at(point)).collect()
     }
 }
 

@@ -3,16 +3,14 @@
 
 use crate::composite;
 use crate::features::{Features, LookUp};
-use crate::field::{Field, sigma};
-use crate::network::{Activations, GEOMETRY};
+use crate::field::Field;
+use crate::network::Activations;
 use crate::samples::Samples;
 use std::ops::Range;
 
 /// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to go far behind a
 /// surface.
 const WAVE: usize = 16;
-/// Samples that pass through the density network together; their activations stay in the second-level cache.
-const ROWS: usize = 256;
 /// The row of a sample that is not seen.
 const NONE: u32 = u32::MAX;
 
@@ -60,14 +58,11 @@ impl Look {
     }
 
     /// Notes which samples of the wave are seen, and closes the rays that end.
-    pub fn answer(&mut self, field: &Field, samples: &Samples, features: &Features, activations: &mut Activations) {
+    pub fn answer(&mut self, field: &Field, samples: &Samples, features: &Features, scratch: &mut Activations) {
         self.depths.clear();
-        for wave in self.wave.chunks(ROWS) {
-            let first = self.first + self.depths.len();
-            features.rows(first..first + wave.len(), field.encoding_width(), &mut activations.encoding);
-            field.network.density(activations);
-            let densities = activations.geometry.chunks_exact(GEOMETRY).map(|row| sigma(row[0]));
-            self.depths.extend(densities.zip(wave).map(|(sigma, &sample)| sigma * samples.dt[sample as usize]));
+        field.sigmas(features, self.first..self.first + self.wave.len(), scratch, &mut self.depths);
+        for (depth, &sample) in self.depths.iter_mut().zip(&self.wave) {
+            *depth *= samples.dt[sample as usize];
         }
         let mut row = 0;
         self.open.retain_mut(|ray| {

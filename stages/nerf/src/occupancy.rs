@@ -1,6 +1,7 @@
 //! A grid over the box that says where there may be something to see. Knows densities only as numbers it is handed.
 
 use crate::space::Space;
+use rayon::prelude::*;
 
 /// What a cell keeps of its value when it is looked at again.
 const DECAY: f32 = 0.95;
@@ -11,6 +12,8 @@ const THRESHOLD: f32 = 0.01;
 const UNKNOWN: f32 = THRESHOLD;
 /// The value of cells that no camera sees: they are never filled.
 const UNSEEN: f32 = -1.0;
+/// Cells that one task goes over; whole words of a set.
+const CHUNK: usize = 1 << 13;
 
 /// Cubic cells with a slowly forgetting maximum of the optical depth of one marching step (Müller et al. 2022,
 /// appendix C).
@@ -24,6 +27,7 @@ pub struct OccupancyGrid {
     pub values: Vec<f32>,
     /// Updates so far.
     pub updates: u32,
+    seen: Vec<u64>,
     occupied: Vec<u64>,
 }
 
@@ -32,8 +36,9 @@ impl OccupancyGrid {
     pub fn new(resolution: u32, space: &Space) -> Self {
         let size = space.extent.map(|side| (side * resolution as f32).ceil().max(1.0) as usize);
         let cells = size.iter().product();
+        let values = vec![UNKNOWN; cells];
         let mut grid =
-            Self { size, resolution: resolution as f32, values: vec![UNKNOWN; cells], updates: 0, occupied: vec![] };
+            Self { size, resolution: resolution as f32, values, updates: 0, seen: vec![], occupied: vec![] };
         grid.refresh();
         grid
     }
@@ -76,28 +81,32 @@ impl OccupancyGrid {
         self.refresh();
     }
 
-    /// Rebuilds the bits of occupied cells from the values.
+    /// Rebuilds what follows from the values.
     pub fn refresh(&mut self) {
-        let threshold = THRESHOLD.min(0.5 * self.mean());
-        let word = |values: &[f32]| values.iter().rev().fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold));
-        self.occupied = self.values.chunks(64).map(word).collect();
+        self.seen = members(&self.values, 0.0);
+        self.occupied = members(&self.values, THRESHOLD.min(0.5 * self.mean()));
     }
 
-    /// Mean over the cells that are seen; 0 if there are none.
+    /// Mean over the cells that are seen; 0 if there are none. Summed in parts of fixed size: the same for any number of
+    /// threads.
     fn mean(&self) -> f32 {
-        let seen = self.values.iter().filter(|&&v| v >= 0.0);
-        let (sum, count) = seen.fold((0f64, 0u32), |(sum, count), &v| (sum + f64::from(v), count + 1));
+        let part = |values: &[f32]| {
+            let seen = values.iter().filter(|&&v| v >= 0.0);
+            seen.fold((0f64, 0u32), |(sum, count), &v| (sum + f64::from(v), count + 1))
+        };
+        let parts: Vec<_> = self.values.par_chunks(CHUNK).map(part).collect();
+        let (sum, count) = parts.iter().fold((0.0, 0), |(sum, count), part| (sum + part.0, count + part.1));
         (sum / f64::from(count.max(1))) as f32
     }
 
     /// Indices of the occupied cells.
     pub fn occupied_cells(&self) -> Vec<u32> {
-        (0..self.cells() as u32).filter(|&cell| self.is_occupied(cell as usize)).collect()
+        elements(&self.occupied)
     }
 
     /// Indices of the cells some camera sees.
     pub fn seen_cells(&self) -> Vec<u32> {
-        (0..self.cells() as u32).filter(|&cell| self.values[cell as usize] >= 0.0).collect()
+        elements(&self.seen)
     }
 
     #[inline]
@@ -116,6 +125,26 @@ impl OccupancyGrid {
     pub fn occupied(&self, [x, y, z]: [usize; 3]) -> bool {
         self.is_occupied((z * self.size[1] + y) * self.size[0] + x)
     }
+}
+
+/// The set of cells whose values are not below a threshold, a bit each.
+fn members(values: &[f32], threshold: f32) -> Vec<u64> {
+    let word = |values: &[f32]| values.iter().rev().fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold));
+    let words = |values: &[f32]| values.chunks(64).map(word).collect::<Vec<u64>>();
+    values.par_chunks(CHUNK).flat_map_iter(words).collect()
+}
+
+/// The elements of a set, ascending.
+pub fn elements(set: &[u64]) -> Vec<u32> {
+    let mut elements = Vec::with_capacity(set.iter().map(|word| word.count_ones() as usize).sum());
+    for (i, &word) in set.iter().enumerate() {
+        let mut rest = word;
+        while rest != 0 {
+            elements.push(64 * i as u32 + rest.trailing_zeros());
+            rest &= rest - 1;
+        }
+    }
+    elements
 }
 
 #[cfg(test)]

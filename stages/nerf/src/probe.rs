@@ -21,8 +21,10 @@ impl Field {
     /// Colours at points in world space, each seen along its own unit direction, in the space the field was trained in.
     pub fn colors(&self, points: &[[f32; 3]], directions: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let mut activations = Activations::default();
-        let inside = points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0)));
-        self.density(inside, &mut Features::default(), &mut activations);
+        let mut features = Features::default();
+        self.look_up(points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))), &mut features);
+        features.rows(0..points.len(), self.encoding_width(), &mut activations.encoding);
+        self.network.density(&mut activations);
         activations.color_input.resize(activations.geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);
         let rows = activations.color_input.chunks_exact_mut(COLOR_INPUT);
         for ((row, geometry), direction) in rows.zip(activations.geometry.chunks_exact(GEOMETRY)).zip(directions) {

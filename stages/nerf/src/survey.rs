@@ -1,8 +1,9 @@
 //! Keeps a field's occupancy grid true while the field changes. Knows cameras and densities, and nothing of losses.
 
 use crate::features::Features;
-use crate::field::{Field, sigma};
-use crate::network::{Activations, GEOMETRY};
+use crate::field::Field;
+use crate::network::Activations;
+use crate::occupancy::elements;
 use crate::pool::Pool;
 use compute::rng::Rng;
 use glam::DVec3;
@@ -13,8 +14,8 @@ use scene::Camera;
 const WARM_UP: u32 = 16;
 /// After the warm-up an update looks at one in so many of the seen cells, and at as many of the occupied ones.
 const SHARE: usize = 8;
-/// Cells one task looks at; fixed, to bound the memory of a task.
-const CHUNK: usize = 512;
+/// Cells one task looks at: enough for a level of the hash grid to be worth fetching, and not too many to remember.
+const CHUNK: usize = 4096;
 
 /// Scratch space of a task.
 pub type Survey = (Features, Activations);
@@ -73,25 +74,24 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
     if field.occupancy.updates < WARM_UP {
         return seen;
     }
-    let occupied = field.occupancy.occupied_cells();
-    let pick = |from: &[u32], part: u64| {
-        let of = from.len() as u32;
-        let element = move |i: usize| part << 32 | i as u64;
-        (0..from.len() / SHARE).map(|i| from[rng.below(4 * round + 3, element(i), of) as usize]).collect::<Vec<_>>()
-    };
-    let mut cells = [pick(&seen, 0), pick(&occupied, 1)].concat();
-    cells.sort_unstable();
-    cells.dedup();
-    cells
+    let mut set = vec![0u64; field.occupancy.cells().div_ceil(64)];
+    for (part, from) in [seen, field.occupancy.occupied_cells()].into_iter().enumerate() {
+        let draw = |i: usize| from[rng.below(4 * round + 3, (part << 32 | i) as u64, from.len() as u32) as usize];
+        let drawn: Vec<u32> = (0..from.len() / SHARE).into_par_iter().map(draw).collect();
+        drawn.into_iter().for_each(|cell| set[cell as usize / 64] |= 1 << (cell % 64));
+    }
+    elements(&set)
 }
 
-fn densities(field: &Field, cells: &[u32], (features, activations): &mut Survey, rng: &Rng, round: u64) -> Vec<f32> {
+fn densities(field: &Field, cells: &[u32], (features, scratch): &mut Survey, rng: &Rng, round: u64) -> Vec<f32> {
     let points = cells.iter().map(|&cell| {
         let fraction = [0, 1, 2].map(|axis| rng.uniform(4 * round + axis, u64::from(cell)));
         field.occupancy.point(cell as usize, fraction)
     });
-    field.density(points, features, activations);
-    activations.geometry.chunks_exact(GEOMETRY).take(cells.len()).map(|row| sigma(row[0])).collect()
+    field.look_up(points, features);
+    let mut sigmas = Vec::with_capacity(cells.len());
+    field.sigmas(features, 0..cells.len(), scratch, &mut sigmas);
+    sigmas
 }
 
 #[cfg(test)]

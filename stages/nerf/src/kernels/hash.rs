@@ -21,6 +21,9 @@ pub const CORNERS: usize = 8;
 /// Factors of the spatial hash for y and z; x has 1 (the paper's equation 4).
 pub const PRIMES: [u32; 2] = [2_654_435_761, 805_459_861];
 
+/// A table is fetched as a whole for at least one position per so many entries: for fewer, most lines are not needed.
+const ENTRIES_PER_POSITION: usize = 128;
+
 /// Entries and trilinear weights of the corners around a group of positions.
 pub struct Corners {
     /// Which entry of the level, by corner.
@@ -110,11 +113,20 @@ fn widen(half: f16) -> f32 {
 pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut [[f32; FEATURES]]) {
     assert_eq!(out.len(), positions[0].len(), "encode: output size");
     assert_eq!(table.len(), level.entries, "encode: a table of another level");
+    if positions[0].len() >= table.len() / ENTRIES_PER_POSITION {
+        fetch(table);
+    }
     #[cfg(target_arch = "x86_64")]
     if let Some(avx512) = Avx512::new() {
         return Simd::vectorize(avx512.0, Encode { level, table, positions, out, kernel: avx512 });
     }
     Arch::new().dispatch(Encode { level, table, positions, out, kernel: Portable });
+}
+
+/// Brings a table into the cache from front to back, as fast as memory gives: look-ups that miss wait for every line.
+fn fetch(table: &[Entry]) {
+    let line = 64 / size_of::<Entry>();
+    std::hint::black_box(table.iter().step_by(line).fold(0, |sum, entry| sum ^ entry[0].to_bits()));
 }
 
 struct Encode<'a, K> {
