@@ -166,7 +166,8 @@ class Renderer:
         step = lambda t: (t * self.cone).clamp(min=self.shortest)
         t = start + jitter * step(start)
         middles, lengths = [], []
-        while (t < end).any():
+        # One step at least, so that a part of an image that no ray hits is nothing rather than an error.
+        while not middles or (t < end).any():
             dt = step(t)
             middles.append(torch.where(t < end, t + 0.5 * dt, torch.inf))
             lengths.append(dt)

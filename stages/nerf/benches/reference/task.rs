@@ -36,10 +36,12 @@ pub struct Task {
 
 impl Task {
     /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`, `width=PIXELS` (of photos
-    /// from elsewhere), `looks=COUNT` (at the held-out views) or `space=Auto|Box|Perspective`.
+    /// from elsewhere), `looks=COUNT` (at the held-out views), `judges=COUNT` (the first so many of these only: the
+    /// reference takes minutes for large ones) or `space=Auto|Box|Perspective`.
     pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
         let source = arguments.next().unwrap_or("still_life".into());
-        let (mut field, mut train, mut width, mut looks) = (Map::new(), Map::new(), 252, 8);
+        let (mut field, mut train, mut width) = (Map::new(), Map::new(), 252);
+        let (mut looks, mut judges) = (8, usize::MAX);
         let mut kind = SpaceKind::Auto;
         train.insert("steps".into(), 400.into());
         for argument in arguments {
@@ -49,6 +51,7 @@ impl Task {
                 (Some(("train", name)), _) => _ = train.insert(name.into(), value.parse()?),
                 (_, "width") => width = value.parse()?,
                 (_, "looks") => looks = value.parse()?,
+                (_, "judges") => judges = value.parse()?,
                 (_, "space") => kind = serde_json::from_value(value.into())?,
                 _ => return Err(format!("no setting is called {name}").into()),
             }
@@ -61,7 +64,7 @@ impl Task {
             false => (scene.photos, scene.test),
         };
         let background = if test.iter().any(|photo| photo.alpha.is_some()) { [1.0; 3] } else { [0.0; 3] };
-        let test = test.into_iter().map(|photo| before(photo, background)).collect();
+        let test = test.into_iter().take(judges).map(|photo| before(photo, background)).collect();
         let marks = (1..=looks).map(|i| options.steps * i * i / (looks * looks)).collect();
         let bounds = scene.bounds.map(|corner| corner.map(|x| x as f32));
         let cameras: Vec<_> = train.iter().map(|photo: &Photo| &photo.camera).collect();
