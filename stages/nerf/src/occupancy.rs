@@ -37,8 +37,7 @@ impl OccupancyGrid {
         let size = space.extent.map(|side| (side * resolution as f32).ceil().max(1.0) as usize);
         let cells = size.iter().product();
         let values = vec![UNKNOWN; cells];
-        let mut grid =
-            Self { size, resolution: resolution as f32, values, updates: 0, seen: vec![], occupied: vec![] };
+        let mut grid = Self { size, resolution: resolution as f32, values, updates: 0, seen: vec![], occupied: vec![] };
         grid.refresh();
         grid
     }
