@@ -41,7 +41,7 @@ pub struct Context<'a> {
     pub given: BTreeMap<usize, Record>,
     /// Earlier runs.
     pub history: History<'a>,
-    /// What each stage reads beside its inputs: [`sources`].
+    /// What each stage reads beside its inputs: [`sources()`].
     pub sources: &'a [Vec<Source>],
 }
 
