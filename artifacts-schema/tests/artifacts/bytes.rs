@@ -27,7 +27,7 @@ fn equal_artifacts_of_two_processes_are_equal_files() {
     let (here, there) = (tempdir().unwrap(), tempdir().unwrap());
     samples::write_all(here.path(), &samples::provenance()).unwrap();
     let child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "bytes::write_into_the_folder_of_the_environment", "--ignored"])
+        .args(["--exact", "bytes::write_into_the_folder_of_the_environment"])
         .env(FOLDER, there.path())
         .output()
         .unwrap();
@@ -35,11 +35,12 @@ fn equal_artifacts_of_two_processes_are_equal_files() {
     assert_eq!(samples::files(there.path()), samples::files(here.path()));
 }
 
+/// What the child process of the test above does; nothing without its folder.
 #[test]
-#[ignore = "the child process of the test above"]
 fn write_into_the_folder_of_the_environment() {
-    let folder = std::env::var(FOLDER).unwrap();
-    samples::write_all(folder.as_ref(), &samples::provenance()).unwrap();
+    if let Some(folder) = std::env::var_os(FOLDER) {
+        samples::write_all(folder.as_ref(), &samples::provenance()).unwrap();
+    }
 }
 
 #[test]
