@@ -86,8 +86,8 @@ impl OccupancyGrid {
         self.occupied = members(&self.values, THRESHOLD.min(0.5 * self.mean()));
     }
 
-    /// Mean over the cells that are seen; 0 if there are none. Summed in parts of fixed size: the same for any number of
-    /// threads.
+    /// Mean over the cells that are seen; 0 if there are none. Summed in parts of fixed size: the same for any number
+    /// of threads.
     fn mean(&self) -> f32 {
         let part = |values: &[f32]| {
             let seen = values.iter().filter(|&&v| v >= 0.0);
