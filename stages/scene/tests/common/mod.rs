@@ -69,13 +69,13 @@ impl Damage {
     pub fn to(&self, bytes: &[u8]) -> Vec<u8> {
         let mut bytes = bytes.to_vec();
         match self {
-            Damage::Cut(at) => bytes.truncate(at.index(bytes.len())),
+            Damage::Cut(at) => bytes.truncate(at.index(bytes.len().max(1))),
             Damage::Overwrite(at, with) => {
-                let at = at.index(bytes.len());
+                let at = at.index(bytes.len().max(1));
                 bytes.iter_mut().skip(at).zip(with).for_each(|(byte, new)| *byte = *new);
             }
             Damage::Insert(at, what) => {
-                let at = at.index(bytes.len());
+                let at = at.index(bytes.len().max(1));
                 bytes.splice(at..at, what.iter().copied());
             }
         }
