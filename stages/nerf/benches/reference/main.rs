@@ -44,7 +44,8 @@ pub type Outcome = (Vec<Mark>, Vec<Vec<f32>>);
 fn main() -> Result<(), Box<dyn Error>> {
     rayon::ThreadPoolBuilder::new().num_threads(THREADS).build_global()?;
     let task = Task::new(std::env::args().skip(1).filter(|argument| argument != "--bench"))?;
-    let (ours, images) = train(&task);
+    // On a thread of the pool, as stages run.
+    let (ours, images) = rayon::scope(|_| train(&task));
     report("ours", &ours, ssim(&task, &images));
     let Some(python) = std::env::var_os("PYTHON").filter(|python| !python.is_empty()) else { return Ok(()) };
     let (reference, images) = exchange::reference(&python, &task)?;
