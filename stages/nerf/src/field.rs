@@ -77,6 +77,13 @@ impl Field {
         features.look_ups(self).for_each(LookUp::run);
     }
 
+    /// Looks up the features at points in world space. Points outside the box are taken as they are.
+    pub(crate) fn look_up_in_world(&self, points: &[[f32; 3]]) -> Features {
+        let mut features = Features::default();
+        self.look_up(points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))), &mut features);
+        features
+    }
+
     /// Adds the densities, per unit length, at some of the positions that were looked up.
     pub(crate) fn sigmas(
         &self,
@@ -96,8 +103,8 @@ impl Field {
 
     /// Densities at points in world space, per world length. Points outside the box are taken as they are.
     pub fn densities(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        let (mut features, mut sigmas) = (Features::default(), Vec::with_capacity(points.len()));
-        self.look_up(points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))), &mut features);
+        let mut sigmas = Vec::with_capacity(points.len());
+        let features = self.look_up_in_world(points);
         self.sigmas(&features, 0..points.len(), &mut Activations::default(), &mut sigmas);
         sigmas.iter().zip(points).map(|(sigma, &point)| sigma * self.space.scale_at(point)).collect()
     }
@@ -121,12 +128,12 @@ pub(crate) fn encoding_width(config: &FieldConfig) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    const BOUNDS: [[f32; 3]; 2] = [[-1.0, 0.0, 2.0], [3.0, 1.0, 4.0]];
+    pub const BOUNDS: [[f32; 3]; 2] = [[-1.0, 0.0, 2.0], [3.0, 1.0, 4.0]];
 
-    fn small() -> FieldConfig {
+    pub fn small() -> FieldConfig {
         FieldConfig { levels: 5, log2_table: 8, finest_resolution: 40, occupancy_resolution: 8, ..Default::default() }
     }
 

@@ -1,7 +1,6 @@
 //! Asks a field about single points rather than rays: their colours, and how full its box is. Knows nothing of cameras.
 
 use crate::exponential::sigmoid;
-use crate::features::Features;
 use crate::field::Field;
 use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY};
 use crate::spherical::harmonics;
@@ -21,8 +20,7 @@ impl Field {
     /// Colours at points in world space, each seen along its own unit direction, in the space the field was trained in.
     pub fn colors(&self, points: &[[f32; 3]], directions: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let mut activations = Activations::default();
-        let mut features = Features::default();
-        self.look_up(points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))), &mut features);
+        let features = self.look_up_in_world(points);
         features.rows(0..points.len(), self.encoding_width(), &mut activations.encoding);
         self.network.density(&mut activations);
         activations.color_input.resize(activations.geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);

@@ -139,15 +139,10 @@ pub(crate) fn read_network(network: &mut Network, prefix: &str, tensors: &Tensor
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::tests::{BOUNDS, small};
     use crate::space::SpaceKind;
     use glam::DMat4;
     use scene::Camera;
-
-    const BOUNDS: [[f32; 3]; 2] = [[-1.0, 0.0, 2.0], [3.0, 1.0, 4.0]];
-
-    fn small() -> FieldConfig {
-        FieldConfig { levels: 5, log2_table: 8, finest_resolution: 40, occupancy_resolution: 8, ..Default::default() }
-    }
 
     #[test]
     fn tensors_come_back_as_the_same_field() {

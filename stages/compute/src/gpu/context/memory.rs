@@ -3,10 +3,10 @@
 use std::panic::resume_unwind;
 use std::sync::atomic::Ordering;
 
-use super::super::error::GpuError;
-use super::super::fault::{full, lock, too_large};
-use super::super::pool::{Buffer, Writer};
 use super::Gpu;
+use crate::gpu::error::GpuError;
+use crate::gpu::fault::{full, lock, too_large};
+use crate::gpu::pool::{Buffer, Writer};
 
 /// Numbers on their way to the host.
 pub struct Requested {
