@@ -97,7 +97,7 @@ impl Stage for Render {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn check(&self) -> Result<(), StageError> {

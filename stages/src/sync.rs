@@ -59,7 +59,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn check(&self) -> Result<(), StageError> {

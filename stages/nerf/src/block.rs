@@ -9,10 +9,9 @@ use crate::exponential::sigmoid;
 use crate::features::Features;
 use crate::field::{Field, sigma, sigma_backward};
 use crate::march::Segment;
-use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY, Transposed};
+use crate::network::{Activations, COLOR_OUTPUT, GEOMETRY, Transposed};
 use crate::positions::Positions;
 use crate::samples::Samples;
-use crate::spherical::harmonics;
 use std::ops::Range;
 
 /// What one ray sees.
@@ -133,17 +132,7 @@ impl Block {
     }
 
     fn color(&mut self, field: &Field, rays: &Rays<'_>) {
-        let Activations { geometry, color_input, .. } = &mut self.activations;
-        color_input.clear();
-        color_input.resize(geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);
-        for (segment, ray) in rays.each() {
-            let direction = harmonics(segment.view);
-            let rows = color_input[ray.start * COLOR_INPUT..].chunks_exact_mut(COLOR_INPUT);
-            for (row, geometry) in rows.zip(geometry[ray.start * GEOMETRY..ray.end * GEOMETRY].chunks_exact(GEOMETRY)) {
-                row[..GEOMETRY].copy_from_slice(geometry);
-                row[GEOMETRY..].copy_from_slice(&direction);
-            }
-        }
+        self.activations.see(rays.each().map(|(segment, ray)| (segment.view, ray)));
         field.network.color(&mut self.activations);
         let rows = self.activations.color.chunks_exact(COLOR_OUTPUT).take(self.sigma.len());
         self.colors.clear();
@@ -186,13 +175,8 @@ impl Block {
             distortion += self.ray_backward(rays, r, segment, ray, d, regularizer);
         }
         field.network.color_backward(transposed, &mut self.activations, &mut gradient.weights);
-        let Activations { geometry, color_input, .. } = &mut self.activations;
-        geometry[self.sigma.len() * GEOMETRY..].fill(0.0);
-        let rows = geometry.chunks_exact_mut(GEOMETRY).zip(color_input.chunks_exact(COLOR_INPUT));
-        for ((row, d_input), d_sigma) in rows.zip(&self.d_sigma) {
-            row.copy_from_slice(&d_input[..GEOMETRY]);
-            row[0] += d_sigma;
-        }
+        let rows = self.activations.geometry.chunks_exact_mut(GEOMETRY);
+        rows.zip(&self.d_sigma).for_each(|(row, d_sigma)| row[0] += d_sigma);
         field.network.density_backward(transposed, &mut self.activations, &mut gradient.weights);
         self.append(rays, field.encoding_width(), gradient);
         distortion

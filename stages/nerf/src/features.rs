@@ -20,14 +20,16 @@ pub struct Features {
 pub struct LookUp<'a> {
     level: &'a Level,
     table: &'a [Entry],
-    positions: [&'a [f32]; 3],
-    features: &'a mut [[f32; FEATURES]],
+    positions: &'a Positions,
+    features: &'a mut Vec<[f32; FEATURES]>,
 }
 
 impl LookUp<'_> {
     /// Does it.
     pub fn run(self) {
-        encode(self.level, self.table, self.positions, self.features);
+        let done = self.features.len();
+        self.features.resize(self.positions.len(), [0.0; FEATURES]);
+        encode(self.level, self.table, self.positions.since(done), &mut self.features[done..]);
     }
 }
 
@@ -43,10 +45,8 @@ impl Features {
     pub fn look_ups<'a>(&'a mut self, field: &'a Field) -> impl Iterator<Item = LookUp<'a>> {
         let positions = &self.positions;
         self.levels.iter_mut().zip(&field.levels).map(|(features, level)| {
-            let done = features.len();
-            features.resize(positions.len(), [0.0; FEATURES]);
             let table = &field.table[level.offset..level.offset + level.entries];
-            LookUp { level, table, positions: positions.since(done), features: &mut features[done..] }
+            LookUp { level, table, positions, features }
         })
     }
 

@@ -37,6 +37,7 @@ mod survey;
 mod tensors;
 mod train;
 mod training;
+mod views;
 
 pub use batch::TrainView;
 pub use config::{FieldConfig, Level};

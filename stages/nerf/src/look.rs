@@ -5,6 +5,7 @@ use crate::composite;
 use crate::features::{Features, LookUp};
 use crate::field::Field;
 use crate::network::Activations;
+use crate::positions::Positions;
 use crate::samples::Samples;
 use std::ops::Range;
 
@@ -23,8 +24,10 @@ pub struct Look {
     /// How many samples were looked at.
     pub looked: usize,
     open: Vec<Open>,
-    /// Samples asked for, and the place of the first among the features.
+    /// The next samples of the open rays and where they are; once asked for, the place of the first among the
+    /// features.
     wave: Vec<u32>,
+    positions: Positions,
     first: usize,
     /// Optical depths of the wave.
     depths: Vec<f32>,
@@ -44,20 +47,26 @@ impl Look {
         self.rows.clear();
         self.rows.resize(samples.t.len(), NONE);
         self.looked = 0;
+        self.next_wave(samples);
+    }
+
+    fn next_wave(&mut self, samples: &Samples) {
+        self.wave.clear();
+        self.wave.extend(self.open.iter().flat_map(|ray| ray.rest.clone().take(WAVE)).map(|sample| sample as u32));
+        self.positions.clear();
+        self.positions.gather(&samples.positions, &self.wave);
+        self.positions.pad();
     }
 
     /// Adds the positions of the next samples of every open ray to `features`; whether there are any.
-    pub fn ask(&mut self, samples: &Samples, features: &mut Features) -> bool {
-        self.wave.clear();
-        self.wave.extend(self.open.iter().flat_map(|ray| ray.rest.clone().take(WAVE)).map(|sample| sample as u32));
+    pub fn ask(&mut self, features: &mut Features) -> bool {
         self.first = features.positions.len();
-        features.positions.gather(&samples.positions, &self.wave);
-        features.positions.pad();
+        features.positions.extend(&self.positions, 0..self.positions.len());
         self.looked += self.wave.len();
         !self.wave.is_empty()
     }
 
-    /// Notes which samples of the wave are seen, and closes the rays that end.
+    /// Notes which samples of the wave are seen, closes the rays that end, and goes on to the next wave.
     pub fn answer(&mut self, field: &Field, samples: &Samples, features: &Features, scratch: &mut Activations) {
         self.depths.clear();
         field.sigmas(features, self.first..self.first + self.wave.len(), scratch, &mut self.depths);
@@ -76,6 +85,7 @@ impl Look {
             ray.rest.start += length;
             seen == length && !ray.rest.is_empty()
         });
+        self.next_wave(samples);
     }
 
     /// Drops the samples that are not seen.
@@ -89,7 +99,7 @@ impl Look {
     pub fn along(&mut self, field: &Field, samples: &mut Samples, features: &mut Features, scratch: &mut Activations) {
         features.clear(field);
         self.start(samples);
-        while self.ask(samples, features) {
+        while self.ask(features) {
             features.look_ups(field).for_each(LookUp::run);
             self.answer(field, samples, features, scratch);
         }

@@ -1,18 +1,21 @@
-//! The two small networks behind the hash grid: density and colour, forward and backward. Knows rows of samples, and
-//! nothing of where they lie or how they are composited.
+//! The two small networks behind the hash grid: density and colour, forward and backward. Knows rows of samples and the
+//! directions that they are seen along, and nothing of where they lie or how they are composited.
 //!
 //! Matrices are kept as [inputs, outputs], padded with zero columns to whole vectors; [`crate::Field::tensors`] turns
 //! them into PyTorch's [outputs, inputs].
 
-use crate::kernels::matrix::{COLUMNS, Epilogue, add_transposed_product, product};
+use crate::kernels::matrix::{COLUMNS, Epilogue, Matrix, Prologue, add_transposed_product, product};
+use crate::spherical::COEFFICIENTS;
+use crate::views::Views;
 use compute::rng::Rng;
+use std::ops::Range;
 
 /// Width of the hidden layers.
 pub const HIDDEN: usize = 64;
 /// Outputs of the density network: the raw density, and it with 15 more as what the colour network sees.
 pub const GEOMETRY: usize = 16;
 /// Inputs of the colour network: geometry features and the spherical harmonics of the direction.
-pub const COLOR_INPUT: usize = GEOMETRY + crate::spherical::COEFFICIENTS;
+pub const COLOR_INPUT: usize = GEOMETRY + COEFFICIENTS;
 /// Outputs of the colour network in memory; the first three are red, green and blue.
 pub const COLOR_OUTPUT: usize = COLUMNS;
 
@@ -54,14 +57,20 @@ pub struct Activations {
     /// Hash features, and the gradient to them after the backward pass.
     pub encoding: Vec<f32>,
     density_hidden: Vec<f32>,
-    /// Outputs of the density network.
+    /// Outputs of the density network, and the gradient to them after the colour network's backward pass.
     pub geometry: Vec<f32>,
-    /// Inputs of the colour network.
-    pub color_input: Vec<f32>,
+    views: Views,
     color_hidden: [Vec<f32>; 2],
     /// Raw colours, before the sigmoid.
     pub color: Vec<f32>,
     d_hidden: [Vec<f32>; 2],
+}
+
+impl Activations {
+    /// Says which rows are seen along which unit direction. Ranges follow each other.
+    pub fn see(&mut self, views: impl Iterator<Item = ([f32; 3], Range<usize>)>) {
+        self.views.see(views);
+    }
 }
 
 impl Transposed {
@@ -130,8 +139,9 @@ impl Network {
 
     fn forward_layer(&self, l: usize, input: &[f32], output: &mut Vec<f32>, epilogue: Epilogue<'_>) {
         let layer = &self.layers[l];
-        output.resize(input.len() / layer.inputs * layer.outputs, 0.0);
-        product(output, input, self.matrix(l), layer.inputs, layer.outputs, epilogue);
+        let (shape, input) = ([layer.inputs, layer.outputs], Matrix::new(input, layer.inputs));
+        output.resize(input.rows() * layer.outputs, 0.0);
+        product(output, input, Matrix::new(self.matrix(l), layer.outputs), shape, Prologue::Zero, epilogue);
     }
 
     /// `encoding` to `geometry`.
@@ -140,10 +150,17 @@ impl Network {
         self.forward_layer(1, &a.density_hidden, &mut a.geometry, Epilogue::Keep);
     }
 
-    /// `color_input` to `color`.
+    /// `geometry`, seen along the directions of [`Activations::see`], to `color`.
     pub fn color(&self, a: &mut Activations) {
         let [first, second] = &mut a.color_hidden;
-        self.forward_layer(2, &a.color_input, first, Epilogue::Relu);
+        let (of_geometry, of_view) = self.matrix(2).split_at(GEOMETRY * HIDDEN);
+        let [of_geometry, of_view] = [of_geometry, of_view].map(|weights| Matrix::new(weights, HIDDEN));
+        let views = Matrix::new(&a.views.harmonics, COEFFICIENTS);
+        product(&mut a.views.hidden, views, of_view, [COEFFICIENTS, HIDDEN], Prologue::Zero, Epilogue::Keep);
+        let geometry = Matrix::new(&a.geometry, GEOMETRY);
+        first.resize(geometry.rows() * HIDDEN, 0.0);
+        a.views.spread(first);
+        product(first, geometry, of_geometry, [GEOMETRY, HIDDEN], Prologue::Add, Epilogue::Relu);
         self.forward_layer(3, first, second, Epilogue::Relu);
         self.forward_layer(4, second, &mut a.color, Epilogue::Keep);
     }
@@ -158,20 +175,42 @@ impl Network {
         epilogue: Epilogue<'_>,
         d_weights: &mut [f32],
     ) {
-        let layer = &self.layers[l];
-        add_transposed_product(&mut d_weights[layer.range()], input, d_output, layer.inputs, layer.outputs);
-        d_input.resize(input.len(), 0.0);
-        product(d_input, d_output, &transposed.0[layer.range()], layer.outputs, layer.inputs, epilogue);
+        let Layer { inputs, outputs, .. } = self.layers[l];
+        let [input, d_output] = [Matrix::new(input, inputs), Matrix::new(d_output, outputs)];
+        add_transposed_product(&mut d_weights[self.layers[l].range()], input, d_output, [inputs, outputs]);
+        self.input_backward(l, transposed, d_output, (d_input, inputs), epilogue);
     }
 
-    /// The backward pass of [`Network::color`]: takes the gradient from `color`, leaves the one to `color_input` there.
+    /// The gradient to the first `columns` of a layer's input.
+    fn input_backward(
+        &self,
+        l: usize,
+        transposed: &Transposed,
+        d_output: Matrix<'_>,
+        (d_input, columns): (&mut Vec<f32>, usize),
+        epilogue: Epilogue<'_>,
+    ) {
+        let layer = &self.layers[l];
+        let turned = Matrix::new(&transposed.0[layer.range()], layer.inputs);
+        d_input.resize(d_output.rows() * columns, 0.0);
+        product(d_input, d_output, turned, [layer.used[1], columns], Prologue::Zero, epilogue);
+    }
+
+    /// The backward pass of [`Network::color`]: takes the gradient from `color`, leaves the one to `geometry` there.
     pub fn color_backward(&self, transposed: &Transposed, a: &mut Activations, d_weights: &mut [f32]) {
         let [first, second] = &a.color_hidden;
         let [d_a, d_b] = &mut a.d_hidden;
-        self.backward_layer(4, transposed, [second, &a.color], d_a, Epilogue::ReluBackward(second), d_weights);
+        let d_color = Matrix::new(&a.color, COLOR_OUTPUT);
+        add_narrow_gradient(&mut d_weights[self.layers[4].range()], Matrix::new(second, HIDDEN), d_color);
+        self.input_backward(4, transposed, d_color, (d_a, HIDDEN), Epilogue::ReluBackward(second));
         self.backward_layer(3, transposed, [first, d_a], d_b, Epilogue::ReluBackward(first), d_weights);
-        std::mem::swap(&mut a.color_input, d_a);
-        self.backward_layer(2, transposed, [d_a, d_b], &mut a.color_input, Epilogue::Keep, d_weights);
+        a.views.spread_backward(d_b);
+        let (of_geometry, of_view) = d_weights[self.layers[2].range()].split_at_mut(GEOMETRY * HIDDEN);
+        let (geometry, d_first) = (Matrix::new(&a.geometry, GEOMETRY), Matrix::new(d_b, HIDDEN));
+        add_transposed_product(of_geometry, geometry, d_first, [GEOMETRY, HIDDEN]);
+        let (views, d_views) = (Matrix::new(&a.views.harmonics, COEFFICIENTS), Matrix::new(&a.views.hidden, HIDDEN));
+        add_transposed_product(of_view, views, d_views, [COEFFICIENTS, HIDDEN]);
+        self.input_backward(2, transposed, d_first, (&mut a.geometry, GEOMETRY), Epilogue::Keep);
     }
 
     /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the one to `encoding`
@@ -185,67 +224,19 @@ impl Network {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const ROWS: usize = 16;
-
-    fn random(len: usize, step: u64) -> Vec<f32> {
-        let rng = Rng::new(9, "network test");
-        (0..len as u64).map(|i| rng.normal(step, i)).collect()
+/// The gradient to the weights of the last layer. It has so few outputs that vectors run along its inputs: it is summed
+/// as [outputs, inputs].
+fn add_narrow_gradient(d_weights: &mut [f32], input: Matrix<'_>, d_output: Matrix<'_>) {
+    const OUTPUTS: usize = 4;
+    let mut turned = [0.0; OUTPUTS * HIDDEN];
+    for (i, d) in turned.iter_mut().enumerate() {
+        *d = d_weights[i % HIDDEN * COLOR_OUTPUT + i / HIDDEN];
     }
-
-    /// A linear functional of both networks' outputs.
-    fn loss(network: &Network, a: &mut Activations, c: &[f32], g: &[f32]) -> f64 {
-        network.density(a);
-        network.color(a);
-        let dot = |x: &[f32], y: &[f32]| x.iter().zip(y).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum::<f64>();
-        dot(&a.color, c) + dot(&a.geometry, g)
-    }
-
-    #[test]
-    fn gradients_match_finite_differences() {
-        let network = Network::new(32, 32, 5);
-        let (c, g) = (random(ROWS * COLOR_OUTPUT, 0), random(ROWS * GEOMETRY, 1));
-        let (encoding, color_input) = (random(ROWS * 32, 2), random(ROWS * COLOR_INPUT, 3));
-        let fresh =
-            || Activations { encoding: encoding.clone(), color_input: color_input.clone(), ..Default::default() };
-        let mut a = fresh();
-        loss(&network, &mut a, &c, &g);
-        let (mut d_weights, turned) = (vec![0.0; network.weights.len()], network.transposed());
-        (a.color, a.geometry) = (c.clone(), g.clone());
-        network.color_backward(&turned, &mut a, &mut d_weights);
-        network.density_backward(&turned, &mut a, &mut d_weights);
-
-        // A difference that carries a unit across the kink of its ReLU is wrong; few do.
-        let (mut checked, mut wrong) = (0, 0);
-        let mut check = |analytic: f32, difference: f64| {
-            let numeric = difference / 1e-3;
-            checked += 1;
-            wrong += usize::from((numeric - f64::from(analytic)).abs() > 0.02 * (1.0 + numeric.abs()));
-        };
-        for at in (0..network.weights.len()).step_by(97) {
-            let at_shift = |shift| {
-                let mut moved = network.clone();
-                moved.weights[at] += shift;
-                loss(&moved, &mut fresh(), &c, &g)
-            };
-            check(d_weights[at], at_shift(5e-4) - at_shift(-5e-4));
-        }
-        for at in (0..ROWS * 32).step_by(31) {
-            let at_shift = |shift, color: bool| {
-                let mut moved = fresh();
-                if color {
-                    moved.color_input[at] += shift
-                } else {
-                    moved.encoding[at] += shift
-                }
-                loss(&network, &mut moved, &c, &g)
-            };
-            check(a.encoding[at], at_shift(5e-4, false) - at_shift(-5e-4, false));
-            check(a.color_input[at], at_shift(5e-4, true) - at_shift(-5e-4, true));
-        }
-        assert!(wrong * 10 < checked, "{wrong} of {checked} gradients are wrong");
+    add_transposed_product(&mut turned, d_output, input, [OUTPUTS, HIDDEN]);
+    for (i, d) in turned.iter().enumerate() {
+        d_weights[i % HIDDEN * COLOR_OUTPUT + i / HIDDEN] = *d;
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,8 +2,7 @@
 
 use crate::exponential::sigmoid;
 use crate::field::Field;
-use crate::network::{Activations, COLOR_INPUT, COLOR_OUTPUT, GEOMETRY};
-use crate::spherical::harmonics;
+use crate::network::{Activations, COLOR_OUTPUT};
 
 /// How full a field's box is, in cells of its occupancy grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,12 +22,7 @@ impl Field {
         let features = self.look_up_in_world(points);
         features.rows(0..points.len(), self.encoding_width(), &mut activations.encoding);
         self.network.density(&mut activations);
-        activations.color_input.resize(activations.geometry.len() / GEOMETRY * COLOR_INPUT, 0.0);
-        let rows = activations.color_input.chunks_exact_mut(COLOR_INPUT);
-        for ((row, geometry), direction) in rows.zip(activations.geometry.chunks_exact(GEOMETRY)).zip(directions) {
-            row[..GEOMETRY].copy_from_slice(geometry);
-            row[GEOMETRY..].copy_from_slice(&harmonics(*direction));
-        }
+        activations.see(directions.iter().enumerate().map(|(row, &direction)| (direction, row..row + 1)));
         self.network.color(&mut activations);
         let raw = activations.color.chunks_exact(COLOR_OUTPUT).take(points.len());
         raw.map(|row| std::array::from_fn(|channel| sigmoid(row[channel]))).collect()

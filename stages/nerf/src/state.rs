@@ -20,8 +20,9 @@ impl Trainer {
         let mut put =
             |name: &str, shape: &[usize], values: Vec<f32>| tensors.insert(name.into(), (shape.to_vec(), values));
         put("hash_table", &[entries, FEATURES], moments.values.as_flattened().to_vec());
-        put("adam.first.hash_table", &[entries, FEATURES], moments.first.as_flattened().to_vec());
-        put("adam.second.hash_table", &[entries, FEATURES], moments.second.as_flattened().to_vec());
+        let [first, second] = moments.unpacked();
+        put("adam.first.hash_table", &[entries, FEATURES], first);
+        put("adam.second.hash_table", &[entries, FEATURES], second);
         put("adam.steps.hash_table", &[entries], moments.steps.iter().map(|&n| f32::from(n)).collect());
         put("trainer.step", &[1], vec![self.step as f32]);
         put("trainer.pixels", &[1], vec![self.pixels as f32]);
@@ -42,10 +43,9 @@ impl Trainer {
     ) -> Result<Self, FieldError> {
         let mut trainer = Trainer::new(Field::from_tensors(config, bounds, state)?, views, options, seed);
         let entries = trainer.field.table.len();
-        let pairs = |name| Ok(take(state, name, &[entries, FEATURES])?.as_chunks::<FEATURES>().0.to_vec());
-        trainer.table_moments.values = pairs("hash_table")?;
-        trainer.table_moments.first = pairs("adam.first.hash_table")?;
-        trainer.table_moments.second = pairs("adam.second.hash_table")?;
+        let pairs = |name| take(state, name, &[entries, FEATURES]);
+        trainer.table_moments.values = pairs("hash_table")?.as_chunks().0.to_vec();
+        trainer.table_moments.pack([pairs("adam.first.hash_table")?, pairs("adam.second.hash_table")?]);
         trainer.table_moments.steps =
             take(state, "adam.steps.hash_table", &[entries])?.iter().map(|&n| n as u16).collect();
         trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;

@@ -1,7 +1,8 @@
 //! Fits a field to photos: batches, gradients, optimiser, occupancy. Knows nothing of how a ray is traced or a kernel
 //! runs.
 
-use crate::adam::{Moments, SparseMoments, update_dense, update_sparse};
+use crate::adam::table::{SparseMoments, update_sparse};
+use crate::adam::{Moments, update_dense};
 use crate::batch::{Sampler, TrainView};
 use crate::block::Block;
 use crate::config::FEATURES;
@@ -157,7 +158,7 @@ impl Trainer {
             batch.march(start(part as u32)..start(part as u32 + 1), contribution);
         });
         features.clear(field);
-        while parts.iter_mut().map(|part| part.look.ask(&part.samples, features)).max() == Some(true) {
+        while parts.iter_mut().map(|part| part.look.ask(features)).max() == Some(true) {
             let look_ups: Vec<LookUp<'_>> = features.look_ups(field).collect();
             look_ups.into_par_iter().with_max_len(1).for_each(LookUp::run);
             parts.par_iter_mut().for_each(|Contribution { look, samples, .. }| {

@@ -38,7 +38,7 @@ pub struct GpuTrainer {
 struct Moments {
     /// First, then second moments of the networks' weights.
     network: Buffer,
-    /// The table's values and their moments.
+    /// The table's values and their moments, of which a word holds an entry's two.
     values: Buffer,
     first: Buffer,
     second: Buffer,
@@ -183,12 +183,12 @@ impl GpuTrainer {
     fn fetch(&mut self) {
         let Self { gpu, resident, moments, host, .. } = self;
         let (entries_count, weights) = (host.field.table.len(), host.field.network.weights.len());
-        let pairs = |buffer: &Buffer| gpu.read(buffer, 2 * entries_count).as_chunks().0.to_vec();
         let words = |buffer: &Buffer| gpu.read(buffer, entries_count).into_iter().map(f32::to_bits);
+        let packed = |buffer: &Buffer| words(buffer).map(|word| [word as u16, (word >> 16) as u16]).collect();
         host.field.table = entries(words(&resident.table));
-        host.table_moments.values = pairs(&moments.values);
-        host.table_moments.first = pairs(&moments.first);
-        host.table_moments.second = pairs(&moments.second);
+        host.table_moments.values = gpu.read(&moments.values, 2 * entries_count).as_chunks().0.to_vec();
+        host.table_moments.first = packed(&moments.first);
+        host.table_moments.second = packed(&moments.second);
         host.table_moments.steps = words(&moments.steps).map(|n| n as u16).collect();
         host.field.network.weights = gpu.read(&resident.weights, weights);
         let mut network = gpu.read(&moments.network, 2 * weights);

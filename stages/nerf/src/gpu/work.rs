@@ -49,7 +49,7 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
         ("stats", 0, rays * 8 + pixels * 8),
         ("backward", samples * backward, samples * (32 + corners + scattered) + parts),
         ("Adam, networks", PARTS as usize * weights, parts + weights * 28),
-        ("Adam, table", 0, entries * 16 + touched * 76),
+        ("Adam, table", 0, entries * 16 + touched * 60),
     ];
     let work = |(name, operations, bytes)| (name, Work { operations: operations as u64, bytes: bytes as u64 });
     works.map(work).to_vec()

@@ -2,6 +2,7 @@
 //!
 //! Everything is row-major. Rows come in multiples of [`ROWS`], columns in multiples of [`COLUMNS`]; callers pad.
 //! Vectors run along columns, so each output element is one chain of fused multiply-adds in order of the inner index.
+//! Of a matrix with longer rows than a product needs, the rest is not looked at.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -11,6 +12,37 @@ pub const ROWS: usize = 8;
 pub const COLUMNS: usize = 16;
 /// Rows whose activations stay in the first-level cache while a weight gradient is summed.
 const ROW_BLOCK: usize = 64;
+
+/// A matrix to be read.
+#[derive(Clone, Copy)]
+pub struct Matrix<'a> {
+    /// Row after row.
+    pub values: &'a [f32],
+    /// Numbers in a row.
+    pub width: usize,
+}
+
+impl<'a> Matrix<'a> {
+    /// Values, and how many of them make a row.
+    pub fn new(values: &'a [f32], width: usize) -> Self {
+        assert!(values.len().is_multiple_of(width), "matrix: {} values in rows of {width}", values.len());
+        Self { values, width }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.values.len() / self.width
+    }
+}
+
+/// What a product is added to.
+#[derive(Clone, Copy)]
+pub enum Prologue {
+    /// Nothing.
+    Zero,
+    /// What is there.
+    Add,
+}
 
 /// What happens to a product on its way to memory.
 #[derive(Clone, Copy)]
@@ -23,19 +55,28 @@ pub enum Epilogue<'a> {
     ReluBackward(&'a [f32]),
 }
 
-/// c[n, m] = epilogue(a[n, k] b[k, m]).
-pub fn product(c: &mut [f32], a: &[f32], b: &[f32], inner: usize, columns: usize, epilogue: Epilogue<'_>) {
-    assert!(columns.is_multiple_of(COLUMNS) && b.len() == inner * columns, "product: b is not {inner} x {columns}");
-    assert!(c.len().is_multiple_of(ROWS * columns) && a.len() * columns == c.len() * inner, "product: rows differ");
-    Arch::new().dispatch(Product { c, a, b, inner, columns, epilogue });
+/// c[n, m] = epilogue(prologue + a[n, k] b[k, m]) for `shape` = [k, m].
+pub fn product(
+    c: &mut [f32],
+    a: Matrix<'_>,
+    b: Matrix<'_>,
+    shape: [usize; 2],
+    prologue: Prologue,
+    epilogue: Epilogue<'_>,
+) {
+    let [inner, columns] = shape;
+    assert!(columns.is_multiple_of(COLUMNS) && b.width.is_multiple_of(COLUMNS), "product: columns {shape:?}");
+    assert!(inner <= a.width.min(b.rows()) && columns <= b.width, "product: {shape:?} of {} x {}", a.width, b.width);
+    assert!(c.len() == a.rows() * columns && a.rows().is_multiple_of(ROWS), "product: {} rows", a.rows());
+    Arch::new().dispatch(Product { c, a, b, shape, prologue, epilogue });
 }
 
 struct Product<'a> {
     c: &'a mut [f32],
-    a: &'a [f32],
-    b: &'a [f32],
-    inner: usize,
-    columns: usize,
+    a: Matrix<'a>,
+    b: Matrix<'a>,
+    shape: [usize; 2],
+    prologue: Prologue,
     epilogue: Epilogue<'a>,
 }
 
@@ -44,24 +85,38 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        match self.columns / S::F32_LANES {
-            n if n.is_multiple_of(4) && S::REGISTER_COUNT >= 32 => self.tiles::<S, 4, 4>(simd),
-            n if n.is_multiple_of(2) => self.tiles::<S, 4, 2>(simd),
-            _ => self.tiles::<S, 8, 1>(simd),
+        // The usual widths as constants: then rows need no pointers of their own.
+        match self.a.width {
+            16 => self.with_rows_of(simd, 16),
+            32 => self.with_rows_of(simd, 32),
+            64 => self.with_rows_of(simd, 64),
+            width => self.with_rows_of(simd, width),
         }
     }
 }
 
 impl Product<'_> {
     #[inline(always)]
-    fn tiles<S: Simd, const R: usize, const V: usize>(self, simd: S) {
-        let width = self.columns / S::F32_LANES;
-        let b = S::as_simd_f32s(self.b).0;
-        let rows = self.c.chunks_exact_mut(R * self.columns).zip(self.a.chunks_exact(R * self.inner));
+    fn with_rows_of<S: Simd>(self, simd: S, width: usize) {
+        match self.shape[1] / S::F32_LANES {
+            n if n.is_multiple_of(4) && S::REGISTER_COUNT >= 32 => self.tiles::<S, 4, 4>(simd, width),
+            n if n.is_multiple_of(2) && S::REGISTER_COUNT >= 32 => self.tiles::<S, 8, 2>(simd, width),
+            n if n.is_multiple_of(2) => self.tiles::<S, 4, 2>(simd, width),
+            _ => self.tiles::<S, 8, 1>(simd, width),
+        }
+    }
+
+    #[inline(always)]
+    fn tiles<S: Simd, const R: usize, const V: usize>(self, simd: S, a_width: usize) {
+        let [inner, columns] = self.shape;
+        let width = columns / S::F32_LANES;
+        let b = S::as_simd_f32s(self.b.values).0.chunks_exact(self.b.width / S::F32_LANES).take(inner);
+        let rows = self.c.chunks_exact_mut(R * columns).zip(self.a.values.chunks_exact(R * a_width));
         for (tile, (c, a)) in rows.enumerate() {
             let c = S::as_mut_simd_f32s(c).0;
             for first in (0..width).step_by(V) {
-                let sum = dot::<S, R, V>(simd, a, b, self.inner, width, first);
+                let mut sum: [[S::f32s; V]; R] = start(simd, c, width, first, self.prologue);
+                add_dot(simd, &mut sum, a, a_width, b.clone(), first);
                 for (row, sum) in sum.iter().enumerate() {
                     let at = row * width + first;
                     c[at..at + V].copy_from_slice(&finish(simd, *sum, self.epilogue, tile * R * width + at));
@@ -71,28 +126,40 @@ impl Product<'_> {
     }
 }
 
-/// R rows of `a` times V vectors of columns of `b`, from vector `first` of `width`.
 #[inline(always)]
-fn dot<S: Simd, const R: usize, const V: usize>(
+fn start<S: Simd, const R: usize, const V: usize>(
     simd: S,
-    a: &[f32],
-    b: &[S::f32s],
-    inner: usize,
+    c: &[S::f32s],
     width: usize,
     first: usize,
+    prologue: Prologue,
 ) -> [[S::f32s; V]; R] {
-    let rows: [&[f32]; R] = std::array::from_fn(|row| &a[row * inner..(row + 1) * inner]);
-    let mut sum = [[simd.splat_f32s(0.0); V]; R];
-    for (k, b) in b.chunks_exact(width).take(inner).enumerate() {
+    match prologue {
+        Prologue::Zero => [[simd.splat_f32s(0.0); V]; R],
+        Prologue::Add => std::array::from_fn(|row| std::array::from_fn(|v| c[row * width + first + v])),
+    }
+}
+
+/// Adds the products of R rows of `a`, of `a_width` numbers, with V vectors of columns of `b`, from vector `first` on.
+#[inline(always)]
+fn add_dot<'a, S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    sum: &mut [[S::f32s; V]; R],
+    a: &[f32],
+    a_width: usize,
+    b: impl Iterator<Item = &'a [S::f32s]>,
+    first: usize,
+) {
+    assert!(a.len() == R * a_width, "product: a tile of a");
+    for (k, b) in (0..a_width).zip(b) {
         let b: [S::f32s; V] = std::array::from_fn(|v| b[first + v]);
-        for (sum, row) in sum.iter_mut().zip(rows) {
-            let x = simd.splat_f32s(row[k]);
+        for (row, sum) in sum.iter_mut().enumerate() {
+            let x = simd.splat_f32s(a[row * a_width + k]);
             for (sum, b) in sum.iter_mut().zip(b) {
                 *sum = simd.mul_add_f32s(x, b, *sum);
             }
         }
     }
-    sum
 }
 
 #[inline(always)]
@@ -108,20 +175,20 @@ fn finish<S: Simd, const V: usize>(simd: S, sum: [S::f32s; V], epilogue: Epilogu
     }
 }
 
-/// c[k, m] += transpose(a[n, k]) b[n, m]: the gradient of a weight from its input `a` and the gradient `b` of its
-/// output.
-pub fn add_transposed_product(c: &mut [f32], a: &[f32], b: &[f32], inner: usize, columns: usize) {
-    assert!(columns.is_multiple_of(COLUMNS) && inner.is_multiple_of(ROWS), "transposed product: {inner} x {columns}");
-    assert!(c.len() == inner * columns && a.len() * columns == b.len() * inner, "transposed product: rows differ");
-    Arch::new().dispatch(TransposedProduct { c, a, b, inner, columns });
+/// c[k, m] += transpose(a[n, k]) b[n, m] for `shape` = [k, m]: the gradient of a weight from its input `a` and the
+/// gradient `b` of its output. k is a multiple of 4, and of [`ROWS`] where m is less than 2 [`COLUMNS`].
+pub fn add_transposed_product(c: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, shape: [usize; 2]) {
+    let [inner, columns] = shape;
+    assert!(columns.is_multiple_of(COLUMNS) && columns == b.width, "transposed product: {shape:?} of {}", b.width);
+    assert!(inner <= a.width && c.len() == inner * columns, "transposed product: {shape:?} of {}", a.width);
+    assert!(a.rows() == b.rows(), "transposed product: {} and {} rows", a.rows(), b.rows());
+    Arch::new().dispatch(TransposedProduct { c, a, b });
 }
 
 struct TransposedProduct<'a> {
     c: &'a mut [f32],
-    a: &'a [f32],
-    b: &'a [f32],
-    inner: usize,
-    columns: usize,
+    a: Matrix<'a>,
+    b: Matrix<'a>,
 }
 
 impl WithSimd for TransposedProduct<'_> {
@@ -129,7 +196,7 @@ impl WithSimd for TransposedProduct<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        match self.columns / S::F32_LANES {
+        match self.b.width / S::F32_LANES {
             n if n.is_multiple_of(4) && S::REGISTER_COUNT >= 32 => self.tiles::<S, 4, 4>(simd),
             n if n.is_multiple_of(2) => self.tiles::<S, 4, 2>(simd),
             _ => self.tiles::<S, 8, 1>(simd),
@@ -140,16 +207,17 @@ impl WithSimd for TransposedProduct<'_> {
 impl TransposedProduct<'_> {
     #[inline(always)]
     fn tiles<S: Simd, const R: usize, const V: usize>(self, simd: S) {
-        let width = self.columns / S::F32_LANES;
-        let blocks = self.a.chunks(ROW_BLOCK * self.inner).zip(self.b.chunks(ROW_BLOCK * self.columns));
-        for (a, b) in blocks {
-            let b = S::as_simd_f32s(b).0;
-            for (tile, c) in self.c.chunks_exact_mut(R * self.columns).enumerate() {
+        let Self { c, a, b } = self;
+        assert!(c.len().is_multiple_of(R * b.width), "transposed product: not whole tiles");
+        let width = b.width / S::F32_LANES;
+        let blocks = a.values.chunks(ROW_BLOCK * a.width).zip(b.values.chunks(ROW_BLOCK * b.width));
+        for (rows, b_rows) in blocks {
+            let b_rows = S::as_simd_f32s(b_rows).0;
+            for (tile, c) in c.chunks_exact_mut(R * b.width).enumerate() {
                 let c = S::as_mut_simd_f32s(c).0;
                 for first in (0..width).step_by(V) {
-                    let mut sum: [[S::f32s; V]; R] =
-                        std::array::from_fn(|row| std::array::from_fn(|v| c[row * width + first + v]));
-                    add_outer(simd, &mut sum, a.chunks_exact(self.inner), tile * R, b.chunks_exact(width), first);
+                    let mut sum: [[S::f32s; V]; R] = start(simd, c, width, first, Prologue::Add);
+                    add_outer(simd, &mut sum, rows.chunks_exact(a.width), tile * R, b_rows.chunks_exact(width), first);
                     for (row, sum) in sum.iter().enumerate() {
                         c[row * width + first..][..V].copy_from_slice(sum);
                     }
@@ -182,73 +250,4 @@ fn add_outer<'a, S: Simd, const R: usize, const V: usize>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use compute::rng::Rng;
-
-    fn random(len: usize, domain: &str) -> Vec<f32> {
-        let rng = Rng::new(1, domain);
-        (0..len as u64).map(|i| rng.uniform(0, i) - 0.5).collect()
-    }
-
-    #[test]
-    fn a_product_is_the_sum_over_the_inner_index() {
-        for (rows, inner, columns) in [(8, 5, 16), (24, 64, 32), (16, 32, 64)] {
-            let (a, b) = (random(rows * inner, "a"), random(inner * columns, "b"));
-            let mut c = vec![0.0; rows * columns];
-            product(&mut c, &a, &b, inner, columns, Epilogue::Keep);
-            for (i, &got) in c.iter().enumerate() {
-                let (row, column) = (i / columns, i % columns);
-                let fused = (0..inner).fold(0f32, |sum, k| a[row * inner + k].mul_add(b[k * columns + column], sum));
-                assert_eq!(got, fused, "the order of the sum does not depend on the machine");
-            }
-        }
-    }
-
-    #[test]
-    fn relu_and_its_backward_pass_cut_the_same_elements() {
-        let (a, b) = (random(8 * 4, "a"), random(4 * 16, "b"));
-        let (mut plain, mut relu, mut backward) = (vec![0.0; 128], vec![0.0; 128], vec![0.0; 128]);
-        product(&mut plain, &a, &b, 4, 16, Epilogue::Keep);
-        product(&mut relu, &a, &b, 4, 16, Epilogue::Relu);
-        product(&mut backward, &a, &b, 4, 16, Epilogue::ReluBackward(&relu));
-        for i in 0..128 {
-            assert_eq!(relu[i], plain[i].max(0.0));
-            assert_eq!(backward[i], if plain[i] > 0.0 { plain[i] } else { 0.0 });
-        }
-    }
-
-    #[test]
-    fn a_transposed_product_adds_the_sum_over_rows() {
-        let (rows, inner, columns) = (136, 32, 64);
-        let (a, b) = (random(rows * inner, "a"), random(rows * columns, "b"));
-        let mut c = vec![1.0; inner * columns];
-        add_transposed_product(&mut c, &a, &b, inner, columns);
-        for (i, &got) in c.iter().enumerate() {
-            let (k, column) = (i / columns, i % columns);
-            let want = (0..rows).fold(1f32, |sum, row| a[row * inner + k].mul_add(b[row * columns + column], sum));
-            assert_eq!(got, want);
-        }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    /// Both kernels with the vectors of one instruction set.
-    fn both<S: Simd>(simd: S) -> [Vec<f32>; 2] {
-        let (rows, inner, columns) = (72, 32, 64);
-        let (a, b, g) = (random(rows * inner, "a"), random(inner * columns, "b"), random(rows * columns, "g"));
-        let (mut c, mut d) = (vec![0.0; rows * columns], vec![0.0; inner * columns]);
-        simd.vectorize(Product { c: &mut c, a: &a, b: &b, inner, columns, epilogue: Epilogue::Relu });
-        simd.vectorize(TransposedProduct { c: &mut d, a: &a, b: &g, inner, columns });
-        [c, d]
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[test]
-    fn every_vector_width_gives_the_same_bits() {
-        let portable = both(pulp::Scalar);
-        let avx2 = pulp::x86::V3::try_new().map(both);
-        let avx512 = pulp::x86::V4::try_new().map(both);
-        assert!(avx2.is_none_or(|results| results == portable));
-        assert!(avx512.is_none_or(|results| results == portable));
-    }
-}
+mod tests;

@@ -27,7 +27,7 @@ fn assert_costs(costs: &[Counts]) {
         submissions: 2,
         read_backs: 1,
         operations: 51_824_640,
-        bytes: 22_336_096,
+        bytes: 21_968_480,
         uploaded: 1536,
         pipelines: 0,
     };

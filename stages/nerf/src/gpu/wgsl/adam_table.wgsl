@@ -1,5 +1,5 @@
 // A step down for the hash entries that have a gradient; the others rest. Each counts its own steps, and the table that
-// look-ups read holds the values rounded to halves. Clears the gradient.
+// look-ups read holds the values rounded to halves. Moments have 16 bits each, as on the CPU. Clears the gradient.
 struct Params {
     entries: u32,
     rate: f32,
@@ -11,8 +11,8 @@ struct Params {
 @group(0) @binding(2) var<storage, read> corrections: array<f32>;
 @group(0) @binding(3) var<storage, read_write> d_table: array<vec4u>;
 @group(0) @binding(4) var<storage, read_write> values: array<vec2f>;
-@group(0) @binding(5) var<storage, read_write> first: array<vec2f>;
-@group(0) @binding(6) var<storage, read_write> second: array<vec2f>;
+@group(0) @binding(5) var<storage, read_write> first: array<u32>;
+@group(0) @binding(6) var<storage, read_write> second: array<u32>;
 @group(0) @binding(7) var<storage, read_write> steps: array<u32>;
 @group(0) @binding(8) var<storage, read_write> table: array<u32>;
 
@@ -32,6 +32,21 @@ fn narrow(x: f32) -> u32 {
     let normal = ((bits + 0xfffu + (bits >> 13u & 1u)) >> 13u) - 0x1c000u;
     let half = select(normal, u32(round(size * 16777216.0)), size < 6.1035156e-5);
     return half | (bitcast<u32>(x) >> 16u & 0x8000u);
+}
+
+// The upper bits of a number, rounded to the nearest, halfway to even.
+fn upper(x: f32, dropped: u32) -> u32 {
+    let bits = bitcast<u32>(x);
+    return (bits + (1u << (dropped - 1u)) - 1u + (bits >> dropped & 1u)) >> dropped;
+}
+
+// Two of them in a word.
+fn pack(x: f32, y: f32, dropped: u32) -> u32 {
+    return upper(x, dropped) | upper(y, dropped) << 16u;
+}
+
+fn unpack(word: u32, dropped: u32) -> vec2f {
+    return bitcast<vec2f>(vec2u(word & 0xffffu, word >> 16u) << vec2u(dropped));
 }
 
 @compute @workgroup_size(256)
@@ -55,10 +70,12 @@ fn main(
     let count = min(steps[i] + 1u, p.corrected);
     steps[i] = count;
     let rate = p.rate * corrections[count - 1u];
-    let x = descend(Moments(values[i].x, first[i].x, second[i].x), number(words.xy), rate);
-    let y = descend(Moments(values[i].y, first[i].y, second[i].y), number(words.zw), rate);
+    let mean = unpack(first[i], 16u);
+    let square = unpack(second[i], 15u);
+    let x = descend(Moments(values[i].x, mean.x, square.x), number(words.xy), rate);
+    let y = descend(Moments(values[i].y, mean.y, square.y), number(words.zw), rate);
     values[i] = vec2f(x.value, y.value);
-    first[i] = vec2f(x.first, y.first);
-    second[i] = vec2f(x.second, y.second);
+    first[i] = pack(x.first, y.first, 16u);
+    second[i] = pack(x.second, y.second, 15u);
     table[i] = narrow(x.value) | narrow(y.value) << 16u;
 }
