@@ -30,8 +30,8 @@ pub struct Sync {
     pub samples: u32,
     /// Learning rate at its highest.
     pub rate: f64,
-    /// Learning rate of the last step, as a part of `rate`. At 1 it does not fall, and a finished result can be
-    /// extended.
+    /// Learning rate of the last step, as a part of `rate`; it falls over the second half of the steps. At 1 it does not
+    /// fall, and a finished result can be extended.
     pub final_rate: f64,
 }
 

@@ -32,7 +32,10 @@ pub fn extension(final_rate: f64) -> Extension {
     if final_rate == 1.0 {
         return Extension::Possible("steps");
     }
-    Extension::Impossible("steps", "the learning rate falls over all steps (unless `final_rate` is 1)")
+    Extension::Impossible(
+        "steps",
+        "the learning rate falls over the second half of the steps (unless `final_rate` is 1)",
+    )
 }
 
 /// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments and a checkpoint

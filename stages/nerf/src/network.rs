@@ -126,7 +126,7 @@ impl Network {
         &mut self.weights[range]
     }
 
-    /// All matrices turned over, as [`Network::backward`] wants them.
+    /// All matrices turned over, as the backward passes want them.
     pub fn transposed(&self) -> Transposed {
         let mut turned = vec![0.0; self.weights.len()];
         for layer in &self.layers {
@@ -154,12 +154,9 @@ impl Network {
     pub fn color(&self, a: &mut Activations) {
         let [first, second] = &mut a.color_hidden;
         let (of_geometry, of_view) = self.matrix(2).split_at(GEOMETRY * HIDDEN);
-        let [of_geometry, of_view] = [of_geometry, of_view].map(|weights| Matrix::new(weights, HIDDEN));
-        let views = Matrix::new(&a.views.harmonics, COEFFICIENTS);
-        product(&mut a.views.hidden, views, of_view, [COEFFICIENTS, HIDDEN], Prologue::Zero, Epilogue::Keep);
-        let geometry = Matrix::new(&a.geometry, GEOMETRY);
+        let (geometry, of_geometry) = (Matrix::new(&a.geometry, GEOMETRY), Matrix::new(of_geometry, HIDDEN));
         first.resize(geometry.rows() * HIDDEN, 0.0);
-        a.views.spread(first);
+        a.views.forward(of_view, first);
         product(first, geometry, of_geometry, [GEOMETRY, HIDDEN], Prologue::Add, Epilogue::Relu);
         self.forward_layer(3, first, second, Epilogue::Relu);
         self.forward_layer(4, second, &mut a.color, Epilogue::Keep);
@@ -204,12 +201,10 @@ impl Network {
         add_narrow_gradient(&mut d_weights[self.layers[4].range()], Matrix::new(second, HIDDEN), d_color);
         self.input_backward(4, transposed, d_color, (d_a, HIDDEN), Epilogue::ReluBackward(second));
         self.backward_layer(3, transposed, [first, d_a], d_b, Epilogue::ReluBackward(first), d_weights);
-        a.views.spread_backward(d_b);
         let (of_geometry, of_view) = d_weights[self.layers[2].range()].split_at_mut(GEOMETRY * HIDDEN);
+        a.views.backward(d_b, of_view);
         let (geometry, d_first) = (Matrix::new(&a.geometry, GEOMETRY), Matrix::new(d_b, HIDDEN));
         add_transposed_product(of_geometry, geometry, d_first, [GEOMETRY, HIDDEN]);
-        let (views, d_views) = (Matrix::new(&a.views.harmonics, COEFFICIENTS), Matrix::new(&a.views.hidden, HIDDEN));
-        add_transposed_product(of_view, views, d_views, [COEFFICIENTS, HIDDEN]);
         self.input_backward(2, transposed, d_first, (&mut a.geometry, GEOMETRY), Epilogue::Keep);
     }
 

@@ -1,7 +1,7 @@
 //! The directions that the samples of a block are seen along, and what they add to the colour network's first hidden
-//! layer. Knows nothing of the weights.
+//! layer. Knows nothing of the rows' positions.
 
-use crate::kernels::matrix::ROWS;
+use crate::kernels::matrix::{Epilogue, Matrix, Prologue, ROWS, add_transposed_product, product};
 use crate::network::HIDDEN;
 use crate::spherical::{COEFFICIENTS, harmonics};
 use std::ops::Range;
@@ -12,9 +12,9 @@ use std::ops::Range;
 pub struct Views {
     rows: Vec<Range<usize>>,
     /// Their spherical harmonics, one row each, and rows of zeros until tiles are whole.
-    pub harmonics: Vec<f32>,
+    harmonics: Vec<f32>,
     /// What they add to the first hidden layer, or the sum of the gradients to it.
-    pub hidden: Vec<f32>,
+    hidden: Vec<f32>,
 }
 
 impl Views {
@@ -31,8 +31,11 @@ impl Views {
         self.hidden.resize(padded * HIDDEN, 0.0);
     }
 
-    /// Writes what each direction adds to its rows of the first hidden layer; zeros to those of none.
-    pub fn spread(&self, hidden: &mut [f32]) {
+    /// Writes what each direction adds to its rows of the first hidden layer, through `weights`
+    /// [[`COEFFICIENTS`], [`HIDDEN`]]; zeros to rows without one.
+    pub fn forward(&mut self, weights: &[f32], hidden: &mut [f32]) {
+        let (harmonics, weights) = (Matrix::new(&self.harmonics, COEFFICIENTS), Matrix::new(weights, HIDDEN));
+        product(&mut self.hidden, harmonics, weights, [COEFFICIENTS, HIDDEN], Prologue::Zero, Epilogue::Keep);
         let end = self.rows.last().map_or(0, |rows| rows.end);
         hidden[end * HIDDEN..].fill(0.0);
         for (view, rows) in self.hidden.chunks_exact(HIDDEN).zip(&self.rows) {
@@ -41,13 +44,16 @@ impl Views {
         }
     }
 
-    /// The backward pass of [`Views::spread`]: sums over the rows of each direction.
-    pub fn spread_backward(&mut self, d_hidden: &[f32]) {
+    /// The backward pass of [`Views::forward`] to the weights: adds to `d_weights` from sums over the rows of each
+    /// direction.
+    pub fn backward(&mut self, d_hidden: &[f32], d_weights: &mut [f32]) {
         self.hidden.fill(0.0);
         for (view, rows) in self.hidden.chunks_exact_mut(HIDDEN).zip(&self.rows) {
             for row in d_hidden[rows.start * HIDDEN..rows.end * HIDDEN].chunks_exact(HIDDEN) {
                 view.iter_mut().zip(row).for_each(|(sum, d)| *sum += d);
             }
         }
+        let (harmonics, d_views) = (Matrix::new(&self.harmonics, COEFFICIENTS), Matrix::new(&self.hidden, HIDDEN));
+        add_transposed_product(d_weights, harmonics, d_views, [COEFFICIENTS, HIDDEN]);
     }
 }

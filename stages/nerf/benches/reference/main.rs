@@ -125,12 +125,15 @@ fn report(name: &str, marks: &[Mark], ssim: f64) {
     println!("  SSIM {ssim:.4}");
 }
 
-/// Ratios over the last three quarters of the steps, when the occupancy grids have settled.
+/// Ratios over the last three quarters of the steps, when the occupancy grids have settled; over all after one look.
 fn compare(ours: &[Mark], reference: &[Mark]) {
     let speed = |marks: &[Mark]| {
-        let (from, to) = (marks[marks.len() / 2 - 1], marks[marks.len() - 1]);
-        let trained = (to.samples - from.samples) as f64 / (to.seconds - from.seconds);
-        [trained, (to.step - from.step) as f64 / (to.seconds - from.seconds), to.samples_a_second, to.rays_a_second]
+        let settled = (marks.len() / 2).checked_sub(1).map(|i| marks[i]);
+        let (samples, step, seconds) = settled.map_or((0, 0, 0.0), |from| (from.samples, from.step, from.seconds));
+        let to = marks[marks.len() - 1];
+        let a_second = |count: f64| count / (to.seconds - seconds);
+        let [samples, steps] = [(to.samples - samples) as f64, f64::from(to.step - step)];
+        [a_second(samples), a_second(steps), to.samples_a_second, to.rays_a_second]
     };
     let (ours, reference) = (speed(ours), speed(reference));
     for (i, name) in ["samples trained", "steps", "samples rendered", "rays rendered"].into_iter().enumerate() {

@@ -3,7 +3,8 @@
 //!
 //! A step is bound by memory, so that moments have 16 bits each ([`super::packed`]).
 
-use super::{CORRECTED, CORRECTIONS, advance, packed};
+use super::packed::{FIRST, SECOND, pack, pack_halves, unpack};
+use super::{CORRECTED, CORRECTIONS, advance};
 use crate::config::FEATURES;
 use crate::kernels::hash::Entry;
 use pulp::{Arch, Simd, WithSimd};
@@ -38,15 +39,15 @@ impl SparseMoments {
     /// First and second moments as numbers.
     pub fn unpacked(&self) -> [Vec<f32>; 2] {
         let (mut first, mut second) = (vec![0.0; FEATURES * self.first.len()], vec![0.0; FEATURES * self.second.len()]);
-        packed::unpack_first(self.first.as_flattened(), &mut first);
-        packed::unpack_second(self.second.as_flattened(), &mut second);
+        unpack::<FIRST>(self.first.as_flattened(), &mut first);
+        unpack::<SECOND>(self.second.as_flattened(), &mut second);
         [first, second]
     }
 
     /// Takes first and second moments from numbers, as many as there are.
     pub fn pack(&mut self, [first, second]: [&[f32]; 2]) {
-        packed::pack_first(first, self.first.as_flattened_mut());
-        packed::pack_second(second, self.second.as_flattened_mut());
+        pack::<FIRST>(first, self.first.as_flattened_mut());
+        pack::<SECOND>(second, self.second.as_flattened_mut());
     }
 
     /// Everything, in parts of the given lengths.
@@ -103,7 +104,7 @@ impl WithSimd for UpdateSparse<'_> {
         for (mut part, (table, gradient)) in state.zip(tables) {
             let rates = rates(gradient, part.steps, self.rate);
             part.descend(simd, gradient, &rates);
-            packed::pack_halves(part.values.as_flattened(), table.as_flattened_mut());
+            pack_halves(part.values.as_flattened(), table.as_flattened_mut());
         }
     }
 }
@@ -134,8 +135,8 @@ impl<'a> SparsePart<'a> {
     #[inline(always)]
     fn descend<S: Simd>(&mut self, simd: S, gradient: &mut [[f32; FEATURES]], rates: &[[f32; FEATURES]; CHUNK]) {
         let (mut first, mut second) = ([0.0; FEATURES * CHUNK], [0.0; FEATURES * CHUNK]);
-        packed::unpack_first(self.first.as_flattened(), &mut first);
-        packed::unpack_second(self.second.as_flattened(), &mut second);
+        unpack::<FIRST>(self.first.as_flattened(), &mut first);
+        unpack::<SECOND>(self.second.as_flattened(), &mut second);
         let zero = simd.splat_f32s(0.0);
         let moments = S::as_mut_simd_f32s(&mut first).0.iter_mut().zip(S::as_mut_simd_f32s(&mut second).0);
         let values = S::as_mut_simd_f32s(self.values.as_flattened_mut()).0.iter_mut();
@@ -151,8 +152,8 @@ impl<'a> SparsePart<'a> {
             [*value, *first, *second] = std::array::from_fn(|i| simd.select_f32s(rests, stay[i], go[i]));
             *gradient = zero;
         }
-        packed::pack_first(&first, self.first.as_flattened_mut());
-        packed::pack_second(&second, self.second.as_flattened_mut());
+        pack::<FIRST>(&first, self.first.as_flattened_mut());
+        pack::<SECOND>(&second, self.second.as_flattened_mut());
     }
 }
 
