@@ -58,6 +58,11 @@ impl Rng {
         unit(self.draw(step, element)[0])
     }
 
+    /// Four such numbers for the price of one, of which [`Rng::uniform`] is the first.
+    pub fn uniforms(&self, step: u64, element: u64) -> [f32; 4] {
+        self.draw(step, element).map(unit)
+    }
+
     /// Standard normal, by the transform of Box and Muller 1958.
     pub fn normal(&self, step: u64, element: u64) -> f32 {
         let [a, b, ..] = self.draw(step, element);
@@ -115,6 +120,7 @@ mod tests {
         for element in 0..100_000 {
             let u = rng.uniform(0, element);
             assert!((0.0..1.0).contains(&u));
+            assert_eq!(rng.uniforms(0, element)[0], u);
             counts[0][(u * 10.0) as usize] += 1;
             counts[1][rng.below(1, element, 10) as usize] += 1;
         }

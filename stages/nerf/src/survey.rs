@@ -85,8 +85,8 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
 
 fn densities(field: &Field, cells: &[u32], (features, scratch): &mut Survey, rng: &Rng, round: u64) -> Vec<f32> {
     let points = cells.iter().map(|&cell| {
-        let fraction = [0, 1, 2].map(|axis| rng.uniform(4 * round + axis, u64::from(cell)));
-        field.occupancy.point(cell as usize, fraction)
+        let [x, y, z, _] = rng.uniforms(4 * round, u64::from(cell));
+        field.occupancy.point(cell as usize, [x, y, z])
     });
     field.look_up(points, features);
     let mut sigmas = Vec::with_capacity(cells.len());

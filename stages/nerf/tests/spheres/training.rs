@@ -1,7 +1,7 @@
 //! On the CPU: a view in between, the same bits on any number of threads, and training that goes on from a saved state.
 
 use glam::DVec3;
-use nerf::{Field, RenderOptions, Space, SpaceKind, TrainView, Trainer, render};
+use nerf::{Field, RenderOptions, Space, SpaceKind, TrainOptions, TrainView, Trainer, render};
 use scene::Camera;
 
 use crate::common::{BOUNDS, camera, config, from_one_side, in_perspective, options, photo, psnr, trace, views};
@@ -17,10 +17,11 @@ fn a_view_in_between_of_a_scene_seen_from_one_side_is_shown_in_perspective() {
     judge(in_perspective(&config(), &views), views, camera(0.05, 32), 24.0);
 }
 
-/// Trains, and looks at colour, depth and opacity of another view.
+/// Trains, and looks at colour, depth and opacity of another view. Few photos of smooth spheres say little of where these
+/// are, and a fast start settles on something else for one seed in two; a slow one for none in sixteen.
 #[track_caller]
 fn judge(field: Field, views: Vec<TrainView>, eye: Camera, least: f64) {
-    let mut trainer = Trainer::new(field, views, &options(300), 1);
+    let mut trainer = Trainer::new(field, views, &TrainOptions { warm_up: 200, ..options(300) }, 1);
     let last = (0..300).map(|_| trainer.step()).last().unwrap();
     assert!(last.psnr > 26.0, "training: {} dB", last.psnr);
     let between = photo(eye);

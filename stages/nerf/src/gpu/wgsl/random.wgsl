@@ -18,9 +18,9 @@ fn draw(step: u32, element: vec2u, first_key: vec2u) -> vec4u {
     return counter;
 }
 
-// Uniform in [0, 1).
-fn uniform_number(step: u32, element: vec2u, key: vec2u) -> f32 {
-    return f32(draw(step, element, key).x >> 8u) / 16777216.0;
+// Four numbers, uniform in [0, 1).
+fn uniform_numbers(step: u32, element: vec2u, key: vec2u) -> vec4f {
+    return vec4f(draw(step, element, key) >> vec4u(8u)) / 16777216.0;
 }
 
 // Uniform in 0..n.

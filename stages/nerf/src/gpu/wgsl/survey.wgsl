@@ -3,7 +3,7 @@
 struct Params {
     words: u32,
     levels: u32,
-    // The step of the random numbers of x; those of y and z follow.
+    // The step of the random numbers.
     step: u32,
     key_low: u32,
     key_high: u32,
@@ -28,11 +28,8 @@ var<workgroup> total: u32;
 
 fn point_in(cell: u32) -> vec3f {
     let corner = vec3f(vec3u(cell % p.size_x, cell / p.size_x % p.size_y, cell / (p.size_x * p.size_y)));
-    var fraction = vec3f();
-    for (var axis = 0u; axis < 3u; axis++) {
-        fraction[axis] = uniform_number(p.step + axis, vec2u(cell, 0u), vec2u(p.key_low, p.key_high));
-    }
-    return (corner + fraction) / p.resolution;
+    let fraction = uniform_numbers(p.step, vec2u(cell, 0u), vec2u(p.key_low, p.key_high));
+    return (corner + fraction.xyz) / p.resolution;
 }
 
 @compute @workgroup_size(256)
