@@ -54,7 +54,7 @@ impl Stage for Fit {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -59,7 +59,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn check(&self) -> Result<(), StageError> {

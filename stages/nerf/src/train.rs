@@ -113,7 +113,7 @@ impl Trainer {
         if self.step.is_multiple_of(OCCUPANCY_EVERY) {
             survey::update(&mut self.field, &self.survey_rng, &self.survey);
         }
-        self.pixels = self.next_pixels(stats.samples, parts.iter().map(|part| part.look.looked).sum());
+        self.pixels = self.next_pixels(stats.samples);
         self.parts = parts;
         stats
     }
@@ -133,11 +133,9 @@ impl Trainer {
         self.views.iter().map(TrainView::rays_per_pixel).max().unwrap_or(1)
     }
 
-    /// Pixels of the next batch, so that it costs what the wanted samples cost; a sample that is only looked at counts
-    /// a quarter of one that is trained on. At most twice or half as many as before.
-    pub(crate) fn next_pixels(&self, samples: usize, looked: usize) -> u32 {
-        let cost = (3 * samples as u64 + looked as u64).max(1);
-        let wanted = u64::from(self.pixels) * 4 * u64::from(self.options.samples) / cost;
+    /// Pixels of the next batch, for the wanted number of samples that rays see. At most twice or half as many as before.
+    pub(crate) fn next_pixels(&self, samples: usize) -> u32 {
+        let wanted = u64::from(self.pixels) * u64::from(self.options.samples) / (samples as u64).max(1);
         let near = wanted.clamp(u64::from(self.pixels / 2), u64::from(self.pixels) * 2) as u32;
         self.within_limits(near.next_multiple_of(PIXELS[1]))
     }

@@ -175,7 +175,7 @@ impl GpuTrainer {
         self.work = work::of_step(&extent, &host.field.levels, &host.field.network);
         self.work.iter().for_each(|(_, work)| self.gpu.account(work.operations, work.bytes));
         let count = 3.0 * f64::from(host.pixels);
-        host.pixels = host.next_pixels(samples, looked);
+        host.pixels = host.next_pixels(samples);
         StepStats { loss: f64::from(loss) / count, psnr: psnr(f64::from(squared_error) / count), rays, samples }
     }
 
