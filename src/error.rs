@@ -61,6 +61,9 @@ pub enum Error {
     /// A diffusion model, or a file of tensors for it.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
+    /// An upsampler.
+    #[error(transparent)]
+    Upsampler(#[from] upsampler::UpsamplerError),
     /// A stage that there is not.
     #[error(transparent)]
     UnknownStage(#[from] UnknownStage),
@@ -141,9 +144,10 @@ impl Error {
             Self::Failed(_) => FAILED,
             Self::Usage { .. } | Self::UnknownStage(_) | Self::Address(_) => USAGE,
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
-            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::NoInput { .. } => {
+            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::Upsampler(_) => {
                 PIPELINE
             }
+            Self::NoInput { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } | Self::Output(_) => STORE,
             Self::Found { .. } => FOUND,
             Self::Interrupted => INTERRUPTED,

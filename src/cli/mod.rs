@@ -24,6 +24,7 @@ mod session;
 mod standing;
 mod store;
 mod tuning;
+mod upsample;
 mod verify;
 mod whence;
 

@@ -1,4 +1,4 @@
-//! `model`: checks a diffusion model, gets one, or asks one of its networks. Writes nothing but the file or folder it
+//! `model`: checks a model, gets one, or asks one of its networks. Writes nothing but the file or folder it
 //! is given.
 
 use clap::{Args, Subcommand};

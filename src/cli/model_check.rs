@@ -1,8 +1,8 @@
 //! `model check`: reads every part of a model as a run would, and says what is there. Writes nothing.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use compute::Device;
 use diffusion::ModelSource;
 use diffusion::inventory::{PartReport, inspect};
@@ -10,19 +10,42 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::output::{print, print_json, size, table};
+use super::upsample;
 use crate::error::Error;
 
 /// Options of `model check`.
 #[derive(Args)]
 pub struct Check {
-    /// The model's folder, in the layout of diffusers
+    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or either of ncnn's
+    /// .param and .bin; or `embedded`, for what the program carries
     model: PathBuf,
+    /// What it is, if it is no diffusion model
+    #[arg(long)]
+    part: Option<PartName>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PartName {
+    Upsample,
+}
+
+/// Whether this names what the program carries: by the word, where nothing is called so.
+pub fn is_embedded(model: &Path) -> bool {
+    model == Path::new("embedded") && !model.exists()
+}
+
+/// The diffusion model of this name.
+pub fn diffusion_source(model: &Path) -> ModelSource {
+    if is_embedded(model) { ModelSource::Embedded } else { ModelSource::Folder(model.to_owned()) }
 }
 
 impl Check {
     /// Reads all parts, and prints what they are.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let source = ModelSource::Folder(self.model.clone());
+        if let Some(PartName::Upsample) = self.part {
+            return upsample::check(&self.model, json);
+        }
+        let source = diffusion_source(&self.model);
         let parts = inspect(&source, &Device::cpu())?;
         let mut digests = Vec::new();
         for file in source.files()? {

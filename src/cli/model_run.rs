@@ -8,18 +8,21 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use compute::device::attempt;
 use compute::{Counts, Device, Precision};
+use diffusion::TensorFile;
 use diffusion::call::{Asked, Call, Outputs, Part, to_safetensors};
-use diffusion::{ModelSource, TensorFile};
 use serde_json::json;
+use upsampler::Options;
 
 use super::output::{print, print_json, size};
-use super::{device, tuning};
+use super::upsample::Enlargement;
+use super::{device, model_check, tuning};
 use crate::error::Error;
 
 /// Options of `model run`.
 #[derive(Args)]
 pub struct Run {
-    /// The model's folder, in the layout of diffusers
+    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or either of ncnn's
+    /// .param and .bin; or `embedded`, for what the program carries
     model: PathBuf,
     /// Which network
     #[arg(long)]
@@ -48,6 +51,12 @@ pub struct Run {
     /// Where to compute: auto, cpu, gpu or gpu:N; a GPU multiplies in f32
     #[arg(long, default_value = "auto")]
     device: String,
+    /// The side of the tiles of an upsampler, in pixels of the image
+    #[arg(long, default_value_t = 256, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(128..=8192))]
+    tile: u32,
+    /// Enlarge in eight ways, turned and mirrored, and take the mean
+    #[arg(long)]
+    ensemble: bool,
     /// Also print the median time of so many passes, and the peak memory
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     repeat: Option<u32>,
@@ -68,6 +77,7 @@ enum PartName {
     VaeEncode,
     VaeDecode,
     Text,
+    Upsample,
 }
 
 impl From<PrecisionName> for Precision {
@@ -79,13 +89,37 @@ impl From<PrecisionName> for Precision {
     }
 }
 
-impl From<PartName> for Part {
-    fn from(name: PartName) -> Part {
-        match name {
-            PartName::Unet => Part::Unet,
-            PartName::VaeEncode => Part::VaeEncode,
-            PartName::VaeDecode => Part::VaeDecode,
-            PartName::Text => Part::Text,
+impl PartName {
+    /// The part of a diffusion model; none where this is no such.
+    fn of_diffusion(self) -> Option<Part> {
+        match self {
+            PartName::Unet => Some(Part::Unet),
+            PartName::VaeEncode => Some(Part::VaeEncode),
+            PartName::VaeDecode => Some(Part::VaeDecode),
+            PartName::Text => Some(Part::Text),
+            PartName::Upsample => None,
+        }
+    }
+}
+
+/// A network with what it is asked.
+enum Question {
+    Diffusion(Call),
+    Upsample(Enlargement),
+}
+
+impl Question {
+    fn forward(&self) -> Outputs {
+        match self {
+            Self::Diffusion(call) => call.forward(),
+            Self::Upsample(enlargement) => enlargement.forward(),
+        }
+    }
+
+    fn gradients(&self) -> Option<Outputs> {
+        match self {
+            Self::Diffusion(call) => call.gradients(),
+            Self::Upsample(_) => None,
         }
     }
 }
@@ -124,7 +158,7 @@ impl Run {
     }
 
     fn compute(&self, device: &Device) -> Result<Answer, Error> {
-        let call = self.call(device)?;
+        let call = self.question(device)?;
         let before = device.counts();
         let outputs = call.gradients().unwrap_or_else(|| call.forward());
         let bytes = to_safetensors(&outputs);
@@ -141,9 +175,25 @@ impl Run {
         Ok(Answer { outputs, bytes, counts, times })
     }
 
-    fn call(&self, device: &Device) -> Result<Call, Error> {
-        let source = ModelSource::Folder(self.model.clone());
-        let part = Part::from(self.part);
+    fn question(&self, device: &Device) -> Result<Question, Error> {
+        match self.part.of_diffusion() {
+            Some(part) => Ok(Question::Diffusion(self.call(part, device)?)),
+            None => Ok(Question::Upsample(self.enlargement(device)?)),
+        }
+    }
+
+    fn enlargement(&self, device: &Device) -> Result<Enlargement, Error> {
+        let only = |what: &str| Error::usage(format!("an upsampler has no {what}"), "leave it out");
+        let Some(input) = &self.input else { return Err(only("--prompt")) };
+        if self.lora.is_some() || self.target_grad {
+            return Err(only("LoRA and no gradients"));
+        }
+        let options = Options { tile: self.tile as usize, ensemble: self.ensemble };
+        Enlargement::new(&self.model, &TensorFile::open(input)?, options, device)
+    }
+
+    fn call(&self, part: Part, device: &Device) -> Result<Call, Error> {
+        let source = model_check::diffusion_source(&self.model);
         if (self.lora.is_some() || self.target_grad) && part != Part::Unet {
             return Err(Error::usage("only the UNet has a LoRA and gradients", "give --part unet, or leave them out"));
         }

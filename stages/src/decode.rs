@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Residuals, View};
 use compute::Array;
 use compute::elementwise::{add, clamp, sub};
-use compute::resize::{Filter, resize};
 use diffusion::Prior;
 use serde::{Deserialize, Serialize};
 
+use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
 use crate::model::Model;
@@ -85,19 +85,11 @@ impl Decode {
         clamp(&add(&convert::signed_array(image, io.device), &sub(&decoded, &base)), -1.0, 1.0)
     }
 
-    fn back_project(&self, image: Array, low: &View, io: &Io) -> Array {
-        let low = convert::signed_array(low, io.device);
-        let (size, reduced) = (image.shape().to_vec(), low.shape().to_vec());
-        (0..self.back_projection).fold(image, |image, _| {
-            let missing = sub(&low, &resize(&image, reduced[2], reduced[3], Filter::BicubicPil, true));
-            clamp(&add(&image, &resize(&missing, size[2], size[3], Filter::BicubicTorch, false)), -1.0, 1.0)
-        })
-    }
-
     fn view(&self, prior: &Prior, parts: &Parts, io: &Io) -> View {
         let mut image = self.image(prior, parts, io);
         if let Some(low) = parts.low {
-            image = self.back_project(image, low, io);
+            let low = convert::signed_array(low, io.device);
+            image = back_project(image, &low, self.back_projection, [-1.0, 1.0]);
         }
         let alpha = parts.image.and_then(|image| image.alpha.clone());
         View {

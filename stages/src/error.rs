@@ -38,6 +38,9 @@ pub enum StageError {
     /// A model that could not be loaded.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
+    /// An upsampler that could not be loaded.
+    #[error(transparent)]
+    Upsampler(#[from] upsampler::UpsamplerError),
     /// A device that failed while the stage computed on it.
     #[error(transparent)]
     Device(#[from] compute::GpuError),

@@ -1,5 +1,6 @@
 //! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the runner.
 
+pub mod back_projection;
 pub mod checkpoint;
 pub mod colormap;
 pub mod convert;
@@ -7,6 +8,7 @@ pub mod dataset;
 pub mod error;
 pub mod files;
 pub mod keeper;
+pub mod learned;
 pub mod merge;
 pub mod model;
 pub mod ply;

@@ -1,6 +1,7 @@
-//! Nonlinearities, each with its gradient. All work element by element; only the gated one knows an axis, the last.
+//! Nonlinearities, with the gradients of those that are trained through. All work element by element; only the gated one
+//! knows an axis, the last, and [`prelu`] the channels of images.
 
-use crate::array::Array;
+use crate::array::{Array, nchw, vector};
 use crate::cpu;
 use crate::device::Backend;
 use crate::elementwise::{binary, unary};
@@ -35,6 +36,34 @@ pub fn quick_gelu(x: &Array) -> Array {
 /// The gradient of [`quick_gelu`] at `x`, times `dy`.
 pub fn quick_gelu_backward(x: &Array, dy: &Array) -> Array {
     binary("quick_gelu_backward", Binary::QuickGeluSlope, x, dy)
+}
+
+/// `max(x, 0)`.
+pub fn relu(x: &Array) -> Array {
+    unary(Unary::Leaky(0.0), x)
+}
+
+/// `x` above 0, `slope x` below.
+pub fn leaky_relu(x: &Array, slope: f32) -> Array {
+    unary(Unary::Leaky(slope), x)
+}
+
+/// `1 / (1 + exp(-x))`.
+pub fn sigmoid(x: &Array) -> Array {
+    unary(Unary::Sigmoid, x)
+}
+
+/// [`leaky_relu`] of `x [N, C, H, W]` with a slope for each channel, `slopes [C]` (He et al. 2015).
+pub fn prelu(x: &Array, slopes: &Array) -> Array {
+    let [_, c, h, w] = nchw("prelu", x);
+    vector("prelu", "the slopes", slopes, c);
+    match x.device().backend() {
+        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::leaky_per_channel(x.host(), slopes.host(), h * w)),
+        Backend::Gpu(gpu) => {
+            let slopes = (slopes.device_buffer(), c);
+            Array::on_gpu(gpu, x.shape(), gpu::map::leaky_per_channel(gpu, x.device_buffer(), slopes, h * w, x.len()))
+        }
+    }
 }
 
 fn gated_shape(op: &str, x: &Array) -> Vec<usize> {

@@ -46,6 +46,11 @@ pub fn scale(x: &Array, factor: f32) -> Array {
     unary(Unary::Scale(factor), x)
 }
 
+/// `x + number`.
+pub fn offset(x: &Array, number: f32) -> Array {
+    unary(Unary::Offset(number), x)
+}
+
 /// `a x + b y + ..` for terms `(a, x), (b, y), ..`, summed from left to right.
 pub fn scaled_sum(terms: &[(f32, &Array)]) -> Array {
     match *terms {

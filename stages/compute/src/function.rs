@@ -8,8 +8,14 @@ pub(crate) enum Unary {
     Scale(f32),
     /// The nearest number in `low..=high`; NaN stays NaN.
     Clamp { low: f32, high: f32 },
+    /// The sum with a constant.
+    Offset(f32),
     /// -1, 0 or 1.
     Sign,
+    /// `x` above 0, the constant times `x` below.
+    Leaky(f32),
+    /// `1 / (1 + exp(-x))`.
+    Sigmoid,
     /// `x sigmoid(x)`.
     Silu,
     /// `x Phi(x)`, Phi being the distribution function of the standard normal.

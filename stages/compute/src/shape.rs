@@ -106,6 +106,36 @@ pub fn upsample_nearest_backward(dy: &Array, factor: usize) -> Array {
     }
 }
 
+/// Groups of `factor^2` neighbouring channels laid out as blocks of pixels, row by row: `[N, C factor^2, H, W]` as
+/// `[N, C, H factor, W factor]` (Shi et al. 2016), PyTorch's `pixel_shuffle`.
+pub fn pixel_shuffle(x: &Array, factor: usize) -> Array {
+    let [n, c, h, w] = nchw("pixel_shuffle", x);
+    let whole = factor > 0 && c % (factor * factor) == 0;
+    assert!(whole, "pixel_shuffle: {:?} by {factor}", x.shape());
+    let (shape, planes) = ([n, c / (factor * factor), h * factor, w * factor], n * c / (factor * factor));
+    match x.device().backend() {
+        Backend::Cpu => Array::on_cpu(&shape, cpu::shape::shuffle(x.host(), [planes, h, w], factor)),
+        Backend::Gpu(gpu) => {
+            Array::on_gpu(gpu, &shape, gpu::shape::shuffle(gpu, x.device_buffer(), [planes, h, w], factor))
+        }
+    }
+}
+
+/// The inverse of [`pixel_shuffle`]: `[N, C, H factor, W factor]` as `[N, C factor^2, H, W]`.
+pub fn pixel_unshuffle(x: &Array, factor: usize) -> Array {
+    let [n, c, h, w] = nchw("pixel_unshuffle", x);
+    let whole = factor > 0 && h % factor == 0 && w % factor == 0;
+    assert!(whole, "pixel_unshuffle: {:?} by {factor}", x.shape());
+    let (h, w) = (h / factor, w / factor);
+    let shape = [n, c * factor * factor, h, w];
+    match x.device().backend() {
+        Backend::Cpu => Array::on_cpu(&shape, cpu::shape::unshuffle(x.host(), [n * c, h, w], factor)),
+        Backend::Gpu(gpu) => {
+            Array::on_gpu(gpu, &shape, gpu::shape::unshuffle(gpu, x.device_buffer(), [n * c, h, w], factor))
+        }
+    }
+}
+
 /// `x [N, C, H, W]` continued by mirroring at its edge pixels, `pad` = `[top, bottom, left, right]` pixels wide.
 /// Each must be less than the image's extent that way.
 pub fn pad_reflect(x: &Array, pad: [usize; 4]) -> Array {

@@ -67,6 +67,9 @@ pub fn unary(function: Unary, x: &[f32]) -> Buffer {
     match function {
         Unary::Scale(factor) => map!(x, |x| factor * x),
         Unary::Clamp { low, high } => map!(x, |x| x.clamp(low, high)),
+        Unary::Offset(number) => map!(x, |x| x + number),
+        Unary::Leaky(slope) => map!(x, |x| if x > 0.0 { x } else { slope * x }),
+        Unary::Sigmoid => map!(x, |x| sigmoid(x)),
         Unary::Sign => map!(x, |x| (x > 0.0) as i32 as f32 - (x < 0.0) as i32 as f32),
         Unary::Silu => map!(x, |x| silu(x)),
         Unary::Gelu => map!(x, |x| x * normal_cdf(x)),
@@ -104,6 +107,23 @@ pub fn add_per_plane(x: &[f32], numbers: &[f32], plane: usize) -> Buffer {
             || {
                 for (out, x) in out.iter_mut().zip(x) {
                     *out = x + numbers[i];
+                }
+            },
+        )
+    });
+    out
+}
+
+/// Every plane of `plane` elements, where they are below 0 times the number of its channel.
+pub fn leaky_per_channel(x: &[f32], slopes: &[f32], plane: usize) -> Buffer {
+    let mut out = Buffer::stale(x.len());
+    fill(&mut out, plane.max(1), |i, out| {
+        let (x, slope) = (&x[i * plane..], slopes[i % slopes.len()]);
+        vectorize(
+            #[inline(always)]
+            || {
+                for (out, &x) in out.iter_mut().zip(x) {
+                    *out = if x > 0.0 { x } else { slope * x };
                 }
             },
         )

@@ -89,6 +89,35 @@ pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) 
     out
 }
 
+/// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the result, and the
+/// extents of one before.
+pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+    let wide = w * factor;
+    let mut out = Buffer::stale(planes * h * factor * wide);
+    fill(&mut out, wide.max(1), |row, out| {
+        let (plane, y) = (row / (h * factor), row % (h * factor));
+        for column in 0..factor {
+            let source = (plane * factor + y % factor) * factor + column;
+            let x = &x[(source * h + y / factor) * w..][..w];
+            out[column..].iter_mut().step_by(factor).zip(x).for_each(|(out, x)| *out = *x);
+        }
+    });
+    out
+}
+
+/// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one afterwards.
+pub fn unshuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+    let wide = w * factor;
+    let mut out = Buffer::stale(planes * h * factor * wide);
+    fill(&mut out, w.max(1), |row, out| {
+        let (plane, y) = (row / h, row % h);
+        let (source, line, column) = (plane / (factor * factor), plane / factor % factor, plane % factor);
+        let x = &x[(source * h * factor + y * factor + line) * wide..][..wide];
+        out.iter_mut().zip(x[column..].iter().step_by(factor)).for_each(|(out, x)| *out = *x);
+    });
+    out
+}
+
 /// Mirrors an index at the first and last of `len` pixels.
 fn mirrored(index: usize, before: usize, len: usize) -> usize {
     let distance = index.abs_diff(before);

@@ -24,6 +24,9 @@ pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
     let (value, [a, b]) = match function {
         Unary::Scale(factor) => ("return p.a * x[i];", [factor, 0.0]),
         Unary::Clamp { low, high } => ("let v = x[i]; return select(clamp(v, p.a, p.b), v, v != v);", [low, high]),
+        Unary::Offset(number) => ("return x[i] + p.a;", [number, 0.0]),
+        Unary::Leaky(slope) => ("return select(p.a * x[i], x[i], x[i] > 0.0);", [slope, 0.0]),
+        Unary::Sigmoid => ("return sigmoid(x[i]);", [0.0; 2]),
         Unary::Sign => ("return f32(x[i] > 0.0) - f32(x[i] < 0.0);", [0.0; 2]),
         Unary::Silu => ("return silu(x[i]);", [0.0; 2]),
         Unary::Gelu => ("return x[i] * normal_cdf(x[i]);", [0.0; 2]),
@@ -51,6 +54,20 @@ pub fn add_per_plane(gpu: &Gpu, x: &Buffer, numbers: &Buffer, plane: usize, len:
     let (reads, words) = ([("x: f32", x), ("numbers: f32", numbers)], [("plane: u32", plane as u32)]);
     let value = "return x[i] + numbers[i / p.plane];";
     Each { name: "add_per_plane", reads: &reads, words: &words, value, functions: "" }.run(gpu, len)
+}
+
+/// Every plane of `plane` elements, where they are below 0 times the number of its channel.
+pub fn leaky_per_channel(
+    gpu: &Gpu,
+    x: &Buffer,
+    (slopes, channels): (&Buffer, usize),
+    plane: usize,
+    len: usize,
+) -> Buffer {
+    let (reads, words) =
+        ([("x: f32", x), ("slopes: f32", slopes)], [("plane: u32", plane as u32), ("channels: u32", channels as u32)]);
+    let value = "return select(slopes[i / p.plane % p.channels] * x[i], x[i], x[i] > 0.0);";
+    Each { name: "leaky_per_channel", reads: &reads, words: &words, value, functions: "" }.run(gpu, len)
 }
 
 /// `a gelu(b)` for rows `[a, b]` of `2 * half` elements; `len` results.

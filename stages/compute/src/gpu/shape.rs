@@ -67,6 +67,28 @@ pub fn upsample_backward(gpu: &Gpu, dy: &Buffer, [planes, h, w]: [usize; 3], fac
     Each { name: "upsample_backward", reads: &reads, words: &words, value, functions: "" }.run(gpu, planes * h * w)
 }
 
+/// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the result, and the
+/// extents of one before.
+pub fn shuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+    let words = [("h: u32", h as u32), ("w: u32", w as u32), ("factor: u32", factor as u32)];
+    let value = "let column = i % (p.w * p.factor); let y = i / (p.w * p.factor) % (p.h * p.factor);
+    let plane = i / (p.w * p.factor) / (p.h * p.factor);
+    let source = (plane * p.factor + y % p.factor) * p.factor + column % p.factor;
+    return x[(source * p.h + y / p.factor) * p.w + column / p.factor];";
+    let len = planes * h * w * factor * factor;
+    Each { name: "shuffle", reads: &[("x: f32", x)], words: &words, value, functions: "" }.run(gpu, len)
+}
+
+/// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one afterwards.
+pub fn unshuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+    let words = [("h: u32", h as u32), ("w: u32", w as u32), ("factor: u32", factor as u32)];
+    let value = "let plane = i / (p.w * p.h); let y = i / p.w % p.h; let f = p.factor;
+    let row = (plane / (f * f) * p.h + y) * f + plane / f % f;
+    return x[(row * p.w + i % p.w) * f + plane % f];";
+    let len = planes * h * w * factor * factor;
+    Each { name: "unshuffle", reads: &[("x: f32", x)], words: &words, value, functions: "" }.run(gpu, len)
+}
+
 /// `[planes, h, w]` continued by mirroring, `[top, bottom, left, right]` pixels wide.
 pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usize; 4]) -> Buffer {
     let [top, bottom, left, right] = pad;

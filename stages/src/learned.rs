@@ -1,0 +1,101 @@
+//! Enlargement by a network: which one, and by how much. Knows no images on disk.
+
+use std::path::PathBuf;
+
+use artifacts_schema::Digest;
+use compute::elementwise::clamp;
+use compute::resize::{Filter, resize};
+use compute::{Array, Device};
+use serde::{Deserialize, Serialize};
+use upsampler::{Options, Upsampler, UpsamplerSource};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::stage::Source;
+
+/// A network as a filter.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Learned {
+    /// The network.
+    pub model: Network,
+    /// Whether the result is the mean over eight ways to turn and mirror the image; takes eight times as long.
+    pub ensemble: bool,
+    /// Side of the tiles in pixels of the image; an image that fits in one is not tiled.
+    pub tile: u32,
+}
+
+/// Which network.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Network {
+    /// The small one that the binary carries.
+    #[default]
+    Embedded,
+    /// A `.safetensors` file, or either file of an ncnn pair, `.param` and `.bin`.
+    File(PathBuf),
+}
+
+impl Default for Learned {
+    fn default() -> Self {
+        Self { model: Network::default(), ensemble: false, tile: 256 }
+    }
+}
+
+/// Bytes that a network's layers take for each pixel of a tile, roughly: small ones at the image's size, and large ones
+/// that also work at the result's.
+const SMALL: u64 = 4 << 10;
+const LARGE: u64 = 14 << 10;
+
+impl Learned {
+    /// Refuses parameters that make no sense.
+    pub fn check(&self) -> Result<(), StageError> {
+        convert::in_range("filter.tile", self.tile, 128, 8192)
+    }
+
+    /// The network, on this device.
+    pub fn load(&self, device: &Device) -> Result<Upsampler, StageError> {
+        Ok(Upsampler::load(&self.source(), device)?)
+    }
+
+    /// `image [1, 3, H, W]`, from 0 to 1, at another size: enlarged by the network as often as it takes, at least once,
+    /// and resized if that is not the size yet.
+    pub fn resize(&self, network: &Upsampler, image: &Array, [height, width]: [usize; 2]) -> Array {
+        let options = Options { tile: self.tile as usize, ensemble: self.ensemble };
+        let enlarge = |image: &Array| clamp(&network.enlarge(image, options), 0.0, 1.0);
+        let mut image = enlarge(image);
+        while network.scale() > 1 && (image.shape()[2] < height || image.shape()[3] < width) {
+            image = enlarge(&image);
+        }
+        match image.shape()[2..] == [height, width] {
+            true => image,
+            false => clamp(&resize(&image, height, width, Filter::BicubicTorch, true), 0.0, 1.0),
+        }
+    }
+
+    /// The digest of its weights, for the key.
+    pub fn sources(&self) -> Result<Vec<Source>, StageError> {
+        Ok(vec![Source { name: "model".into(), digest: Digest::new(self.source().digest()?) }])
+    }
+
+    /// The files that it consists of, beside this program.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.source().paths()
+    }
+
+    /// Bytes of memory for its weights and for one tile, and seconds for so many bytes of images, roughly.
+    pub fn cost(&self, images: u64) -> (u64, f64) {
+        let weights = |path: &PathBuf| path.metadata().map_or(0, |file| file.len());
+        let bytes = self.files().iter().map(weights).sum::<u64>().max(1 << 20);
+        let each = if bytes > 8 << 20 { LARGE } else { SMALL };
+        let ways = if self.ensemble { 8.0 } else { 1.0 };
+        let operations = ways * bytes as f64 * images as f64 / 6.0;
+        (2 * bytes + each * u64::from(self.tile) * u64::from(self.tile), operations / 4e10)
+    }
+
+    fn source(&self) -> UpsamplerSource {
+        match &self.model {
+            Network::Embedded => UpsamplerSource::Embedded,
+            Network::File(path) => UpsamplerSource::File(path.clone()),
+        }
+    }
+}

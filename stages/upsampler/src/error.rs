@@ -1,0 +1,50 @@
+//! Why an upsampler could not be used: names the file, and the tensor or layer in it.
+//!
+//! Knows nothing of pipelines; paths are as the caller gave them.
+
+/// Why a file is no upsampler that can be used here.
+#[derive(Debug, thiserror::Error)]
+pub enum UpsamplerError {
+    /// A file that is missing, cannot be read, or is something else.
+    #[error("{file}: {problem}")]
+    File {
+        /// The file.
+        file: String,
+        /// What is wrong with it, and how to mend it.
+        problem: String,
+    },
+    /// A tensor that is missing, of another shape or type, or of no network that is known here.
+    #[error("{file}: tensor `{tensor}` {problem}")]
+    Tensor {
+        /// The weight file.
+        file: String,
+        /// The tensor's name in the file.
+        tensor: String,
+        /// What is wrong: "has the shape [4, 3]; expected is [4, 4]".
+        problem: String,
+    },
+    /// A layer of an ncnn graph that cannot be used.
+    #[error("{file}: line {line}: layer `{layer}` ({kind}) {problem}")]
+    Layer {
+        /// The `.param` file.
+        file: String,
+        /// The line in it, from 1.
+        line: usize,
+        /// The layer's name.
+        layer: String,
+        /// The layer's kind.
+        kind: String,
+        /// What is wrong: "is of a kind that is not known here".
+        problem: String,
+    },
+}
+
+impl UpsamplerError {
+    pub(crate) fn file(file: &str, problem: impl Into<String>) -> Self {
+        Self::File { file: file.to_owned(), problem: problem.into() }
+    }
+
+    pub(crate) fn tensor(file: &str, tensor: &str, problem: impl Into<String>) -> Self {
+        Self::Tensor { file: file.to_owned(), tensor: tensor.to_owned(), problem: problem.into() }
+    }
+}

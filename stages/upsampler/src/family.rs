@@ -1,0 +1,44 @@
+//! Tells which network a set of tensors makes, by their names and shapes.
+
+use crate::compact::Compact;
+use crate::error::UpsamplerError;
+use crate::network::Network;
+use crate::residual::Residual;
+use crate::rrdb::{self, Rrdb};
+use crate::span::Span;
+use crate::tensors::Tensors;
+
+/// Enlargements beyond this are no networks that anybody uses.
+const LARGEST: usize = 16;
+
+/// The network that these tensors make, all of them. Fails where there is none, and names a tensor.
+pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerError> {
+    rrdb::rename(tensors);
+    let network: Box<dyn Network> = if Span::is(tensors) {
+        Box::new(Span::read(tensors)?)
+    } else if Rrdb::is(tensors) {
+        Box::new(Rrdb::read(tensors)?)
+    } else if Residual::is(tensors) {
+        Box::new(Residual::read(tensors)?)
+    } else if Compact::is(tensors) {
+        Box::new(Compact::read(tensors)?)
+    } else {
+        let Some(first) = tensors.names().next() else {
+            return Err(UpsamplerError::file(tensors.file(), "holds no tensors"));
+        };
+        let problem = "is of no network that is known here: those are SPAN, RRDBNet (ESRGAN, Real-ESRGAN), \
+                       SRVGGNetCompact with PReLUs, and our own Residual";
+        return Err(tensors.wrong(first, problem));
+    };
+    tensors.finish(network.facts().family)?;
+    Ok(network)
+}
+
+/// By how much a last convolution enlarges whose outputs are laid out as blocks of pixels.
+pub fn root(tensors: &Tensors, name: &str) -> Result<usize, UpsamplerError> {
+    let [outputs, ..] = tensors.kernels(name)?;
+    let scale = (1..=LARGEST).find(|scale| 3 * scale * scale == outputs);
+    scale.ok_or_else(|| {
+        tensors.wrong(name, format!("gives {outputs} channels, which are no whole number of pixels of three colours"))
+    })
+}

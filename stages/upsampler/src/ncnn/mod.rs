@@ -1,0 +1,30 @@
+//! Networks as ncnn keeps them: a graph of layers as text, `.param`, and their weights in the order of the layers,
+//! `.bin`. The layers that super-resolution networks are made of are computed as the graph says; anything else is
+//! refused by the layer's name and line.
+
+mod blob;
+mod build;
+mod graph;
+mod layer;
+mod param;
+mod weights;
+
+use std::collections::BTreeMap;
+
+use compute::Device;
+
+use crate::error::UpsamplerError;
+use crate::network::Network;
+use crate::source::SourceFile;
+
+/// A network, for each number type how many numbers it has, and how many arrays those are.
+type Read = (Box<dyn Network>, BTreeMap<String, usize>, usize);
+
+/// The network of a graph and its weights, which must be used up.
+pub fn read(graph: &SourceFile, weights: &SourceFile, device: &Device) -> Result<Read, UpsamplerError> {
+    let layers = param::parse(graph)?;
+    let mut weights = weights::Weights::new(weights, device);
+    let network = build::build(&layers, &mut weights)?;
+    let (types, count) = weights.finish()?;
+    Ok((Box::new(network), types, count))
+}

@@ -1,0 +1,113 @@
+//! Where an upsampler's files come from: the program itself, or a path. Hands out named bytes; knows which files belong
+//! together, not what stands in them.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::error::UpsamplerError;
+
+/// The network that the program carries.
+const EMBEDDED: &[u8] = include_bytes!("../models/residual-x4.safetensors");
+
+/// Its name.
+pub const EMBEDDED_NAME: &str = "residual-x4";
+
+/// Where an upsampler is read from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum UpsamplerSource {
+    /// The network that the program carries.
+    Embedded,
+    /// A `.safetensors` file; or either file of an ncnn pair, `.param` and `.bin`, the other of which lies beside it.
+    File(PathBuf),
+}
+
+/// One file of an upsampler.
+#[derive(Clone)]
+pub struct SourceFile {
+    /// How messages name it.
+    pub name: String,
+    /// What it holds.
+    pub bytes: Arc<dyn AsRef<[u8]> + Send + Sync>,
+}
+
+impl SourceFile {
+    /// A file in memory, which messages call `name`.
+    pub fn in_memory(name: &str, bytes: Vec<u8>) -> Self {
+        Self { name: name.to_owned(), bytes: Arc::new(bytes) }
+    }
+
+    /// What it holds.
+    pub fn content(&self) -> &[u8] {
+        (*self.bytes).as_ref()
+    }
+
+    fn read(path: &Path) -> Result<Self, UpsamplerError> {
+        let name = path.display().to_string();
+        match std::fs::read(path) {
+            Ok(bytes) => Ok(Self::in_memory(&name, bytes)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(missing(path, &name)),
+            Err(error) => Err(UpsamplerError::file(&name, format!("cannot be read: {error}"))),
+        }
+    }
+}
+
+/// Says which file of a pair is not there.
+fn missing(path: &Path, name: &str) -> UpsamplerError {
+    let other = match ending(path).as_str() {
+        "bin" => Some("param"),
+        "param" => Some("bin"),
+        _ => None,
+    };
+    let problem = match other.map(|other| path.with_extension(other)).filter(|other| other.exists()) {
+        Some(other) => format!("is missing; {} beside it is only half of an ncnn network", other.display()),
+        None => "is missing".to_owned(),
+    };
+    UpsamplerError::file(name, problem)
+}
+
+fn ending(path: &Path) -> String {
+    path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// How a pickle becomes a file that is read here.
+const PICKLE: &str = "is a pickle, which can run any code when it is read; where you trust it, convert it:\n\
+    python3 -c 'import sys, torch, safetensors.torch as s; d = torch.load(sys.argv[1], map_location=\"cpu\", weights_only=True)\n\
+    d = d.get(\"params_ema\", d.get(\"params\", d)); s.save_file({k: v.contiguous() for k, v in d.items()}, sys.argv[2])' IN.pth OUT.safetensors";
+
+impl UpsamplerSource {
+    /// The files that it consists of, beside this program.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        match self {
+            Self::Embedded => Vec::new(),
+            Self::File(path) => match ending(path).as_str() {
+                "param" | "bin" => ["param", "bin"].map(|ending| path.with_extension(ending)).into(),
+                _ => vec![path.clone()],
+            },
+        }
+    }
+
+    /// Its files: one, or an ncnn network's graph and weights. Fails where one is missing, and where none can be read
+    /// by what its name ends with.
+    pub fn files(&self) -> Result<Vec<SourceFile>, UpsamplerError> {
+        let Self::File(path) = self else {
+            let name = format!("{EMBEDDED_NAME}.safetensors");
+            return Ok(vec![SourceFile { name, bytes: Arc::new(EMBEDDED) }]);
+        };
+        let problem = match ending(path).as_str() {
+            "safetensors" | "param" | "bin" => return self.paths().iter().map(|path| SourceFile::read(path)).collect(),
+            "pth" | "pt" | "ckpt" => PICKLE,
+            _ => "is no upsampler that is read here: those are .safetensors, and .param with .bin of ncnn",
+        };
+        Err(UpsamplerError::file(&path.display().to_string(), problem))
+    }
+
+    /// A digest of what is in the files: the same wherever they lie.
+    pub fn digest(&self) -> Result<[u8; 32], UpsamplerError> {
+        let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag 1 upsampler files");
+        for file in self.files()? {
+            hasher.update(&(file.content().len() as u64).to_le_bytes());
+            hasher.update(file.content());
+        }
+        Ok(*hasher.finalize().as_bytes())
+    }
+}
