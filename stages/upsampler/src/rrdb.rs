@@ -52,7 +52,7 @@ pub fn rename(tensors: &mut Tensors) {
     let blocks = tensors.count(|i| format!("model.1.sub.{i}.RDB1.conv1.0.weight"));
     // Behind the blocks: a doubling and its convolution, with an activation, take three places; then come two more
     // convolutions with one between them.
-    let ups = (1..=DOUBLINGS).take_while(|i| tensors.has(&format!("model.{}.weight", 3 * i + 4))).count();
+    let ups = (0..=DOUBLINGS).find(|ups| tensors.has(&format!("model.{}.weight", 3 * ups + 4))).unwrap_or_default();
     let mut places = vec![("model.0".to_owned(), "conv_first".to_owned())];
     places.push((format!("model.1.sub.{blocks}"), "conv_body".to_owned()));
     places.extend((1..=ups).map(|i| (format!("model.{}", 3 * i), format!("conv_up{i}"))));

@@ -27,7 +27,7 @@ const TASKS: usize = 6;
 const DEPTH: usize = 128;
 /// The fewest channels, in and out. With fewer, plain sums take hardly longer, and networks so narrow normalise groups
 /// of so few numbers that rounding shows.
-const NARROWEST: usize = 64;
+const NARROWEST: usize = 48;
 /// Channels per task of the inputs' transform.
 const CHANNELS: usize = 4;
 

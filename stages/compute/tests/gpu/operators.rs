@@ -3,19 +3,20 @@
 use std::sync::Arc;
 
 use compute::activation::{
-    geglu, geglu_backward, gelu, gelu_backward, quick_gelu, quick_gelu_backward, silu, silu_backward,
+    geglu, geglu_backward, gelu, gelu_backward, leaky_relu, prelu, quick_gelu, quick_gelu_backward, relu, sigmoid,
+    silu, silu_backward,
 };
 use compute::adam::{Adam, AdamState, update};
 use compute::attention::{attention, attention_backward};
 use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
-use compute::elementwise::{add_channels, clamp, mul, scale, scaled_sum, sign, sub};
+use compute::elementwise::{add_channels, clamp, mul, offset, scale, scaled_sum, sign, sub};
 use compute::linear::{linear, linear_backward_input, linear_backward_weight};
 use compute::matmul::matmul;
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
 use compute::resize::{Filter, resize, resize_backward};
 use compute::shape::{
-    concat, crop, gather_rows, nchw_to_tokens, pad_reflect, slice, tokens_to_nchw, upsample_nearest,
-    upsample_nearest_backward,
+    concat, crop, gather_rows, nchw_to_tokens, pad_reflect, pixel_shuffle, pixel_unshuffle, slice, tokens_to_nchw,
+    upsample_nearest, upsample_nearest_backward,
 };
 use compute::{Array, Format, Weight, reduce, testing};
 use proptest::prelude::*;
@@ -113,6 +114,7 @@ proptest! {
                 silu(&wide), silu_backward(&wide, dy), gelu(&wide), gelu_backward(&wide, dy),
                 quick_gelu(&wide), quick_gelu_backward(&wide, dy), geglu(&wide), geglu_backward(&wide, &x[2]),
                 mul(&wide, dy), sub(&wide, dy), sign(&wide), clamp(&wide, -2.0, 3.0),
+                relu(&wide), leaky_relu(&wide, 0.2), sigmoid(&wide), offset(&wide, -0.5),
                 scaled_sum(&[(0.5, &wide), (-2.0, dy), (3.0, &wide)]),
             ]
         });
@@ -128,6 +130,8 @@ proptest! {
                 slice(&x[0], 1, c / 2, c - c / 2), crop(&x[0], 1, w / 2, h - 1, w - w / 2), pad_reflect(&x[0], pad),
                 upsample_nearest(&x[0], factor), upsample_nearest_backward(&x[1], factor), add_channels(&x[0], &x[2]),
                 gather_rows(tokens.reshape(&[n * h * w, c]), &[1, 0, (n * h * w - 1) as u32]),
+                pixel_shuffle(&concat(&vec![&x[0]; factor * factor], 1), factor), pixel_unshuffle(&x[1], factor),
+                prelu(&x[0], &slice(&x[2], 0, n - 1, 1).reshape(&[c])),
             ]
         });
     }

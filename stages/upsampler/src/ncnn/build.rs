@@ -85,7 +85,9 @@ struct Builder {
 
 /// The graph of these layers, with their weights.
 pub fn build(layers: &[Layer], weights: &mut Weights) -> Result<Graph, UpsamplerError> {
-    let [first, ..] = layers else { return Err(UpsamplerError::file("", "a graph without layers")) };
+    let Some(first) = layers.first() else {
+        return Err(UpsamplerError::file("", "a graph without layers"));
+    };
     let mut builder = Builder {
         steps: Vec::new(),
         blobs: BTreeMap::new(),

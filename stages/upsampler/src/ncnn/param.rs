@@ -57,6 +57,9 @@ pub fn parse(file: &SourceFile) -> Result<Vec<Layer>, UpsamplerError> {
     if layers.len() != count {
         return Err(wrong(format!("holds {} layers; its second line says {count}", layers.len())));
     }
+    if layers.is_empty() {
+        return Err(wrong("holds no layers".to_owned()));
+    }
     Ok(layers)
 }
 

@@ -1,0 +1,7 @@
+//! Whole networks: against PyTorch's numbers, in tiles, on a GPU, and out of files that are not as they should be.
+
+mod damage;
+mod golden;
+mod refusals;
+mod running;
+mod support;
