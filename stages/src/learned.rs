@@ -99,3 +99,37 @@ impl Learned {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::back_projection::back_project;
+
+    fn image() -> Array {
+        Device::cpu().array(&[1, 3, 9, 12], (0..324).map(|i| 0.5 + 0.4 * (i as f32 * 0.7).sin()).collect())
+    }
+
+    #[test]
+    fn any_size_is_reached() {
+        let (learned, image) = (Learned::default(), image());
+        let network = learned.load(&Device::cpu()).unwrap();
+        for size in [[36, 48], [18, 24], [9, 12], [5, 6], [37, 50], [150, 200]] {
+            let resized = learned.resize(&network, &image, size);
+            assert_eq!(resized.shape(), [1, 3, size[0], size[1]]);
+            assert!(resized.to_vec().iter().all(|x| (0.0..=1.0).contains(x)));
+        }
+    }
+
+    #[test]
+    fn back_projection_brings_the_result_in_line_with_the_image() {
+        let (learned, image) = (Learned::default(), image());
+        let large = learned.resize(&learned.load(&Device::cpu()).unwrap(), &image, [36, 48]);
+        let error = |large: &Array| {
+            let reduced = resize(large, 9, 12, Filter::BicubicPil, true);
+            reduced.to_vec().iter().zip(image.to_vec()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        let rounds = |count| back_project(large.clone(), &image, count, [0.0, 1.0]);
+        assert_eq!(rounds(0).to_vec(), large.to_vec());
+        assert!(error(&rounds(5)) < 0.3 * error(&large), "{} and {}", error(&rounds(5)), error(&large));
+    }
+}

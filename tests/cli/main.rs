@@ -23,4 +23,5 @@ mod space;
 mod space_kept;
 mod standing;
 mod trust;
+mod upsample;
 mod whole;

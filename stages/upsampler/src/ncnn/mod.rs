@@ -5,8 +5,10 @@
 mod blob;
 mod build;
 mod graph;
+mod kinds;
 mod layer;
 mod param;
+mod parameters;
 mod weights;
 
 use std::collections::BTreeMap;
