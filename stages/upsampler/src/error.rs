@@ -24,16 +24,14 @@ pub enum UpsamplerError {
         problem: String,
     },
     /// A layer of an ncnn graph that cannot be used.
-    #[error("{file}: line {line}: layer `{layer}` ({kind}) {problem}")]
+    #[error("{file}: line {line}: layer {layer} {problem}")]
     Layer {
         /// The `.param` file.
         file: String,
         /// The line in it, from 1.
         line: usize,
-        /// The layer's name.
+        /// The layer's name and kind: "`conv_1` (Convolution)".
         layer: String,
-        /// The layer's kind.
-        kind: String,
         /// What is wrong: "is of a kind that is not known here".
         problem: String,
     },

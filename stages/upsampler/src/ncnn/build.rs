@@ -231,7 +231,7 @@ impl Builder {
             depth: format!("{} convolutions", self.convolutions),
             reach: reach.ceil() as usize,
             grain: self.grain,
-            bytes_per_pixel: (4.0 * 6.0 * self.largest) as usize,
+            bytes_per_pixel: (4.0 * 4.0 * self.largest) as usize,
         };
         Ok(Graph::new(self.steps, facts))
     }

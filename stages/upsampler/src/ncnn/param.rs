@@ -29,8 +29,7 @@ impl Layer {
         UpsamplerError::Layer {
             file: self.file.clone(),
             line: self.line,
-            layer: self.name.clone(),
-            kind: self.kind.clone(),
+            layer: format!("`{}` ({})", self.name, self.kind),
             problem: problem.into(),
         }
     }
