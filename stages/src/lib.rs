@@ -18,6 +18,7 @@ pub mod stage;
 pub mod surface;
 pub mod training;
 
+pub mod blend;
 pub mod decode;
 pub mod encode;
 pub mod evaluate;

@@ -58,6 +58,7 @@ registry! {
     fit::Fit,
     render::Render,
     interpolate::Interpolate,
+    blend::Blend,
     encode::Encode,
     optimize::Optimize,
     decode::Decode,

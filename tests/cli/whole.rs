@@ -74,7 +74,7 @@ fn the_method_runs_from_photos_to_metrics() {
     let space = Space::new();
     let smoke = pipeline("smoke");
     let run = ["run", smoke.as_str()];
-    assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 9);
+    assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 11);
     let metrics: Value = serde_json::from_slice(
         &space.files("out").into_iter().find(|(path, _)| path.ends_with("metrics.json")).unwrap().1,
     )
@@ -84,7 +84,7 @@ fn the_method_runs_from_photos_to_metrics() {
         assert!((5.0..40.0).contains(&psnr), "{row}: {psnr} dB");
     }
     assert_eq!(ran(&space, &short(&run, &[])), json!([]));
-    let after = ["evaluate", "i3ds.1.decode", "i3ds.1.optimize", "i3ds.1.sync"];
+    let after = ["evaluate", "i3ds.1.decode", "i3ds.1.optimize", "i3ds.1.render", "i3ds.1.sync"];
     assert_eq!(ran(&space, &short(&run, &["--set=i3ds.optimize.guidance.lora_every=1"])), json!(after));
 }
 
