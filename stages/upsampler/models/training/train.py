@@ -3,7 +3,8 @@
     train.py CHECKPOINT --photos FOLDER... --judge FOLDER --minutes N [--device cuda] [--threads N]
 
 The rate holds for a part of the time and then falls to nothing; `CHECKPOINT.held` is the state before it fell, from which a
-longer run goes on. `--export FILE` writes the averaged weights as safetensors in 16 bits. Needs torch, numpy, pillow and
+longer run goes on. `--export FILE` writes the averaged weights as safetensors in 16 bits, and `--start FILE` begins with such
+weights where there is no checkpoint. Needs torch, numpy, pillow and
 safetensors. Start it with `nice`: the state is saved every minute, and nothing is lost when it is stopped.
 """
 import argparse
@@ -40,6 +41,7 @@ def arguments():
     parser.add_argument("--drawn", type=float, default=0.33, help="part of the crops that are of drawn pictures")
     parser.add_argument("--pictures", type=int, default=360, help="drawn pictures")
     parser.add_argument("--hold", type=float, default=0.4, help="part of the time before the rate falls")
+    parser.add_argument("--start", type=Path, default=None)
     parser.add_argument("--export", type=Path, default=None)
     return parser.parse_args()
 
@@ -67,6 +69,13 @@ class Training:
             optimizer.load_state_dict(saved)
         self.step = state["k"]
         self.seconds = state["spent"]
+
+    def begin_with(self, path):
+        from safetensors.torch import load_file
+
+        weights = {name: tensor.float() for name, tensor in load_file(path).items()}
+        self.network.load_state_dict(weights)
+        self.average.load_state_dict(weights)
 
     def save(self, path):
         state = {"net": self.network.state_dict(), "ema": self.average.state_dict(), "k": self.step, "spent": self.seconds}
@@ -131,6 +140,8 @@ def main():
     training = Training(options)
     if options.checkpoint.exists():
         training.load(options.checkpoint)
+    elif options.start:
+        training.begin_with(options.start)
     if options.export:
         return export(training.average, options.export)
     # A run that goes on sees other crops than the one before.
