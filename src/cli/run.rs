@@ -143,8 +143,8 @@ impl Run {
         if device.is_gpu() && self.verbosity() > Verbosity::Quiet {
             let kind = device.kind();
             tell(&format_args!(
-                "the field (Fit, Sync, Render) and the diffusion networks (Encode, Optimize, Decode) run on the {kind}; \
-                 all other stages run on the CPU"
+                "the field (Fit, Sync, Render), the diffusion networks (Encode, Optimize, Decode) and learned filters \
+                 (Interpolate) run on the {kind}; all other stages run on the CPU"
             ));
         }
     }

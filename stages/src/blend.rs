@@ -187,10 +187,6 @@ impl Stage for Blend {
         vec![OutputPort { name: "images", kind: ArtifactKind::Images }]
     }
 
-    fn uses_device(&self) -> bool {
-        true
-    }
-
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs).computing(64 << 20, 2.0)
     }

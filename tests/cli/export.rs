@@ -44,7 +44,7 @@ fn shards_are_one_rule_and_one_array() {
     let array = fs::read_to_string(space.path("slurm/i3ds.1.render.shards.sh")).unwrap();
     assert!(array.contains("#SBATCH --array=1-3\n") && array.contains("#SBATCH --signal=B:USR1@120\n"), "{array}");
     let submit = fs::read_to_string(space.path("slurm/submit.sh")).unwrap();
-    assert!(submit.contains("job_2=$(submit --dependency=afterok:$job_0:$job_1 "), "{submit}");
+    assert!(submit.contains("job_10=$(submit --dependency=afterok:$job_9 "), "{submit}");
 }
 
 #[test]

@@ -35,7 +35,7 @@ fn a_changed_value_runs_what_depends_on_it_as_the_plan_said() {
     assert!(run.err.contains("again: running (input `images` (of up) changed)\n"), "{}", run.err);
     assert!(run.err.contains("2 stages ran, 1 cached"), "{}", run.err);
     let explained = space.ok(&[&["explain", "again", "tiny.ron"], &set[..]].concat()).out;
-    assert!(explained.contains("params.factor  2.0\n"), "{explained}");
+    assert!(explained.contains("params.factor           2.0\n"), "{explained}");
     assert!(explained.contains("first cause: up: `filter` \"Bicubic\" -> \"Lanczos\"\n"), "{explained}");
     assert_eq!(space.ok(&["run", "tiny.ron", "--json"]).last()["ran"], json!([]));
 }

@@ -78,7 +78,7 @@ fn a_bare_file_says_where_it_comes_from() {
         assert_eq!(known["in_store"], json!([{"key": key, "stage": "up", "file": format!("images/{name}")}]));
         assert_eq!(known["inputs_from"], json!({"images": "scene.train"}));
         let text = space.ok(&["whence", copy]).out;
-        assert!(text.contains("up: Interpolate version ") && text.contains("params.factor  2.0\n"), "{text}");
+        assert!(text.contains("up: Interpolate version ") && text.contains("params.factor           2.0\n"), "{text}");
     }
 }
 
