@@ -16,7 +16,7 @@ use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 ///
 /// The network has its detail from other pictures, the field from the other photos: their errors have little in common.
 /// A mean of the two would halve what only one of them knows. The result is the sum of both, in the shares that leave
-/// the least squared error; they follow from the images themselves (see [`Moments::shares`]).
+/// the least squared error; they follow from the images themselves.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Blend {
@@ -232,7 +232,7 @@ mod tests {
     fn detail_that_either_has_is_added_up_on_the_photo() {
         let device = Device::cpu();
         let low = image(&device, 2, |_| 0.5);
-        let checks = |height: f32| move |i: usize| 0.5 + if (i / 8 + i) % 2 == 0 { height } else { -height };
+        let checks = |height: f32| move |i: usize| 0.5 + if (i / 8 + i).is_multiple_of(2) { height } else { -height };
         let blend = Blend { back_projection: 1, ..Blend::default() };
         let detail = blend.detail(image(&device, 8, checks(0.1)), image(&device, 8, checks(0.2)), &low);
         let sum = blend.sum(&detail, Shares { images: 0.5, own: 1.0 }, &low).to_vec();
