@@ -31,7 +31,9 @@ pub enum Comparison {
 
 /// Compares two files array by array.
 pub fn files(a: &Path, b: &Path) -> Comparison {
-    let (Ok(a), Ok(b)) = (content::values(a), content::values(b)) else { return Comparison::Unlike };
+    let (Ok(a), Ok(b)) = (content::values(a), content::values(b)) else {
+        return Comparison::Unlike;
+    };
     if !a.keys().eq(b.keys()) {
         return Comparison::Unlike;
     }
@@ -49,11 +51,13 @@ pub fn files(a: &Path, b: &Path) -> Comparison {
 fn distance(a: &Values, b: &Values) -> Option<Distance> {
     match (a, b) {
         (Values::Single(a), Values::Single(b)) if a.len() == b.len() => {
-            Some(measure(a.iter().zip(b).map(|(&a, &b)| (f64::from(a), f64::from(b), ulps_single(a, b)))))
+            Some(measure(a.iter().zip(b).map(|(&a, &b)| {
+                (f64::from(a), f64::from(b), ulps_single(a, b))
+            })))
         }
-        (Values::Double(a), Values::Double(b)) if a.len() == b.len() => {
-            Some(measure(a.iter().zip(b).map(|(&a, &b)| (a, b, ulps_double(a, b)))))
-        }
+        (Values::Double(a), Values::Double(b)) if a.len() == b.len() => Some(measure(
+            a.iter().zip(b).map(|(&a, &b)| (a, b, ulps_double(a, b))),
+        )),
         _ => None,
     }
 }
@@ -67,7 +71,12 @@ fn measure(pairs: impl Iterator<Item = (f64, f64, u64)>) -> Distance {
         squares += (a - b) * (a - b);
         peak = peak.max(a.abs());
     }
-    Distance { values, differ, ulps: most, psnr: 10.0 * (peak * peak * values as f64 / squares).log10() }
+    Distance {
+        values,
+        differ,
+        ulps: most,
+        psnr: 10.0 * (peak * peak * values as f64 / squares).log10(),
+    }
 }
 
 /// How many steps from one number to the next lead from `a` to `b`. All NaNs are one, and so are both zeros.
@@ -76,7 +85,11 @@ fn ulps_single(a: f32, b: f32) -> u64 {
         let bits = i64::from(x.to_bits() & 0x7fff_ffff);
         if x.is_sign_negative() { -bits } else { bits }
     };
-    if a.is_nan() && b.is_nan() { 0 } else { place(a).abs_diff(place(b)) }
+    if a.is_nan() && b.is_nan() {
+        0
+    } else {
+        place(a).abs_diff(place(b))
+    }
 }
 
 /// The same for numbers of double precision.
@@ -85,7 +98,11 @@ fn ulps_double(a: f64, b: f64) -> u64 {
         let bits = (x.to_bits() & !(1 << 63)) as i64;
         if x.is_sign_negative() { -bits } else { bits }
     };
-    if a.is_nan() && b.is_nan() { 0 } else { place(a).abs_diff(place(b)) }
+    if a.is_nan() && b.is_nan() {
+        0
+    } else {
+        place(a).abs_diff(place(b))
+    }
 }
 
 #[cfg(test)]
@@ -103,9 +120,17 @@ mod tests {
 
     #[test]
     fn the_ratio_is_of_the_peak_to_the_mean_error() {
-        let found = distance(&Values::Double(vec![2.0, 0.0]), &Values::Double(vec![2.0, 0.2])).unwrap();
+        let found = distance(
+            &Values::Double(vec![2.0, 0.0]),
+            &Values::Double(vec![2.0, 0.2]),
+        )
+        .unwrap();
         assert_eq!((found.values, found.differ), (2, 1));
-        assert!((found.psnr - 10.0 * (4.0f64 / 0.02).log10()).abs() < 1e-9, "{}", found.psnr);
+        assert!(
+            (found.psnr - 10.0 * (4.0f64 / 0.02).log10()).abs() < 1e-9,
+            "{}",
+            found.psnr
+        );
         assert!(distance(&Values::Double(vec![]), &Values::Double(vec![1.0])).is_none());
     }
 
@@ -116,11 +141,28 @@ mod tests {
             std::fs::write(folder.path().join(name), text).unwrap();
             folder.path().join(name)
         };
-        let a = write("a.json", r#"{"rows": {"x": 1.0, "y": [2, 3]}, "note": "a"}"#);
-        let b = write("b.json", r#"{"rows": {"x": 1.0, "y": [2, 4]}, "note": "b"}"#);
-        let Comparison::Arrays(arrays) = files(&a, &b) else { panic!() };
-        assert_eq!(arrays.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["rows.y.1"]);
-        assert_eq!(files(&a, &write("c.json", r#"{"rows": 1}"#)), Comparison::Unlike);
+        let a = write(
+            "a.json",
+            r#"{"rows": {"x": 1.0, "y": [2, 3]}, "note": "a"}"#,
+        );
+        let b = write(
+            "b.json",
+            r#"{"rows": {"x": 1.0, "y": [2, 4]}, "note": "b"}"#,
+        );
+        let Comparison::Arrays(arrays) = files(&a, &b) else {
+            panic!()
+        };
+        assert_eq!(
+            arrays
+                .iter()
+                .map(|(name, _)| name.as_str())
+                .collect::<Vec<_>>(),
+            ["rows.y.1"]
+        );
+        assert_eq!(
+            files(&a, &write("c.json", r#"{"rows": 1}"#)),
+            Comparison::Unlike
+        );
         assert_eq!(files(&a, &write("d.txt", "")), Comparison::Unlike);
     }
 }

@@ -38,9 +38,21 @@ pub struct Array {
 impl Array {
     /// Its line in a table.
     pub fn row(&self) -> Vec<String> {
-        let shape = self.shape.iter().map(ToString::to_string).collect::<Vec<_>>().join("x");
-        let range = self.range.map_or([String::new(), String::new(), String::new()], |range| range.map(figure));
-        [self.name.clone(), shape, self.kind.clone()].into_iter().chain(range).collect()
+        let shape = self
+            .shape
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join("x");
+        let range = self
+            .range
+            .map_or([String::new(), String::new(), String::new()], |range| {
+                range.map(figure)
+            });
+        [self.name.clone(), shape, self.kind.clone()]
+            .into_iter()
+            .chain(range)
+            .collect()
     }
 
     fn json(&self) -> Value {
@@ -100,14 +112,26 @@ fn read_exr(path: &Path) -> Result<Content, String> {
             ("worldToCamera", layer.attributes.world_to_camera),
             ("worldToNDC", layer.attributes.world_to_normalized_device),
         ];
-        let camera =
-            camera.into_iter().filter_map(|(name, matrix)| Some((name, json!(matrix?.chunks(4).collect::<Vec<_>>()))));
-        let planes = [("near", layer.attributes.near_clip_plane), ("far", layer.attributes.far_clip_plane)];
-        let planes = planes.into_iter().filter_map(|(name, depth)| Some((name, json!(depth?))));
-        content.facts.extend(camera.chain(planes).map(|(name, value)| (name.to_owned(), value)));
+        let camera = camera.into_iter().filter_map(|(name, matrix)| {
+            Some((name, json!(matrix?.chunks(4).collect::<Vec<_>>())))
+        });
+        let planes = [
+            ("near", layer.attributes.near_clip_plane),
+            ("far", layer.attributes.far_clip_plane),
+        ];
+        let planes = planes
+            .into_iter()
+            .filter_map(|(name, depth)| Some((name, json!(depth?))));
+        content.facts.extend(
+            camera
+                .chain(planes)
+                .map(|(name, value)| (name.to_owned(), value)),
+        );
         for (name, value) in &layer.attributes.other {
             if let AttributeValue::Text(text) = value {
-                content.facts.insert(name.to_string(), text_value(&text.to_string()));
+                content
+                    .facts
+                    .insert(name.to_string(), text_value(&text.to_string()));
             }
         }
     }
@@ -120,7 +144,9 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
     let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
     let mut content = Content::default();
     for (name, tensor) in tensors.tensors() {
-        let range = (tensor.dtype() == Dtype::F32).then(|| range(floats(tensor.data()).into_iter())).flatten();
+        let range = (tensor.dtype() == Dtype::F32)
+            .then(|| range(floats(tensor.data()).into_iter()))
+            .flatten();
         content.arrays.push(Array {
             name,
             shape: tensor.shape().to_vec(),
@@ -130,17 +156,23 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
     }
     content.arrays.sort_by(|a, b| a.name.cmp(&b.name));
     let metadata = header.metadata().iter().flatten();
-    content.facts = metadata.map(|(name, text)| (name.clone(), text_value(text))).collect();
+    content.facts = metadata
+        .map(|(name, text)| (name.clone(), text_value(text)))
+        .collect();
     Ok(content)
 }
 
 fn read_json(path: &Path) -> Result<Content, String> {
-    let value: Value = serde_json::from_slice(&read_whole(path)?).map_err(|error| error.to_string())?;
+    let value: Value =
+        serde_json::from_slice(&read_whole(path)?).map_err(|error| error.to_string())?;
     let facts = match value {
         Value::Object(fields) => fields.into_iter().collect(),
         other => BTreeMap::from([("value".to_owned(), other)]),
     };
-    Ok(Content { arrays: Vec::new(), facts })
+    Ok(Content {
+        arrays: Vec::new(),
+        facts,
+    })
 }
 
 /// Numbers of one precision.
@@ -157,21 +189,33 @@ pub fn values(path: &Path) -> Result<BTreeMap<String, Values>, String> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("exr") => {
             let image = read_all_flat_layers_from_file(path).map_err(|error| error.to_string())?;
-            let channels = image.layer_data.iter().flat_map(|layer| &layer.channel_data.list);
+            let channels = image
+                .layer_data
+                .iter()
+                .flat_map(|layer| &layer.channel_data.list);
             Ok(channels
                 .map(|channel| {
-                    (channel.name.to_string(), Values::Single(channel.sample_data.values_as_f32().collect()))
+                    (
+                        channel.name.to_string(),
+                        Values::Single(channel.sample_data.values_as_f32().collect()),
+                    )
                 })
                 .collect())
         }
         Some("safetensors" | "latent") => {
             let bytes = read_whole(path)?;
             let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
-            let single = tensors.tensors().into_iter().filter(|(_, tensor)| tensor.dtype() == Dtype::F32);
-            Ok(single.map(|(name, tensor)| (name, Values::Single(floats(tensor.data())))).collect())
+            let single = tensors
+                .tensors()
+                .into_iter()
+                .filter(|(_, tensor)| tensor.dtype() == Dtype::F32);
+            Ok(single
+                .map(|(name, tensor)| (name, Values::Single(floats(tensor.data()))))
+                .collect())
         }
         Some("json") => {
-            let value: Value = serde_json::from_slice(&read_whole(path)?).map_err(|error| error.to_string())?;
+            let value: Value =
+                serde_json::from_slice(&read_whole(path)?).map_err(|error| error.to_string())?;
             let mut numbers = BTreeMap::new();
             collect_numbers("", &value, &mut numbers);
             Ok(numbers)
@@ -181,21 +225,38 @@ pub fn values(path: &Path) -> Result<BTreeMap<String, Values>, String> {
 }
 
 fn collect_numbers(path: &str, value: &Value, numbers: &mut BTreeMap<String, Values>) {
-    let below = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+    let below = |name: &str| {
+        if path.is_empty() {
+            name.to_owned()
+        } else {
+            format!("{path}.{name}")
+        }
+    };
     match value {
         Value::Number(number) => {
-            numbers.insert(path.to_owned(), Values::Double(number.as_f64().into_iter().collect()));
+            numbers.insert(
+                path.to_owned(),
+                Values::Double(number.as_f64().into_iter().collect()),
+            );
         }
-        Value::Object(fields) => fields.iter().for_each(|(name, value)| collect_numbers(&below(name), value, numbers)),
+        Value::Object(fields) => fields
+            .iter()
+            .for_each(|(name, value)| collect_numbers(&below(name), value, numbers)),
         Value::Array(items) => {
-            items.iter().enumerate().for_each(|(at, value)| collect_numbers(&below(&at.to_string()), value, numbers));
+            items
+                .iter()
+                .enumerate()
+                .for_each(|(at, value)| collect_numbers(&below(&at.to_string()), value, numbers));
         }
         _ => {}
     }
 }
 
 fn floats(bytes: &[u8]) -> Vec<f32> {
-    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    bytes
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect()
 }
 
 /// Where a file of ours says that it comes from; `None` if it says nothing, or is none of ours.
@@ -213,7 +274,10 @@ fn find_provenance(value: &Value, depth: usize) -> Option<Provenance> {
     if fields.contains_key("key") && fields.contains_key("kind") {
         return serde_json::from_value(value.clone()).ok();
     }
-    fields.values().filter(|_| depth > 0).find_map(|value| find_provenance(value, depth - 1))
+    fields
+        .values()
+        .filter(|_| depth > 0)
+        .find_map(|value| find_provenance(value, depth - 1))
 }
 
 /// Our text chunk of a PNG.
@@ -223,7 +287,10 @@ fn read_png_text(bytes: &[u8]) -> Option<serde_json::Map<String, Value>> {
         let (head, after) = rest.split_at_checked(8)?;
         let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
         let (data, after) = after.split_at_checked(length)?;
-        if let Some(text) = data.strip_prefix(b"srnerf\0").filter(|_| &head[4..] == b"tEXt") {
+        if let Some(text) = data
+            .strip_prefix(b"srnerf\0")
+            .filter(|_| &head[4..] == b"tEXt")
+        {
             return serde_json::from_slice(text).ok();
         }
         rest = after.get(4..)?;

@@ -64,8 +64,14 @@ fn decide(name: &str, a: &Side, b: &Side, verdicts: &mut BTreeMap<String, Verdic
         let missing = match (a.stages.get(&name), b.stages.get(&name)) {
             _ if verdicts.contains_key(&name) => Vec::new(),
             (Some(_), Some(part)) => {
-                let sources = part.from.values().filter(|from| **from != name && b.stages.contains_key(*from));
-                sources.filter(|from| !verdicts.contains_key(*from)).cloned().collect()
+                let sources = part
+                    .from
+                    .values()
+                    .filter(|from| **from != name && b.stages.contains_key(*from));
+                sources
+                    .filter(|from| !verdicts.contains_key(*from))
+                    .cloned()
+                    .collect()
             }
             _ => Vec::new(),
         };
@@ -88,9 +94,17 @@ fn verdict(name: &str, a: &Side, b: &Side, upstream: &BTreeMap<String, Verdict>)
     };
     let is_input = |change: &Change| change.input().is_some();
     let (changed, mut own): (Vec<Change>, Vec<Change>) =
-        diff(&before.manifest, &now.manifest, &BTreeSet::new()).into_iter().partition(is_input);
-    let inputs = before.from.keys().chain(now.from.keys()).map(String::as_str);
-    let inputs: BTreeSet<&str> = inputs.chain(changed.iter().filter_map(Change::input)).collect();
+        diff(&before.manifest, &now.manifest, &BTreeSet::new())
+            .into_iter()
+            .partition(is_input);
+    let inputs = before
+        .from
+        .keys()
+        .chain(now.from.keys())
+        .map(String::as_str);
+    let inputs: BTreeSet<&str> = inputs
+        .chain(changed.iter().filter_map(Change::input))
+        .collect();
     let mut causes = BTreeSet::new();
     for input in inputs {
         let (was, is) = (before.from.get(input), now.from.get(input));
@@ -99,9 +113,17 @@ fn verdict(name: &str, a: &Side, b: &Side, upstream: &BTreeMap<String, Verdict>)
         let differ = digest_was.is_some() && digest_is.is_some() && digest_was != digest_is;
         let unknown = digest_was.is_none() || digest_is.is_none();
         match is.and_then(|is| upstream.get(is)) {
-            Some(Verdict::Follows(further)) if was == is && (differ || unknown) => causes.extend(further.clone()),
-            Some(Verdict::Differs(_)) if was == is && (differ || unknown) => causes.extend(is.cloned()),
-            _ if was != is || differ => own.push(change(input, was.or(digest_was.as_ref()), is.or(digest_is.as_ref()))),
+            Some(Verdict::Follows(further)) if was == is && (differ || unknown) => {
+                causes.extend(further.clone())
+            }
+            Some(Verdict::Differs(_)) if was == is && (differ || unknown) => {
+                causes.extend(is.cloned())
+            }
+            _ if was != is || differ => own.push(change(
+                input,
+                was.or(digest_was.as_ref()),
+                is.or(digest_is.as_ref()),
+            )),
             _ => {}
         }
     }
@@ -114,7 +136,12 @@ fn verdict(name: &str, a: &Side, b: &Side, upstream: &BTreeMap<String, Verdict>)
 
 /// An input that comes from another stage, or has another content for no reason that is known.
 fn change(input: &str, was: Option<&String>, is: Option<&String>) -> Change {
-    Change { path: format!("reads.{input}"), before: was.cloned(), now: is.cloned(), from: None }
+    Change {
+        path: format!("reads.{input}"),
+        before: was.cloned(),
+        now: is.cloned(),
+        from: None,
+    }
 }
 
 #[cfg(test)]
@@ -125,28 +152,56 @@ mod tests {
     fn side(stages: &[(&str, &str, &[&str])]) -> Side {
         let part = |param: &str, from: &[&str]| Part {
             manifest: Manifest([("params.p".to_owned(), param.to_owned())].into()),
-            from: from.iter().map(|from| (format!("from_{from}"), (*from).to_owned())).collect(),
+            from: from
+                .iter()
+                .map(|from| (format!("from_{from}"), (*from).to_owned()))
+                .collect(),
         };
-        let stages = stages.iter().map(|(name, param, from)| ((*name).to_owned(), part(param, from))).collect();
-        Side { title: String::new(), stages }
+        let stages = stages
+            .iter()
+            .map(|(name, param, from)| ((*name).to_owned(), part(param, from)))
+            .collect();
+        Side {
+            title: String::new(),
+            stages,
+        }
     }
 
     #[test]
     fn stages_differ_follow_or_stay() {
-        let a = side(&[("a", "1", &[]), ("b", "1", &["a"]), ("c", "1", &["b"]), ("d", "1", &[]), ("gone", "1", &[])]);
-        let b = side(&[("a", "2", &[]), ("b", "1", &["a"]), ("c", "1", &["b"]), ("d", "1", &[]), ("new", "1", &[])]);
+        let a = side(&[
+            ("a", "1", &[]),
+            ("b", "1", &["a"]),
+            ("c", "1", &["b"]),
+            ("d", "1", &[]),
+            ("gone", "1", &[]),
+        ]);
+        let b = side(&[
+            ("a", "2", &[]),
+            ("b", "1", &["a"]),
+            ("c", "1", &["b"]),
+            ("d", "1", &[]),
+            ("new", "1", &[]),
+        ]);
         let verdicts = compare(&a, &b);
-        assert!(matches!(&verdicts["a"], Verdict::Differs(changes) if changes[0].path == "params.p"));
+        assert!(
+            matches!(&verdicts["a"], Verdict::Differs(changes) if changes[0].path == "params.p")
+        );
         assert_eq!(verdicts["b"], Verdict::Follows(["a".to_owned()].into()));
         assert_eq!(verdicts["c"], Verdict::Follows(["a".to_owned()].into()));
         assert_eq!(verdicts["d"], Verdict::Same);
-        assert_eq!((&verdicts["gone"], &verdicts["new"]), (&Verdict::Only(Which::A), &Verdict::Only(Which::B)));
+        assert_eq!(
+            (&verdicts["gone"], &verdicts["new"]),
+            (&Verdict::Only(Which::A), &Verdict::Only(Which::B))
+        );
     }
 
     #[test]
     fn an_equal_result_ends_the_difference() {
-        let (mut a, mut b) =
-            (side(&[("a", "1", &[]), ("b", "1", &["a"])]), side(&[("a", "2", &[]), ("b", "1", &["a"])]));
+        let (mut a, mut b) = (
+            side(&[("a", "1", &[]), ("b", "1", &["a"])]),
+            side(&[("a", "2", &[]), ("b", "1", &["a"])]),
+        );
         for side in [&mut a, &mut b] {
             let Manifest(entries) = &mut side.stages.get_mut("b").unwrap().manifest;
             entries.insert("inputs.from_a".into(), "the same".into());
@@ -159,8 +214,13 @@ mod tests {
         let a = side(&[("a", "1", &[]), ("b", "1", &[]), ("c", "1", &["a"])]);
         let mut b = side(&[("a", "1", &[]), ("b", "1", &[]), ("c", "1", &[])]);
         b.stages.get_mut("c").unwrap().from = [("from_a".to_owned(), "b".to_owned())].into();
-        let Verdict::Differs(changes) = &compare(&a, &b)["c"] else { panic!() };
-        assert_eq!((changes[0].before.as_deref(), changes[0].now.as_deref()), (Some("a"), Some("b")));
+        let Verdict::Differs(changes) = &compare(&a, &b)["c"] else {
+            panic!()
+        };
+        assert_eq!(
+            (changes[0].before.as_deref(), changes[0].now.as_deref()),
+            (Some("a"), Some("b"))
+        );
     }
 
     #[test]

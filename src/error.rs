@@ -68,8 +68,12 @@ pub enum Error {
     #[error(transparent)]
     UnknownStage(#[from] UnknownStage),
     /// A stage that cannot run alone.
-    #[error("`{stage}` cannot run alone yet: what it reads, `{missing}`, has no result in the store")]
-    #[diagnostic(help("run that first, with the same --set, --salt and --store, or leave --only out"))]
+    #[error(
+        "`{stage}` cannot run alone yet: what it reads, `{missing}`, has no result in the store"
+    )]
+    #[diagnostic(help(
+        "run that first, with the same --set, --salt and --store, or leave --only out"
+    ))]
     NoInput {
         /// The stage.
         stage: String,
@@ -130,12 +134,18 @@ pub enum Error {
 impl Error {
     /// A command line that makes no sense.
     pub fn usage(message: impl Into<String>, help: impl Into<String>) -> Self {
-        Self::Usage { message: message.into(), help: Some(help.into()) }
+        Self::Usage {
+            message: message.into(),
+            help: Some(help.into()),
+        }
     }
 
     /// Whether a run came to its end with this: its last event tells what happened to each stage.
     pub fn is_of_a_whole_run(&self) -> bool {
-        matches!(self, Self::Failed(_) | Self::FailedStore(_) | Self::Bug(_) | Self::Interrupted)
+        matches!(
+            self,
+            Self::Failed(_) | Self::FailedStore(_) | Self::Bug(_) | Self::Interrupted
+        )
     }
 
     /// The exit code.
@@ -144,9 +154,11 @@ impl Error {
             Self::Failed(_) => FAILED,
             Self::Usage { .. } | Self::UnknownStage(_) | Self::Address(_) => USAGE,
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
-            Self::Pipeline(_) | Self::Unreadable { .. } | Self::Source(_) | Self::Model(_) | Self::Upsampler(_) => {
-                PIPELINE
-            }
+            Self::Pipeline(_)
+            | Self::Unreadable { .. }
+            | Self::Source(_)
+            | Self::Model(_)
+            | Self::Upsampler(_) => PIPELINE,
             Self::NoInput { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } | Self::Output(_) => STORE,
             Self::Found { .. } => FOUND,

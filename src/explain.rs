@@ -51,7 +51,11 @@ impl fmt::Display for Change {
 
 /// A digest by its first digits, anything else as it is.
 fn short(text: &str) -> String {
-    if text.parse::<Digest>().is_ok() { text[..12].to_owned() } else { text.to_owned() }
+    if text.parse::<Digest>().is_ok() {
+        text[..12].to_owned()
+    } else {
+        text.to_owned()
+    }
 }
 
 /// Why a stage must be computed.
@@ -83,8 +87,15 @@ impl fmt::Display for Reason {
 
 /// `params changed: lora_every 1 -> 3; input images changed`.
 fn sentence(changes: &[Change]) -> String {
-    let (params, others): (Vec<&Change>, Vec<&Change>) = changes.iter().partition(|c| c.path.starts_with("params."));
-    let list = |changes: &[&Change]| changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    let (params, others): (Vec<&Change>, Vec<&Change>) =
+        changes.iter().partition(|c| c.path.starts_with("params."));
+    let list = |changes: &[&Change]| {
+        changes
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     let mut parts = Vec::new();
     if !params.is_empty() {
         parts.push(format!("params changed: {}", list(&params)));
@@ -98,14 +109,22 @@ fn sentence(changes: &[Change]) -> String {
 /// All entries that differ between two manifests, in order. Inputs that are not known `now` are left out.
 pub fn diff(before: &Manifest, now: &Manifest, unknown: &BTreeSet<&str>) -> Vec<Change> {
     let paths: BTreeSet<&String> = before.0.keys().chain(now.0.keys()).collect();
-    let known = |path: &&String| path.strip_prefix("inputs.").is_none_or(|input| !unknown.contains(input));
+    let known = |path: &&String| {
+        path.strip_prefix("inputs.")
+            .is_none_or(|input| !unknown.contains(input))
+    };
     let change = |path: &String| Change {
         path: path.clone(),
         before: before.0.get(path).cloned(),
         now: now.0.get(path).cloned(),
         from: None,
     };
-    paths.into_iter().filter(known).map(change).filter(|change| change.before != change.now).collect()
+    paths
+        .into_iter()
+        .filter(known)
+        .map(change)
+        .filter(|change| change.before != change.now)
+        .collect()
 }
 
 /// The latest runs of a pipeline, read when first asked for.
@@ -129,7 +148,11 @@ pub struct Past {
 impl<'s> History<'s> {
     /// The runs of a pipeline.
     pub fn new(store: &'s Store, pipeline: &str) -> Self {
-        Self { store, pipeline: pipeline.to_owned(), runs: OnceLock::new() }
+        Self {
+            store,
+            pipeline: pipeline.to_owned(),
+            runs: OnceLock::new(),
+        }
     }
 
     fn runs(&self) -> Result<&[Run], StoreError> {
@@ -145,32 +168,63 @@ impl<'s> History<'s> {
         let mut seen = BTreeSet::new();
         let mut past = Vec::new();
         for run in self.runs()? {
-            let key = run.stages.get(stage).and_then(|stage| stage.key).filter(|key| seen.insert(*key));
+            let key = run
+                .stages
+                .get(stage)
+                .and_then(|stage| stage.key)
+                .filter(|key| seen.insert(*key));
             let manifest = key.and_then(|key| self.store.manifest(&key));
             if let (Some(key), Some(manifest)) = (key, manifest) {
-                past.push(Past { started: run.started.clone(), key, manifest });
+                past.push(Past {
+                    started: run.started.clone(),
+                    key,
+                    manifest,
+                });
             }
         }
         Ok(past)
     }
 
     /// The earlier manifest that differs least from this one, the newest of several.
-    pub fn nearest(&self, stage: &str, now: &Manifest, unknown: &BTreeSet<&str>) -> Result<Option<Past>, StoreError> {
-        Ok(self.past(stage)?.into_iter().min_by_key(|past| diff(&past.manifest, now, unknown).len()))
+    pub fn nearest(
+        &self,
+        stage: &str,
+        now: &Manifest,
+        unknown: &BTreeSet<&str>,
+    ) -> Result<Option<Past>, StoreError> {
+        Ok(self
+            .past(stage)?
+            .into_iter()
+            .min_by_key(|past| diff(&past.manifest, now, unknown).len()))
     }
 
     /// The same, of those that differ at all.
-    pub fn nearest_other(&self, stage: &str, key: &Digest, now: &Manifest) -> Result<Option<Past>, StoreError> {
-        let others = self.past(stage)?.into_iter().filter(|past| past.key != *key);
+    pub fn nearest_other(
+        &self,
+        stage: &str,
+        key: &Digest,
+        now: &Manifest,
+    ) -> Result<Option<Past>, StoreError> {
+        let others = self
+            .past(stage)?
+            .into_iter()
+            .filter(|past| past.key != *key);
         Ok(others.min_by_key(|past| diff(&past.manifest, now, &BTreeSet::new()).len()))
     }
 
     /// What a stage was in the run that began at this moment.
     pub fn at(&self, started: &str, stage: &str) -> Result<Option<Past>, StoreError> {
         let run = self.runs()?.iter().find(|run| run.started == started);
-        let key = run.and_then(|run| run.stages.get(stage)).and_then(|stage| stage.key);
-        let past =
-            |key: Digest| self.store.manifest(&key).map(|manifest| Past { started: started.to_owned(), key, manifest });
+        let key = run
+            .and_then(|run| run.stages.get(stage))
+            .and_then(|stage| stage.key);
+        let past = |key: Digest| {
+            self.store.manifest(&key).map(|manifest| Past {
+                started: started.to_owned(),
+                key,
+                manifest,
+            })
+        };
         Ok(key.and_then(past))
     }
 }

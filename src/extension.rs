@@ -13,11 +13,19 @@ const DOMAIN: &str = "srnerf-dag extension v1";
 /// What results that differ in the number of steps alone have in common: the digest of all else in their manifests.
 /// `None` where more steps cannot go on from fewer.
 pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest> {
-    let Extension::Possible(field) = extension else { return None };
+    let Extension::Possible(field) = extension else {
+        return None;
+    };
     let mut hasher = blake3::Hasher::new_derive_key(DOMAIN);
-    for (path, text) in manifest.0.iter().filter(|(path, _)| path.strip_prefix("params.") != Some(field)) {
+    for (path, text) in manifest
+        .0
+        .iter()
+        .filter(|(path, _)| path.strip_prefix("params.") != Some(field))
+    {
         for part in [path, text] {
-            hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
+            hasher
+                .update(&(part.len() as u64).to_le_bytes())
+                .update(part.as_bytes());
         }
     }
     Some(hasher.finalize().into())
@@ -25,8 +33,12 @@ pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest
 
 /// Why a stage whose steps have been raised, and nothing else, begins at the first one all the same.
 pub fn obstacle(extension: Extension, reason: &Reason) -> Option<&'static str> {
-    let (Extension::Impossible(field, why), Reason::Changed(changes)) = (extension, reason) else { return None };
-    let [change] = changes.as_slice() else { return None };
+    let (Extension::Impossible(field, why), Reason::Changed(changes)) = (extension, reason) else {
+        return None;
+    };
+    let [change] = changes.as_slice() else {
+        return None;
+    };
     let number = |text: &Option<String>| text.as_ref()?.parse::<u64>().ok();
     let raised = number(&change.before) < number(&change.now);
     (raised && change.path.strip_prefix("params.") == Some(field)).then_some(why)
@@ -38,29 +50,54 @@ mod tests {
     use crate::explain::Change;
 
     fn manifest(steps: &str, rate: &str) -> Manifest {
-        Manifest([("params.steps", steps), ("params.rate", rate)].map(|(a, b)| (a.to_owned(), b.to_owned())).into())
+        Manifest(
+            [("params.steps", steps), ("params.rate", rate)]
+                .map(|(a, b)| (a.to_owned(), b.to_owned()))
+                .into(),
+        )
     }
 
     #[test]
     fn results_that_differ_in_steps_alone_have_one_extension_key() {
-        let key = |steps, rate| extension_key(Extension::Possible("steps"), &manifest(steps, rate)).unwrap();
+        let key = |steps, rate| {
+            extension_key(Extension::Possible("steps"), &manifest(steps, rate)).unwrap()
+        };
         assert_eq!(key("1", "0.1"), key("2", "0.1"));
         assert_ne!(key("1", "0.1"), key("1", "0.2"));
         assert_eq!(extension_key(Extension::None, &manifest("1", "0.1")), None);
-        assert_eq!(extension_key(Extension::Impossible("steps", "so"), &manifest("1", "0.1")), None);
+        assert_eq!(
+            extension_key(Extension::Impossible("steps", "so"), &manifest("1", "0.1")),
+            None
+        );
     }
 
     #[test]
     fn only_who_raised_the_steps_is_told_why_they_begin_anew() {
         let change = |path: &str, before: &str, now: &str| {
             let text = |text: &str| Some(text.to_owned());
-            Change { path: path.into(), before: text(before), now: text(now), from: None }
+            Change {
+                path: path.into(),
+                before: text(before),
+                now: text(now),
+                from: None,
+            }
         };
-        let told = |changes| obstacle(Extension::Impossible("steps", "so"), &Reason::Changed(changes));
+        let told = |changes| {
+            obstacle(
+                Extension::Impossible("steps", "so"),
+                &Reason::Changed(changes),
+            )
+        };
         assert_eq!(told(vec![change("params.steps", "9", "10")]), Some("so"));
         assert_eq!(told(vec![change("params.steps", "10", "9")]), None);
         assert_eq!(told(vec![change("params.rate", "9", "10")]), None);
-        assert_eq!(told(vec![change("params.steps", "9", "10"), change("params.rate", "9", "10")]), None);
+        assert_eq!(
+            told(vec![
+                change("params.steps", "9", "10"),
+                change("params.rate", "9", "10")
+            ]),
+            None
+        );
         assert_eq!(obstacle(Extension::Possible("steps"), &Reason::New), None);
     }
 }

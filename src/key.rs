@@ -55,16 +55,26 @@ impl Manifest {
         let mut entries: Vec<(&String, &String)> = self.0.iter().collect();
         entries.sort_by_key(|(path, _)| place(path));
         let mut hash = Hash::default();
-        entries.into_iter().for_each(|(path, text)| hash.entry(path, text));
+        entries
+            .into_iter()
+            .for_each(|(path, text)| hash.entry(path, text));
         hash.digest()
     }
 }
 
 /// Where in the walk an entry comes.
 fn place(path: &str) -> (usize, Vec<&str>) {
-    const ORDER: [&str; 8] = ["kind", "version", "seed", "device", "salt", "params", "inputs", "sources"];
+    const ORDER: [&str; 8] = [
+        "kind", "version", "seed", "device", "salt", "params", "inputs", "sources",
+    ];
     let steps: Vec<&str> = path.split('.').collect();
-    (ORDER.iter().position(|name| *name == steps[0]).unwrap_or(ORDER.len()), steps)
+    (
+        ORDER
+            .iter()
+            .position(|name| *name == steps[0])
+            .unwrap_or(ORDER.len()),
+        steps,
+    )
 }
 
 /// Collects entries for hashing, each text behind its length.
@@ -107,20 +117,43 @@ impl Recipe<'_> {
 
 /// Goes through everything that decides a result.
 pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
-    let Recipe { node, inputs, sources, device, salt } = recipe;
+    let Recipe {
+        node,
+        inputs,
+        sources,
+        device,
+        salt,
+    } = recipe;
     sink.entry("kind", node.stage.kind());
     sink.entry("version", &node.stage.version().to_string());
     sink.entry("seed", &node.seed.to_string());
     if node.stage.determinism() == Determinism::PerDeviceKind {
-        sink.entry("device", if node.stage.uses_device() { device } else { "cpu" });
+        sink.entry(
+            "device",
+            if node.stage.uses_device() {
+                device
+            } else {
+                "cpu"
+            },
+        );
     }
     if let Some(salt) = salt {
         sink.entry("salt", salt);
     }
     let ports = node.stage.inputs();
-    let is_parameter = |(name, _): &(&String, &Value)| ports.iter().all(|port| port.name != name.as_str());
-    let params: Vec<_> = node.params.as_object().into_iter().flatten().filter(is_parameter).collect();
-    let mut path = Path { text: "params".to_owned(), locations: node.stage.locations() };
+    let is_parameter =
+        |(name, _): &(&String, &Value)| ports.iter().all(|port| port.name != name.as_str());
+    let params: Vec<_> = node
+        .params
+        .as_object()
+        .into_iter()
+        .flatten()
+        .filter(is_parameter)
+        .collect();
+    let mut path = Path {
+        text: "params".to_owned(),
+        locations: node.stage.locations(),
+    };
     match params.is_empty() {
         true => sink.entry("params", "{}"),
         false => path.walk_fields(params, sink),
@@ -131,7 +164,10 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
     let mut sources: Vec<&Source> = sources.iter().collect();
     sources.sort_by(|a, b| a.name.split('.').cmp(b.name.split('.')));
     for source in sources {
-        sink.entry(&format!("sources.{}", source.name), &source.digest.to_string());
+        sink.entry(
+            &format!("sources.{}", source.name),
+            &source.digest.to_string(),
+        );
     }
 }
 /// The way to a value, and below `params` the ways to where something lies, which are left out.
@@ -143,7 +179,11 @@ struct Path<'l> {
 impl Path<'_> {
     /// A value field by field, in the order of the fields' names. A variant's name is an entry, not a step of the path.
     fn walk(&mut self, value: &Value, sink: &mut dyn Sink) {
-        if self.text.strip_prefix("params.").is_some_and(|path| self.locations.contains(&path)) {
+        if self
+            .text
+            .strip_prefix("params.")
+            .is_some_and(|path| self.locations.contains(&path))
+        {
             return;
         }
         match (variant(value), value) {
@@ -152,7 +192,9 @@ impl Path<'_> {
                 self.walk_fields(fields.iter().collect(), sink);
             }
             (Some((name, content)), _) => sink.entry(&self.text, &format!("{name}({content})")),
-            (None, Value::Object(fields)) if !fields.is_empty() => self.walk_fields(fields.iter().collect(), sink),
+            (None, Value::Object(fields)) if !fields.is_empty() => {
+                self.walk_fields(fields.iter().collect(), sink)
+            }
             (None, other) => sink.entry(&self.text, &other.to_string()),
         }
     }

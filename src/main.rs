@@ -31,7 +31,9 @@ fn main() -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(panic) => {
             let text = task::panic_text(&*panic);
-            cli::tell(&format_args!("internal error: {text}; this is a bug in srnerf-dag, please report it"));
+            cli::tell(&format_args!(
+                "internal error: {text}; this is a bug in srnerf-dag, please report it"
+            ));
             ExitCode::from(error::BUG)
         }
     }

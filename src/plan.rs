@@ -73,13 +73,24 @@ pub type Inputs = BTreeMap<&'static str, Digest>;
 impl Context<'_> {
     fn recipe<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Recipe<'r> {
         let node = &self.graph.nodes[at];
-        Recipe { node, inputs, sources: &self.sources[at], device: self.device, salt: self.salt }
+        Recipe {
+            node,
+            inputs,
+            sources: &self.sources[at],
+            device: self.device,
+            salt: self.salt,
+        }
     }
 
     /// The recipe of what was begun on a GPU and went on on the CPU, where such results count.
     fn fallen<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Option<Recipe<'r>> {
-        let device = self.fallback.filter(|_| self.graph.nodes[at].stage.uses_device())?;
-        Some(Recipe { device, ..self.recipe(at, inputs) })
+        let device = self
+            .fallback
+            .filter(|_| self.graph.nodes[at].stage.uses_device())?;
+        Some(Recipe {
+            device,
+            ..self.recipe(at, inputs)
+        })
     }
 
     /// The manifest of that.
@@ -110,19 +121,32 @@ impl Context<'_> {
             Lookup::Broken(breakage) => Err(Reason::Broken(breakage)),
             Lookup::Absent => {
                 let manifest = self.manifest(at, &inputs);
-                Err(self.reason(at, &manifest, &BTreeSet::new())?.unwrap_or(Reason::Lost))
+                Err(self
+                    .reason(at, &manifest, &BTreeSet::new())?
+                    .unwrap_or(Reason::Lost))
             }
         };
-        Ok(Assessment { key, inputs, verdict, is_remote: false })
+        Ok(Assessment {
+            key,
+            inputs,
+            verdict,
+            is_remote: false,
+        })
     }
 
     /// The same, with a result that can be fetched counted as there.
     fn with_remote(&self, assessment: Assessment) -> Assessment {
         match (&assessment.verdict, self.remote) {
-            (Err(reason), Some(remote)) if *reason != Reason::Forced => match remote.peek(&assessment.key) {
-                Some(record) => Assessment { verdict: Ok(record), is_remote: true, ..assessment },
-                None => assessment,
-            },
+            (Err(reason), Some(remote)) if *reason != Reason::Forced => {
+                match remote.peek(&assessment.key) {
+                    Some(record) => Assessment {
+                        verdict: Ok(record),
+                        is_remote: true,
+                        ..assessment
+                    },
+                    None => assessment,
+                }
+            }
             _ => assessment,
         }
     }
@@ -136,7 +160,12 @@ impl Context<'_> {
                 Some(place) => Some(&cached.get::<usize>(place)?.record),
                 None => self.given.get(&from),
             };
-            let digest = |wire: &Wire| Some((wire.input, result(wire.from)?.outputs.get(wire.output)?.digest));
+            let digest = |wire: &Wire| {
+                Some((
+                    wire.input,
+                    result(wire.from)?.outputs.get(wire.output)?.digest,
+                ))
+            };
             let inputs: Inputs = node.wires.iter().filter_map(digest).collect();
             if inputs.len() < node.wires.len() || self.forced.contains(&at) {
                 continue;
@@ -156,14 +185,23 @@ impl Context<'_> {
 
     /// What is in one of the keys that a stage with these inputs can have.
     pub fn manifest_of(&self, at: usize, inputs: &Inputs, key: &Digest) -> Manifest {
-        let fallen = self.fallen(at, inputs).filter(|fallen| fallen.key() == *key);
+        let fallen = self
+            .fallen(at, inputs)
+            .filter(|fallen| fallen.key() == *key);
         fallen.map_or_else(|| self.manifest(at, inputs), |fallen| fallen.manifest())
     }
 
     /// What tells a stage from its nearest past; `None` if nothing does.
-    fn reason(&self, at: usize, manifest: &Manifest, unknown: &BTreeSet<&str>) -> Result<Option<Reason>, StoreError> {
+    fn reason(
+        &self,
+        at: usize,
+        manifest: &Manifest,
+        unknown: &BTreeSet<&str>,
+    ) -> Result<Option<Reason>, StoreError> {
         let node = &self.graph.nodes[at];
-        let Some(past) = self.history.nearest(&node.name, manifest, unknown)? else { return Ok(Some(Reason::New)) };
+        let Some(past) = self.history.nearest(&node.name, manifest, unknown)? else {
+            return Ok(Some(Reason::New));
+        };
         let mut changes = diff(&past.manifest, manifest, unknown);
         self.name_origins(node, &mut changes);
         Ok((!changes.is_empty()).then_some(Reason::Changed(changes)))
@@ -172,7 +210,9 @@ impl Context<'_> {
     /// Says of changed inputs which stages they come from.
     pub fn name_origins(&self, node: &Node, changes: &mut [Change]) {
         for change in changes {
-            let wire = change.input().and_then(|input| node.wires.iter().find(|wire| wire.input == input));
+            let wire = change
+                .input()
+                .and_then(|input| node.wires.iter().find(|wire| wire.input == input));
             change.from = wire.map(|wire| self.graph.nodes[wire.from].name.clone());
         }
     }

@@ -23,10 +23,17 @@ pub struct Scores {
 
 /// All metrics artifacts of a result.
 pub fn scores(store: &Store, stage: &str, record: &Record) -> Result<Vec<Scores>, StoreError> {
-    let of_kind = record.outputs.iter().filter(|(_, output)| output.kind == ArtifactKind::Metrics);
+    let of_kind = record
+        .outputs
+        .iter()
+        .filter(|(_, output)| output.kind == ArtifactKind::Metrics);
     of_kind
         .map(|(name, output)| {
-            Ok(Scores { stage: stage.to_owned(), output: name.clone(), metrics: read(store, name, output)? })
+            Ok(Scores {
+                stage: stage.to_owned(),
+                output: name.clone(),
+                metrics: read(store, name, output)?,
+            })
         })
         .collect()
 }
@@ -34,32 +41,54 @@ pub fn scores(store: &Store, stage: &str, record: &Record) -> Result<Vec<Scores>
 fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreError> {
     let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
     store.show(output, folder.path())?;
-    Metrics::read(folder.path())
-        .map_err(|error| StoreError::Output { output: name.to_owned(), problem: error.to_string() })
+    Metrics::read(folder.path()).map_err(|error| StoreError::Output {
+        output: name.to_owned(),
+        problem: error.to_string(),
+    })
 }
 
 /// Whether a result has tables or figures.
 pub fn tells(record: &Record) -> bool {
-    record.outputs.values().any(|output| matches!(output.kind, ArtifactKind::Metrics | ArtifactKind::Figures))
+    record
+        .outputs
+        .values()
+        .any(|output| matches!(output.kind, ArtifactKind::Metrics | ArtifactKind::Figures))
 }
 
 /// The tables of all metrics artifacts of a result.
 pub fn tables(store: &Store, stage: &str, record: &Record) -> Result<Vec<String>, StoreError> {
-    Ok(scores(store, stage, record)?.iter().map(Scores::table).collect())
+    Ok(scores(store, stage, record)?
+        .iter()
+        .map(Scores::table)
+        .collect())
 }
 
 impl Scores {
     /// Rows by metrics, the mean over views.
     pub fn table(&self) -> String {
         let Metrics { rows, definitions } = &self.metrics;
-        let names: BTreeSet<&String> =
-            definitions.keys().chain(rows.values().flat_map(|row| row.mean.keys())).collect();
-        let head = std::iter::once(self.stage.clone()).chain(names.iter().map(|name| (*name).clone())).collect();
+        let names: BTreeSet<&String> = definitions
+            .keys()
+            .chain(rows.values().flat_map(|row| row.mean.keys()))
+            .collect();
+        let head = std::iter::once(self.stage.clone())
+            .chain(names.iter().map(|name| (*name).clone()))
+            .collect();
         let lines = rows.iter().map(|(row, scores)| {
-            let cell = |name: &&String| scores.mean.get(*name).map_or("-".to_owned(), |value| figure(*value));
-            std::iter::once(row.clone()).chain(names.iter().map(cell)).collect()
+            let cell = |name: &&String| {
+                scores
+                    .mean
+                    .get(*name)
+                    .map_or("-".to_owned(), |value| figure(*value))
+            };
+            std::iter::once(row.clone())
+                .chain(names.iter().map(cell))
+                .collect()
         });
-        table(&std::iter::once(head).chain(lines).collect::<Vec<_>>(), true)
+        table(
+            &std::iter::once(head).chain(lines).collect::<Vec<_>>(),
+            true,
+        )
     }
 }
 
@@ -68,12 +97,22 @@ const NAMED: usize = 12;
 
 /// Where people find the pictures of a result: the files, or, of many, their folder.
 pub fn figures(view: &View, stage: &str, record: &Record) -> Vec<String> {
-    let of_kind = record.outputs.iter().filter(|(_, output)| output.kind == ArtifactKind::Figures);
+    let of_kind = record
+        .outputs
+        .iter()
+        .filter(|(_, output)| output.kind == ArtifactKind::Figures);
     let pictures = |(name, output): (&String, &Output)| {
         let folder = view.output(stage, name);
-        let files: Vec<_> = output.files.iter().filter(|file| file.path.ends_with(".png")).collect();
+        let files: Vec<_> = output
+            .files
+            .iter()
+            .filter(|file| file.path.ends_with(".png"))
+            .collect();
         match files.len() {
-            0..=NAMED => files.iter().map(|file| folder.join(&file.path).display().to_string()).collect(),
+            0..=NAMED => files
+                .iter()
+                .map(|file| folder.join(&file.path).display().to_string())
+                .collect(),
             _ => vec![folder.display().to_string()],
         }
     };

@@ -70,7 +70,8 @@ impl Scheduler<'_> {
         let (sender, news) = mpsc::channel();
         std::thread::scope(|scope| {
             // The others must not go on for hours before anyone hears that the store cannot be used.
-            self.drive(&mut board, scope, &sender, &news).inspect_err(|_| self.cancelled.store(true, Ordering::Relaxed))
+            self.drive(&mut board, scope, &sender, &news)
+                .inspect_err(|_| self.cancelled.store(true, Ordering::Relaxed))
         })?;
         Ok(board.close(self.stopped()))
     }
@@ -105,13 +106,24 @@ impl Scheduler<'_> {
         let cached = self.pool.install(|| self.context.cached())?;
         let show = |found: &Found| self.view.show(store, self.name(found.at), &found.record);
         self.pool.install(|| cached.par_iter().try_for_each(show))?;
-        let lost = self.pool.install(|| store.without_manifest(cached.iter().map(|found| found.record.key)));
-        for found in cached.iter().filter(|found| lost.binary_search(&found.record.key).is_ok()) {
+        let lost = self
+            .pool
+            .install(|| store.without_manifest(cached.iter().map(|found| found.record.key)));
+        for found in cached
+            .iter()
+            .filter(|found| lost.binary_search(&found.record.key).is_ok())
+        {
             // Only explanations need it: where that cannot be done, nothing else fails.
             let key = &found.record.key;
-            let _ = store.put_manifest(key, &self.context.manifest_of(found.at, &found.inputs, key));
+            let _ =
+                store.put_manifest(key, &self.context.manifest_of(found.at, &found.inputs, key));
         }
-        board.adopt(cached.into_iter().map(|found| (found.at, found.record)).collect());
+        board.adopt(
+            cached
+                .into_iter()
+                .map(|found| (found.at, found.record))
+                .collect(),
+        );
         Ok(())
     }
 
@@ -136,14 +148,28 @@ impl Scheduler<'_> {
                 self.begin(board, at, queued, scope, sender)?;
             } else if let Some(at) = board.next() {
                 let inputs = self.inputs(at, &board.outcome.records);
-                let Assessment { key, inputs, verdict, .. } = self.pool.install(|| self.context.assess(at, inputs))?;
+                let Assessment {
+                    key,
+                    inputs,
+                    verdict,
+                    ..
+                } = self.pool.install(|| self.context.assess(at, inputs))?;
                 match verdict {
                     Ok(record) => self.reuse(board, at, record)?,
                     Err(reason) if self.fetch(board, at, key, &reason)? => {}
                     Err(reason) => {
                         let manifest = self.context.manifest(at, &inputs);
                         let estimate = self.estimate(at, &board.outcome.records);
-                        board.queue(at, Queued { key, manifest, reason, estimate, begun_as: None });
+                        board.queue(
+                            at,
+                            Queued {
+                                key,
+                                manifest,
+                                reason,
+                                estimate,
+                                begun_as: None,
+                            },
+                        );
                     }
                 }
             } else {
@@ -156,7 +182,13 @@ impl Scheduler<'_> {
     fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {
         let wires = &self.context.graph.nodes[at].wires;
         let digest = |wire: &crate::pipeline::graph::Wire| {
-            Some((wire.input, self.result(wire.from, records)?.outputs.get(wire.output)?.digest))
+            Some((
+                wire.input,
+                self.result(wire.from, records)?
+                    .outputs
+                    .get(wire.output)?
+                    .digest,
+            ))
         };
         wires.iter().filter_map(digest).collect()
     }
@@ -174,12 +206,26 @@ impl Scheduler<'_> {
 
     /// Whether the remote had a stage's result. Everything else waits meanwhile, which spares it from running into what
     /// is on its way.
-    fn fetch(&self, board: &mut Board, at: usize, key: Digest, reason: &Reason) -> Result<bool, StoreError> {
-        let Some(remote) = self.context.remote.filter(|_| *reason != Reason::Forced) else { return Ok(false) };
+    fn fetch(
+        &self,
+        board: &mut Board,
+        at: usize,
+        key: Digest,
+        reason: &Reason,
+    ) -> Result<bool, StoreError> {
+        let Some(remote) = self.context.remote.filter(|_| *reason != Reason::Forced) else {
+            return Ok(false);
+        };
         let fetched = remote.fetch(self.context.store, &key)?;
         self.tell(board);
-        let Some((record, bytes)) = fetched else { return Ok(false) };
-        board.progress.event(&Event::Fetched { stage: self.name(at), key, bytes });
+        let Some((record, bytes)) = fetched else {
+            return Ok(false);
+        };
+        board.progress.event(&Event::Fetched {
+            stage: self.name(at),
+            key,
+            bytes,
+        });
         self.view.show(self.context.store, self.name(at), &record)?;
         board.done(at, StageRun::cached(key), record);
         Ok(true)
@@ -187,13 +233,20 @@ impl Scheduler<'_> {
 
     /// Passes on what the remote has to say.
     fn tell(&self, board: &mut Board) {
-        let notices = self.context.remote.iter().flat_map(|remote| remote.notices());
+        let notices = self
+            .context
+            .remote
+            .iter()
+            .flat_map(|remote| remote.notices());
         notices.for_each(|text| board.progress.event(&Event::Notice { text: &text }));
     }
 
     fn take(&self, board: &mut Board, news: News) -> Result<(), StoreError> {
         match news {
-            News::Said(at, message) => board.progress.event(&Event::Said { stage: self.name(at), message: &message }),
+            News::Said(at, message) => board.progress.event(&Event::Said {
+                stage: self.name(at),
+                message: &message,
+            }),
             News::Ended(at, result, seconds) => {
                 self.end(board, at, *result, seconds)?;
                 self.tell(board);
@@ -209,7 +262,9 @@ impl Scheduler<'_> {
         result: Result<Record, Failure>,
         seconds: f64,
     ) -> Result<(), StoreError> {
-        let Some(ended) = board.end(at) else { return Ok(()) };
+        let Some(ended) = board.end(at) else {
+            return Ok(());
+        };
         let result = match result {
             Err(Failure::Device(fault)) => match self.fall_back(board, at, &ended, &fault) {
                 Some(queued) => {
@@ -221,12 +276,21 @@ impl Scheduler<'_> {
             other => other,
         };
         let Queued { key, reason, .. } = ended;
-        let run = |end| StageRun { end, key: Some(key), reason: Some(reason.to_string()), seconds };
+        let run = |end| StageRun {
+            end,
+            key: Some(key),
+            reason: Some(reason.to_string()),
+            seconds,
+        };
         let stage = self.name(at);
         match result {
             Ok(record) => {
                 self.view.show(self.context.store, stage, &record)?;
-                board.progress.event(&Event::Finished { stage, seconds, record: &record });
+                board.progress.event(&Event::Finished {
+                    stage,
+                    seconds,
+                    record: &record,
+                });
                 board.done(at, run(End::Ran), record);
             }
             Err(Failure::Lost(holder)) => board.wait(at, &holder),
@@ -235,7 +299,10 @@ impl Scheduler<'_> {
                 board.outcome.stages.insert(at, run(End::Stopped));
             }
             Err(failure) => {
-                board.progress.event(&Event::Failed { stage, error: &failure.text() });
+                board.progress.event(&Event::Failed {
+                    stage,
+                    error: &failure.text(),
+                });
                 board.outcome.stages.insert(at, run(End::Failed));
                 board.outcome.failures.push(failure);
                 board.block(at);

@@ -46,7 +46,9 @@ impl Failure {
     /// What to tell people: what happened, and how to mend it where that is known.
     pub fn text(&self) -> String {
         match self {
-            Self::Store(StoreError::Io { help: Some(help), .. }) => format!("{self}; {help}"),
+            Self::Store(StoreError::Io {
+                help: Some(help), ..
+            }) => format!("{self}; {help}"),
             _ => self.to_string(),
         }
     }
@@ -80,7 +82,11 @@ pub struct Task<'a> {
 
 impl Task<'_> {
     /// Runs the stage in a pool of threads and commits its result. No panic gets out.
-    pub fn run(self, pool: &rayon::ThreadPool, messages: &(dyn Fn(Message) + Sync)) -> Result<Record, Failure> {
+    pub fn run(
+        self,
+        pool: &rayon::ThreadPool,
+        messages: &(dyn Fn(Message) + Sync),
+    ) -> Result<Record, Failure> {
         let begun = Instant::now();
         let end = catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages))));
         if let Some(holder) = self.work.lost_to() {
@@ -88,11 +94,21 @@ impl Task<'_> {
         }
         match end {
             Ok(Ok(())) => {
-                self.extension.map_or(Ok(()), |extension| self.work.keep_state(&extension))?;
-                let outputs: Vec<(&str, ArtifactKind)> =
-                    self.node.stage.outputs().iter().map(|port| (port.name, port.kind)).collect();
+                self.extension
+                    .map_or(Ok(()), |extension| self.work.keep_state(&extension))?;
+                let outputs: Vec<(&str, ArtifactKind)> = self
+                    .node
+                    .stage
+                    .outputs()
+                    .iter()
+                    .map(|port| (port.name, port.kind))
+                    .collect();
                 let (stage, device) = (self.node.name.clone(), self.kind.to_owned());
-                let facts = Facts { stage, seconds: begun.elapsed().as_secs_f64(), device };
+                let facts = Facts {
+                    stage,
+                    seconds: begun.elapsed().as_secs_f64(),
+                    device,
+                };
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }
             Ok(Err(error)) => {
@@ -111,7 +127,11 @@ impl Task<'_> {
         let io = Io {
             seed: self.node.seed,
             device: self.device,
-            inputs: self.inputs.iter().map(|(name, (folder, _))| (name.clone(), folder.clone())).collect(),
+            inputs: self
+                .inputs
+                .iter()
+                .map(|(name, (folder, _))| (name.clone(), folder.clone()))
+                .collect(),
             outputs: self.work.outputs(),
             scratch: self.work.scratch(),
             checkpoint_every: self.checkpoint_every,
@@ -132,7 +152,11 @@ impl Task<'_> {
             key: self.key.to_string(),
             device: self.kind.to_owned(),
             params: self.node.params.clone(),
-            inputs: self.inputs.iter().map(|(name, (_, digest))| (name.clone(), digest.to_string())).collect(),
+            inputs: self
+                .inputs
+                .iter()
+                .map(|(name, (_, digest))| (name.clone(), digest.to_string()))
+                .collect(),
         }
     }
 }
@@ -171,7 +195,10 @@ pub fn quiet_panics() {
 
 /// What a panic said, and where.
 pub fn panic_text(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    let text = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or(panic.downcast_ref::<&str>().copied());
     let place = LATEST.lock().ok().and_then(|mut latest| latest.take());
     match place {
         Some(place) => format!("{} at {place}", text.unwrap_or("panic")),

@@ -59,11 +59,17 @@ impl Stage for Sum {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        self.references.iter().map(|(name, input)| InputPort::new(name, input, ArtifactKind::Metrics)).collect()
+        self.references
+            .iter()
+            .map(|(name, input)| InputPort::new(name, input, ArtifactKind::Metrics))
+            .collect()
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort { name: "sum", kind: ArtifactKind::Metrics }]
+        vec![OutputPort {
+            name: "sum",
+            kind: ArtifactKind::Metrics,
+        }]
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -81,29 +87,68 @@ impl Stage for Sum {
             },
             Act::Nothing => return Ok(()),
             Act::NoRoom => {
-                let (path, source) = (io.outputs.join("sum"), std::io::ErrorKind::StorageFull.into());
+                let (path, source) = (
+                    io.outputs.join("sum"),
+                    std::io::ErrorKind::StorageFull.into(),
+                );
                 return Err(StageError::Artifact(SchemaError::Io { path, source }));
             }
             Act::Well => {}
         }
         let mean = BTreeMap::from([("value".to_owned(), sum % f64::from(self.modulo))]);
-        let rows = BTreeMap::from([("sum".to_owned(), Row { mean, views: BTreeMap::new() })]);
-        io.write("sum", &Metrics { rows, definitions: BTreeMap::new() })
+        let rows = BTreeMap::from([(
+            "sum".to_owned(),
+            Row {
+                mean,
+                views: BTreeMap::new(),
+            },
+        )]);
+        io.write(
+            "sum",
+            &Metrics {
+                rows,
+                definitions: BTreeMap::new(),
+            },
+        )
     }
 }
 
 /// A node called `name` that reads the nodes at these places.
 pub fn sum(name: &str, number: u32, reads: &[usize]) -> (Node, Sum) {
-    let references = INPUTS.iter().zip(reads).map(|(input, _)| (*input, Input::default())).collect();
-    let stage = Sum { number, modulo: 1000, act: Act::Well, runs: Counter::default(), references };
+    let references = INPUTS
+        .iter()
+        .zip(reads)
+        .map(|(input, _)| (*input, Input::default()))
+        .collect();
+    let stage = Sum {
+        number,
+        modulo: 1000,
+        act: Act::Well,
+        runs: Counter::default(),
+        references,
+    };
     (node(name, stage.clone(), reads), stage)
 }
 
 /// A node of this stage.
 pub fn node(name: &str, stage: Sum, reads: &[usize]) -> Node {
-    let wires = INPUTS.iter().zip(reads).map(|(input, &from)| Wire { input, from, output: "sum" }).collect();
+    let wires = INPUTS
+        .iter()
+        .zip(reads)
+        .map(|(input, &from)| Wire {
+            input,
+            from,
+            output: "sum",
+        })
+        .collect();
     let params = serde_json::json!({"number": stage.number, "modulo": stage.modulo});
-    Node { name: name.to_owned(), seed: 0, stage: Box::new(stage), params, wires }
+    Node {
+        name: name.to_owned(),
+        seed: 0,
+        stage: Box::new(stage),
+        params,
+        wires,
+    }
 }
 
 /// A graph of these nodes.

@@ -5,6 +5,8 @@
 mod samples;
 
 fn main() -> Result<(), artifacts_schema::SchemaError> {
-    let folder = std::env::args().nth(1).unwrap_or_else(|| "samples".to_owned());
+    let folder = std::env::args()
+        .nth(1)
+        .unwrap_or_else(|| "samples".to_owned());
     samples::write_all(folder.as_ref(), &samples::provenance())
 }

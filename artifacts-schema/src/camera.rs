@@ -68,17 +68,27 @@ impl Camera {
     pub(crate) fn check(&self, place: &str) -> Result<(), SchemaError> {
         let extents = 1..=LARGEST_EXTENT;
         if !extents.contains(&self.width) || !extents.contains(&self.height) {
-            let problem = format!("is {}x{}; expected 1 to {LARGEST_EXTENT} pixels each way", self.width, self.height);
+            let problem = format!(
+                "is {}x{}; expected 1 to {LARGEST_EXTENT} pixels each way",
+                self.width, self.height
+            );
             return Err(SchemaError::content(place, problem));
         }
         let lens = [self.fl_x, self.fl_y, self.cx, self.cy, self.near, self.far];
         let bent = self.distortion.coefficients();
-        let mut numbers = lens.iter().chain(&bent).chain(self.camera_to_world.as_flattened());
+        let mut numbers = lens
+            .iter()
+            .chain(&bent)
+            .chain(self.camera_to_world.as_flattened());
         match numbers.find(|number| !number.is_finite()) {
-            Some(number) => Err(SchemaError::content(place, format!("its camera holds {number}; all must be finite"))),
-            None if self.determinant() == 0.0 => {
-                Err(SchemaError::content(place, "its camera-to-world matrix cannot be inverted"))
-            }
+            Some(number) => Err(SchemaError::content(
+                place,
+                format!("its camera holds {number}; all must be finite"),
+            )),
+            None if self.determinant() == 0.0 => Err(SchemaError::content(
+                place,
+                "its camera-to-world matrix cannot be inverted",
+            )),
             None => Ok(()),
         }
     }
@@ -90,8 +100,15 @@ impl Camera {
 
 /// Refuses a scene box that JSON cannot hold.
 pub(crate) fn check_bounds(bounds: &[[f64; 3]; 2]) -> Result<(), SchemaError> {
-    match bounds.as_flattened().iter().find(|number| !number.is_finite()) {
-        Some(number) => Err(SchemaError::content("bounds", format!("holds {number}; all must be finite"))),
+    match bounds
+        .as_flattened()
+        .iter()
+        .find(|number| !number.is_finite())
+    {
+        Some(number) => Err(SchemaError::content(
+            "bounds",
+            format!("holds {number}; all must be finite"),
+        )),
         None => Ok(()),
     }
 }

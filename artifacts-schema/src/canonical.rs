@@ -15,7 +15,8 @@ pub const LARGEST_COMPRESSION_RATIO: u64 = 1032;
 
 /// The one JSON value of `content`, keys sorted.
 pub fn value(content: &impl Serialize) -> Result<Value, SchemaError> {
-    let mut value = serde_json::to_value(content).map_err(|error| SchemaError::content("JSON", error))?;
+    let mut value =
+        serde_json::to_value(content).map_err(|error| SchemaError::content("JSON", error))?;
     value.sort_all_objects();
     Ok(value)
 }
@@ -27,7 +28,12 @@ pub fn line(content: &impl Serialize) -> Result<String, SchemaError> {
         // Only strings hold other characters, and there an escape means the same.
         match character.is_ascii() {
             true => line.push(character),
-            false => line.extend(character.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}"))),
+            false => line.extend(
+                character
+                    .encode_utf16(&mut [0; 2])
+                    .iter()
+                    .map(|unit| format!("\\u{unit:04x}")),
+            ),
         }
     }
     Ok(line)
@@ -69,7 +75,10 @@ pub fn check_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), Schem
     for name in names {
         check_name(name)?;
         if previous == Some(name) {
-            return Err(SchemaError::content(format!("name {name:?}"), "is there twice; each view needs its own"));
+            return Err(SchemaError::content(
+                format!("name {name:?}"),
+                "is there twice; each view needs its own",
+            ));
         }
         previous = Some(name);
     }

@@ -55,21 +55,29 @@ impl FromStr for Digest {
     type Err = NotADigest;
 
     fn from_str(text: &str) -> Result<Self, NotADigest> {
-        blake3::Hash::from_hex(text).map(Self::from).map_err(|_| NotADigest(text.to_owned()))
+        blake3::Hash::from_hex(text)
+            .map(Self::from)
+            .map_err(|_| NotADigest(text.to_owned()))
     }
 }
 
 impl Serialize for Digest {
     /// Its digits, or in formats that nobody reads its bytes.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        if serializer.is_human_readable() { serializer.collect_str(self) } else { self.0.serialize(serializer) }
+        if serializer.is_human_readable() {
+            serializer.collect_str(self)
+        } else {
+            self.0.serialize(serializer)
+        }
     }
 }
 
 impl<'de> Deserialize<'de> for Digest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         if deserializer.is_human_readable() {
-            String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+            String::deserialize(deserializer)?
+                .parse()
+                .map_err(serde::de::Error::custom)
         } else {
             <[u8; 32]>::deserialize(deserializer).map(Self)
         }
@@ -81,7 +89,9 @@ pub(crate) struct ContentHasher(blake3::Hasher);
 
 impl ContentHasher {
     pub fn new(kind: ArtifactKind) -> Self {
-        Self(blake3::Hasher::new_derive_key(&format!("srnerf-dag artifact {kind} v1")))
+        Self(blake3::Hasher::new_derive_key(&format!(
+            "srnerf-dag artifact {kind} v1"
+        )))
     }
 
     pub fn finish(self) -> Digest {
@@ -113,7 +123,11 @@ impl ContentHasher {
 
     pub fn real(&mut self, value: f64) {
         // Adding zero turns -0.0 into 0.0 and leaves every other number alone.
-        let canonical = if value.is_nan() { f64::NAN } else { value + 0.0 };
+        let canonical = if value.is_nan() {
+            f64::NAN
+        } else {
+            value + 0.0
+        };
         self.0.update(&canonical.to_bits().to_le_bytes());
     }
 
@@ -131,8 +145,17 @@ impl ContentHasher {
         const CHUNK: usize = 1 << 18;
         self.count(values.len());
         for chunk in values.chunks(CHUNK) {
-            let canonical = |&value: &f32| if value.is_nan() { f32::NAN } else { value + 0.0 };
-            let bytes: Vec<[u8; 4]> = chunk.iter().map(|value| canonical(value).to_bits().to_le_bytes()).collect();
+            let canonical = |&value: &f32| {
+                if value.is_nan() {
+                    f32::NAN
+                } else {
+                    value + 0.0
+                }
+            };
+            let bytes: Vec<[u8; 4]> = chunk
+                .iter()
+                .map(|value| canonical(value).to_bits().to_le_bytes())
+                .collect();
             self.0.update_rayon(bytes.as_flattened());
         }
     }
@@ -151,7 +174,10 @@ impl ContentHasher {
         self.values(&tensor.values);
     }
 
-    pub fn tensors<'a>(&mut self, tensors: impl ExactSizeIterator<Item = (&'a String, &'a Tensor)>) {
+    pub fn tensors<'a>(
+        &mut self,
+        tensors: impl ExactSizeIterator<Item = (&'a String, &'a Tensor)>,
+    ) {
         self.count(tensors.len());
         for (name, tensor) in tensors {
             self.text(name);
@@ -166,10 +192,27 @@ impl ContentHasher {
     pub fn camera(&mut self, camera: &Camera) {
         self.count(camera.width as usize);
         self.count(camera.height as usize);
-        let lens = [camera.fl_x, camera.fl_y, camera.cx, camera.cy, camera.near, camera.far];
+        let lens = [
+            camera.fl_x,
+            camera.fl_y,
+            camera.cx,
+            camera.cy,
+            camera.near,
+            camera.far,
+        ];
         // A pinhole has no coefficients: its digest is that of the days before there were any.
         let bent = camera.distortion.coefficients();
-        self.reals(&[&lens[..], if camera.distortion.is_none() { &[] } else { &bent }].concat());
+        self.reals(
+            &[
+                &lens[..],
+                if camera.distortion.is_none() {
+                    &[]
+                } else {
+                    &bent
+                },
+            ]
+            .concat(),
+        );
         self.reals(camera.camera_to_world.as_flattened());
     }
 }

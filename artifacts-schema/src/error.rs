@@ -35,21 +35,35 @@ pub enum SchemaError {
 
 impl SchemaError {
     pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), source }
+        Self::Io {
+            path: path.to_owned(),
+            source,
+        }
     }
 
     pub(crate) fn malformed(path: &Path, place: impl Into<String>, problem: impl ToString) -> Self {
-        Self::Malformed { path: path.to_owned(), place: place.into(), problem: problem.to_string() }
+        Self::Malformed {
+            path: path.to_owned(),
+            place: place.into(),
+            problem: problem.to_string(),
+        }
     }
 
     pub(crate) fn content(place: impl Into<String>, problem: impl ToString) -> Self {
-        Self::Content { place: place.into(), problem: problem.to_string() }
+        Self::Content {
+            place: place.into(),
+            problem: problem.to_string(),
+        }
     }
 
     /// The same problem, found in content that came from this file.
     pub(crate) fn in_file(self, file: &Path) -> Self {
         match self {
-            Self::Content { place, problem } => Self::Malformed { path: file.to_owned(), place, problem },
+            Self::Content { place, problem } => Self::Malformed {
+                path: file.to_owned(),
+                place,
+                problem,
+            },
             other => other,
         }
     }

@@ -43,17 +43,32 @@ impl Artifact for Field {
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         check_bounds(&self.bounds)?;
-        let metadata =
-            FieldMetadata { config: self.config.clone(), bounds: self.bounds, provenance: provenance.clone() };
-        let metadata = BTreeMap::from([("format", "pt".to_owned()), (METADATA_KEY, canonical::line(&metadata)?)]);
-        tensor_file::write(folder, FILE, &tensor_file::by_name(&self.tensors), &metadata)
+        let metadata = FieldMetadata {
+            config: self.config.clone(),
+            bounds: self.bounds,
+            provenance: provenance.clone(),
+        };
+        let metadata = BTreeMap::from([
+            ("format", "pt".to_owned()),
+            (METADATA_KEY, canonical::line(&metadata)?),
+        ]);
+        tensor_file::write(
+            folder,
+            FILE,
+            &tensor_file::by_name(&self.tensors),
+            &metadata,
+        )
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let path = folder.join(FILE);
         let file = TensorFile::read(&path)?;
         let FieldMetadata { config, bounds, .. } = file.header(&path)?;
-        Ok(Self { config, tensors: file.tensors, bounds })
+        Ok(Self {
+            config,
+            tensors: file.tensors,
+            bounds,
+        })
     }
 
     fn semantic_digest(&self) -> Digest {

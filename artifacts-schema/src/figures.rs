@@ -39,12 +39,16 @@ pub struct Picture {
 impl Picture {
     fn encode(&self, name: &str, provenance: &str) -> Result<Vec<u8>, SchemaError> {
         let refuse = |problem: String| SchemaError::content(format!("picture {name:?}"), problem);
-        let (count, expected) = (self.rgb8.len() as u64, 3 * u64::from(self.width) * u64::from(self.height));
+        let (count, expected) = (
+            self.rgb8.len() as u64,
+            3 * u64::from(self.width) * u64::from(self.height),
+        );
         if count != expected {
             return Err(refuse(format!("has {count} bytes; expected {expected}")));
         }
         let mut bytes = Vec::new();
-        self.write_to(&mut bytes, provenance).map_err(|error| refuse(error.to_string()))?;
+        self.write_to(&mut bytes, provenance)
+            .map_err(|error| refuse(error.to_string()))?;
         Ok(bytes)
     }
 
@@ -70,20 +74,37 @@ impl Picture {
     }
 
     fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let most = usize::try_from(LARGEST_COMPRESSION_RATIO).unwrap_or(usize::MAX).saturating_mul(bytes.len());
+        let most = usize::try_from(LARGEST_COMPRESSION_RATIO)
+            .unwrap_or(usize::MAX)
+            .saturating_mul(bytes.len());
         let decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: most });
         let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
         let info = reader.info();
         let (width, height) = info.size();
         if (info.color_type, info.bit_depth) != (ColorType::Rgb, BitDepth::Eight) {
-            return Err(format!("is {:?}, {:?} bits; expected Rgb, Eight", info.color_type, info.bit_depth));
+            return Err(format!(
+                "is {:?}, {:?} bits; expected Rgb, Eight",
+                info.color_type, info.bit_depth
+            ));
         }
-        let texts = info.uncompressed_latin1_text.iter().filter(|chunk| chunk.keyword != PROVENANCE);
-        let legend = texts.map(|chunk| (chunk.keyword.clone(), chunk.text.clone())).collect();
+        let texts = info
+            .uncompressed_latin1_text
+            .iter()
+            .filter(|chunk| chunk.keyword != PROVENANCE);
+        let legend = texts
+            .map(|chunk| (chunk.keyword.clone(), chunk.text.clone()))
+            .collect();
         let size = reader.output_buffer_size().filter(|size| *size <= most);
         let mut rgb8 = vec![0; size.ok_or("is larger than its bytes can hold")?];
-        reader.next_frame(&mut rgb8).map_err(|error| error.to_string())?;
-        Ok(Self { width, height, rgb8, legend })
+        reader
+            .next_frame(&mut rgb8)
+            .map_err(|error| error.to_string())?;
+        Ok(Self {
+            width,
+            height,
+            rgb8,
+            legend,
+        })
     }
 }
 
@@ -94,9 +115,17 @@ impl Artifact for Figures {
         canonical::check_names(self.images.keys().map(String::as_str))?;
         let text = canonical::line(provenance)?;
         for (name, picture) in &self.images {
-            canonical::write(folder, &format!("{name}.png"), &picture.encode(name, &text)?)?;
+            canonical::write(
+                folder,
+                &format!("{name}.png"),
+                &picture.encode(name, &text)?,
+            )?;
         }
-        canonical::write(folder, provenance::FILE, canonical::page(provenance)?.as_bytes())
+        canonical::write(
+            folder,
+            provenance::FILE,
+            canonical::page(provenance)?.as_bytes(),
+        )
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
@@ -106,7 +135,8 @@ impl Artifact for Figures {
             let path = entry.map_err(failed)?.path();
             if path.extension() == Some(OsStr::new("png")) {
                 let name = path.file_stem().and_then(OsStr::to_str);
-                let name = name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
+                let name =
+                    name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
                 images.insert(name.to_owned(), Picture::read(&path)?);
             }
         }
@@ -123,7 +153,11 @@ impl Artifact for Figures {
             hasher.bytes(&picture.rgb8);
         }
         // Behind everything, so that pictures without legends keep the digests of the days before there were any.
-        for (name, picture) in self.images.iter().filter(|(_, picture)| !picture.legend.is_empty()) {
+        for (name, picture) in self
+            .images
+            .iter()
+            .filter(|(_, picture)| !picture.legend.is_empty())
+        {
             hasher.text(name);
             hasher.count(picture.legend.len());
             for (keyword, text) in &picture.legend {

@@ -28,10 +28,15 @@ impl Artifact for Film {
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         canonical::check_names(self.clips.keys().map(String::as_str))?;
         for (name, clip) in &self.clips {
-            check(clip).map_err(|problem| SchemaError::content(format!("clip {name:?}"), problem))?;
+            check(clip)
+                .map_err(|problem| SchemaError::content(format!("clip {name:?}"), problem))?;
             canonical::write(folder, &format!("{name}.gif"), clip)?;
         }
-        canonical::write(folder, provenance::FILE, canonical::page(provenance)?.as_bytes())
+        canonical::write(
+            folder,
+            provenance::FILE,
+            canonical::page(provenance)?.as_bytes(),
+        )
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
@@ -41,7 +46,8 @@ impl Artifact for Film {
             let path = entry.map_err(failed)?.path();
             if path.extension() == Some(OsStr::new("gif")) {
                 let name = path.file_stem().and_then(OsStr::to_str);
-                let name = name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
+                let name =
+                    name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
                 let clip = std::fs::read(&path).map_err(|error| SchemaError::io(&path, error))?;
                 check(&clip).map_err(|problem| SchemaError::malformed(&path, "GIF", problem))?;
                 clips.insert(name.to_owned(), clip);

@@ -74,21 +74,28 @@ impl Artifact for ImageSet {
         check_bounds(&self.bounds)?;
         canonical::check_names(views.iter().map(|view| view.name.as_str()))?;
         views.iter().try_for_each(|view| view.check())?;
-        let cameras: Vec<(&str, Camera)> = views.iter().map(|view| (view.name.as_str(), view.camera)).collect();
+        let cameras: Vec<(&str, Camera)> = views
+            .iter()
+            .map(|view| (view.name.as_str(), view.camera))
+            .collect();
         let page = canonical::page(&Transforms::new(&cameras, self.bounds, provenance))?;
         canonical::write(folder, transforms::FILE, page.as_bytes())?;
-        views
-            .par_iter()
-            .try_for_each(|view| openexr::write(&folder.join(format!("{}.exr", view.name)), view, provenance))
+        views.par_iter().try_for_each(|view| {
+            openexr::write(&folder.join(format!("{}.exr", view.name)), view, provenance)
+        })
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let (transforms, cameras) = Transforms::read(folder)?;
-        let views =
-            cameras.par_iter().map(|(name, camera)| openexr::read(&folder.join(format!("{name}.exr")), name, *camera));
+        let views = cameras.par_iter().map(|(name, camera)| {
+            openexr::read(&folder.join(format!("{name}.exr")), name, *camera)
+        });
         // Of several broken views the first is named, however many threads there are.
         let views: Vec<Result<_, _>> = views.collect();
-        Ok(Self { views: views.into_iter().collect::<Result<_, _>>()?, bounds: transforms.aabb })
+        Ok(Self {
+            views: views.into_iter().collect::<Result<_, _>>()?,
+            bounds: transforms.aabb,
+        })
     }
 
     fn semantic_digest(&self) -> Digest {

@@ -87,7 +87,12 @@ impl Latents {
         Ok(())
     }
 
-    fn write_file(&self, folder: &Path, file: &str, provenance: &Provenance) -> Result<(), SchemaError> {
+    fn write_file(
+        &self,
+        folder: &Path,
+        file: &str,
+        provenance: &Provenance,
+    ) -> Result<(), SchemaError> {
         self.check()?;
         let metadata = LatentsMetadata {
             vae: self.vae.clone(),
@@ -96,12 +101,27 @@ impl Latents {
             views: self
                 .views
                 .iter()
-                .map(|view| (view.name.clone(), LatentViewMetadata { size: view.size, camera: view.camera }))
+                .map(|view| {
+                    (
+                        view.name.clone(),
+                        LatentViewMetadata {
+                            size: view.size,
+                            camera: view.camera,
+                        },
+                    )
+                })
                 .collect(),
             provenance: provenance.clone(),
         };
-        let tensors = self.views.iter().map(|view| (view.name.as_str(), &view.tensor)).collect();
-        let metadata = BTreeMap::from([("format", "pt".to_owned()), (METADATA_KEY, canonical::line(&metadata)?)]);
+        let tensors = self
+            .views
+            .iter()
+            .map(|view| (view.name.as_str(), &view.tensor))
+            .collect();
+        let metadata = BTreeMap::from([
+            ("format", "pt".to_owned()),
+            (METADATA_KEY, canonical::line(&metadata)?),
+        ]);
         tensor_file::write(folder, file, &tensors, &metadata)
     }
 
@@ -115,10 +135,20 @@ impl Latents {
             let place = format!("tensor {name:?}");
             camera.check(&place).map_err(|error| error.in_file(&path))?;
             check_rank(&tensor, &place).map_err(|error| error.in_file(&path))?;
-            views.push(LatentView { name, size, camera, tensor });
+            views.push(LatentView {
+                name,
+                size,
+                camera,
+                tensor,
+            });
         }
         tensors.finish(&path)?;
-        Ok(Self { vae: metadata.vae, scaling_factor: metadata.scaling_factor, views, bounds: metadata.bounds })
+        Ok(Self {
+            vae: metadata.vae,
+            scaling_factor: metadata.scaling_factor,
+            views,
+            bounds: metadata.bounds,
+        })
     }
 
     fn digest(&self, kind: ArtifactKind) -> Digest {
@@ -143,7 +173,10 @@ fn check_rank(tensor: &Tensor, place: &str) -> Result<(), SchemaError> {
         3 => Ok(()),
         _ => Err(SchemaError::content(
             place,
-            format!("has shape {:?}; expected [channels, height, width]", tensor.shape),
+            format!(
+                "has shape {:?}; expected [channels, height, width]",
+                tensor.shape
+            ),
         )),
     }
 }
@@ -168,7 +201,8 @@ impl Artifact for Residuals {
     const KIND: ArtifactKind = ArtifactKind::Residuals;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
-        self.0.write_file(folder, "residuals.safetensors", provenance)
+        self.0
+            .write_file(folder, "residuals.safetensors", provenance)
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {

@@ -38,7 +38,11 @@ impl Artifact for Log {
             text.push('\n');
         }
         canonical::write(folder, FILE, text.as_bytes())?;
-        canonical::write(folder, provenance::FILE, canonical::page(provenance)?.as_bytes())
+        canonical::write(
+            folder,
+            provenance::FILE,
+            canonical::page(provenance)?.as_bytes(),
+        )
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
@@ -46,9 +50,19 @@ impl Artifact for Log {
         let text = std::fs::read_to_string(&path).map_err(|error| SchemaError::io(&path, error))?;
         let parse = |(index, line): (usize, &str)| match serde_json::from_str::<LogLine>(line) {
             Ok(line) => Ok(Value::Object(line)),
-            Err(error) => Err(SchemaError::malformed(&path, format!("line {}", index + 1), error)),
+            Err(error) => Err(SchemaError::malformed(
+                &path,
+                format!("line {}", index + 1),
+                error,
+            )),
         };
-        Ok(Self { lines: text.lines().enumerate().map(parse).collect::<Result<_, _>>()? })
+        Ok(Self {
+            lines: text
+                .lines()
+                .enumerate()
+                .map(parse)
+                .collect::<Result<_, _>>()?,
+        })
     }
 
     fn semantic_digest(&self) -> Digest {

@@ -45,18 +45,31 @@ pub(crate) struct LoraMetadata {
 impl Lora {
     fn check(&self) -> Result<(), SchemaError> {
         if !self.alpha.is_finite() {
-            return Err(SchemaError::content("alpha", format!("is {}; expected a number", self.alpha)));
+            return Err(SchemaError::content(
+                "alpha",
+                format!("is {}; expected a number", self.alpha),
+            ));
         }
-        self.tensors.iter().try_for_each(|(name, tensor)| check_tensor(name, tensor, self.rank))?;
-        match self.modules(".lora_A.weight").eq(self.modules(".lora_B.weight")) {
+        self.tensors
+            .iter()
+            .try_for_each(|(name, tensor)| check_tensor(name, tensor, self.rank))?;
+        match self
+            .modules(".lora_A.weight")
+            .eq(self.modules(".lora_B.weight"))
+        {
             true => Ok(()),
-            false => Err(SchemaError::content("tensors", "lora_A and lora_B do not come in pairs")),
+            false => Err(SchemaError::content(
+                "tensors",
+                "lora_A and lora_B do not come in pairs",
+            )),
         }
     }
 
     /// The adapted layers: the names of the tensors with this suffix, without it.
     fn modules<'a>(&'a self, suffix: &'a str) -> impl Iterator<Item = &'a str> {
-        self.tensors.keys().filter_map(move |name| name.strip_prefix("unet.")?.strip_suffix(suffix))
+        self.tensors
+            .keys()
+            .filter_map(move |name| name.strip_prefix("unet.")?.strip_suffix(suffix))
     }
 
     /// What PEFT wants to know of the adapter, as diffusers stores it.
@@ -82,8 +95,12 @@ fn check_tensor(name: &str, tensor: &Tensor, rank: usize) -> Result<(), SchemaEr
     if fits {
         return Ok(());
     }
-    let expected = format!("expected unet.*.lora_A.weight [{rank}, in] or unet.*.lora_B.weight [out, {rank}]");
-    Err(SchemaError::content(format!("tensor {name:?}"), format!("has shape {:?}; {expected}", tensor.shape)))
+    let expected =
+        format!("expected unet.*.lora_A.weight [{rank}, in] or unet.*.lora_B.weight [out, {rank}]");
+    Err(SchemaError::content(
+        format!("tensor {name:?}"),
+        format!("has shape {:?}; {expected}", tensor.shape),
+    ))
 }
 
 impl Artifact for Lora {
@@ -91,11 +108,31 @@ impl Artifact for Lora {
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         self.check()?;
-        let ours = LoraMetadata { rank: self.rank, alpha: self.alpha, provenance: provenance.clone() };
-        let mut metadata = BTreeMap::from([("format", "pt".to_owned()), (METADATA_KEY, canonical::line(&ours)?)]);
-        tensor_file::write(folder, CAMERA_FILE, &tensor_file::by_name(&self.camera), &metadata)?;
-        metadata.insert("lora_adapter_metadata", format!("{:#}", canonical::value(&self.adapter_metadata())?));
-        tensor_file::write(folder, WEIGHTS_FILE, &tensor_file::by_name(&self.tensors), &metadata)
+        let ours = LoraMetadata {
+            rank: self.rank,
+            alpha: self.alpha,
+            provenance: provenance.clone(),
+        };
+        let mut metadata = BTreeMap::from([
+            ("format", "pt".to_owned()),
+            (METADATA_KEY, canonical::line(&ours)?),
+        ]);
+        tensor_file::write(
+            folder,
+            CAMERA_FILE,
+            &tensor_file::by_name(&self.camera),
+            &metadata,
+        )?;
+        metadata.insert(
+            "lora_adapter_metadata",
+            format!("{:#}", canonical::value(&self.adapter_metadata())?),
+        );
+        tensor_file::write(
+            folder,
+            WEIGHTS_FILE,
+            &tensor_file::by_name(&self.tensors),
+            &metadata,
+        )
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
@@ -103,7 +140,12 @@ impl Artifact for Lora {
         let weights = TensorFile::read(&path)?;
         let LoraMetadata { rank, alpha, .. } = weights.header(&path)?;
         let camera = TensorFile::read(&folder.join(CAMERA_FILE))?.tensors;
-        let lora = Self { rank, alpha, tensors: weights.tensors, camera };
+        let lora = Self {
+            rank,
+            alpha,
+            tensors: weights.tensors,
+            camera,
+        };
         lora.check().map_err(|error| error.in_file(&path))?;
         Ok(lora)
     }

@@ -52,11 +52,19 @@ impl Metrics {
     }
 }
 
-fn check_scores(scores: &BTreeMap<String, f64>, place: impl Fn() -> String) -> Result<(), SchemaError> {
+fn check_scores(
+    scores: &BTreeMap<String, f64>,
+    place: impl Fn() -> String,
+) -> Result<(), SchemaError> {
     match scores.iter().find(|(_, score)| !score.is_finite()) {
         Some((metric, score)) => {
-            let problem = format!("is {score}; JSON holds finite numbers only, leave out a metric without a value");
-            Err(SchemaError::content(format!("{}: {metric}", place()), problem))
+            let problem = format!(
+                "is {score}; JSON holds finite numbers only, leave out a metric without a value"
+            );
+            Err(SchemaError::content(
+                format!("{}: {metric}", place()),
+                problem,
+            ))
         }
         None => Ok(()),
     }
@@ -68,12 +76,18 @@ impl Artifact for Metrics {
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         self.check()?;
         let (rows, definitions) = (self.rows.clone(), self.definitions.clone());
-        let page = canonical::page(&MetricsFile { rows, definitions, provenance: provenance.clone() })?;
+        let page = canonical::page(&MetricsFile {
+            rows,
+            definitions,
+            provenance: provenance.clone(),
+        })?;
         canonical::write(folder, FILE, page.as_bytes())
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        let MetricsFile { rows, definitions, .. } = canonical::read(&folder.join(FILE))?;
+        let MetricsFile {
+            rows, definitions, ..
+        } = canonical::read(&folder.join(FILE))?;
         Ok(Self { rows, definitions })
     }
 

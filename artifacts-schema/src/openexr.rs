@@ -15,8 +15,8 @@ use exr::meta::BlockDescription;
 use exr::meta::attribute::{AttributeValue, Chromaticities, SampleType, Text};
 use exr::meta::header::Header;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
-    ReadChannels, ReadLayers, Vec2, WritableImage,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, LineOrder, ReadChannels, ReadLayers, Vec2, WritableImage,
 };
 use glam::{DMat4, DVec4};
 
@@ -38,12 +38,19 @@ pub fn write(path: &Path, view: &View, provenance: &Provenance) -> Result<(), Sc
     let mut image = Image::from_layer(Layer::new(
         (view.camera.width as usize, view.camera.height as usize),
         attributes(&view.camera, &about(&view.camera, provenance)?)?,
-        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing },
+        Encoding {
+            compression: Compression::ZIP16,
+            blocks: Blocks::ScanLines,
+            line_order: LineOrder::Increasing,
+        },
         AnyChannels::sort(channels(view).into()),
     ));
     image.attributes.chromaticities = Some(REC_709);
     let color_space = AttributeValue::Text(Text::new_or_panic("lin_rec709_scene"));
-    image.attributes.other.insert(Text::new_or_panic("colorInteropID"), color_space);
+    image
+        .attributes
+        .other
+        .insert(Text::new_or_panic("colorInteropID"), color_space);
     let mut bytes = Cursor::new(Vec::new());
     // The parallel writer may order the blocks by who comes first.
     let written = image.write().non_parallel().to_buffered(&mut bytes);
@@ -56,7 +63,11 @@ fn channels(view: &View) -> Vec<AnyChannel<FlatSamples>> {
     let color = [("R", plane(0)), ("G", plane(1)), ("B", plane(2))].into_iter();
     let alpha = view.alpha.iter().map(|alpha| ("A", alpha.clone()));
     let depth = view.depth.iter().map(|depth| ("Z", depth.clone()));
-    color.chain(alpha).chain(depth).map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values))).collect()
+    color
+        .chain(alpha)
+        .chain(depth)
+        .map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)))
+        .collect()
 }
 
 /// The JSON of the attribute `srnerf`.
@@ -69,28 +80,39 @@ fn about(camera: &Camera, provenance: &Provenance) -> Result<String, SchemaError
 }
 
 fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, SchemaError> {
-    let about = Text::new_or_none(about)
-        .ok_or_else(|| SchemaError::content("provenance", "holds characters that OpenEXR cannot"))?;
+    let about = Text::new_or_none(about).ok_or_else(|| {
+        SchemaError::content("provenance", "holds characters that OpenEXR cannot")
+    })?;
     let world_to_camera = world_to_camera(camera);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let off_center = [(width / 2.0 - camera.cx) / camera.fl_x, (camera.cy - height / 2.0) / camera.fl_y];
+    let off_center = [
+        (width / 2.0 - camera.cx) / camera.fl_x,
+        (camera.cy - height / 2.0) / camera.fl_y,
+    ];
     let mut attributes = LayerAttributes {
         world_to_camera: Some(row_vector_matrix(world_to_camera)),
-        world_to_normalized_device: Some(row_vector_matrix(camera_to_ndc(camera) * world_to_camera)),
+        world_to_normalized_device: Some(row_vector_matrix(
+            camera_to_ndc(camera) * world_to_camera,
+        )),
         near_clip_plane: Some(camera.near as f32),
         far_clip_plane: Some(camera.far as f32),
         screen_window_width: (width / camera.fl_x) as f32,
         screen_window_center: Vec2(off_center[0] as f32, off_center[1] as f32),
         ..LayerAttributes::default()
     };
-    attributes.other.insert(Text::new_or_panic("srnerf"), AttributeValue::Text(about));
+    attributes
+        .other
+        .insert(Text::new_or_panic("srnerf"), AttributeValue::Text(about));
     Ok(attributes)
 }
 
 /// World to OpenEXR's camera space: left-handed, +x right, +y up, +z forward.
 fn world_to_camera(camera: &Camera) -> DMat4 {
     let flip_z = DMat4::from_diagonal(DVec4::new(1.0, 1.0, -1.0, 1.0));
-    flip_z * DMat4::from_cols_array_2d(&camera.camera_to_world).transpose().inverse()
+    flip_z
+        * DMat4::from_cols_array_2d(&camera.camera_to_world)
+            .transpose()
+            .inverse()
 }
 
 /// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w; z, which readers
@@ -130,48 +152,111 @@ pub fn read(path: &Path, name: &str, camera: Camera) -> Result<View, SchemaError
         .ok_or_else(|| SchemaError::malformed(path, "channels", "R, G and B are not all there"))
 }
 
-fn view(channels: impl Iterator<Item = AnyChannel<FlatSamples>>, name: &str, camera: Camera) -> Option<View> {
+fn view(
+    channels: impl Iterator<Item = AnyChannel<FlatSamples>>,
+    name: &str,
+    camera: Camera,
+) -> Option<View> {
     let mut planes: BTreeMap<String, Vec<f32>> = channels
         .filter_map(|channel| match channel.sample_data {
             FlatSamples::F32(values) => Some((channel.name.to_string(), values)),
             _ => None,
         })
         .collect();
-    let (red, green, blue) = (planes.remove("R")?, planes.remove("G")?, planes.remove("B")?);
-    let rgb: Vec<[f32; 3]> = red.into_iter().zip(green).zip(blue).map(|((r, g), b)| [r, g, b]).collect();
+    let (red, green, blue) = (
+        planes.remove("R")?,
+        planes.remove("G")?,
+        planes.remove("B")?,
+    );
+    let rgb: Vec<[f32; 3]> = red
+        .into_iter()
+        .zip(green)
+        .zip(blue)
+        .map(|((r, g), b)| [r, g, b])
+        .collect();
     let (alpha, depth) = (planes.remove("A"), planes.remove("Z"));
-    Some(View { name: name.to_owned(), camera, rgb: rgb.into_flattened(), alpha, depth })
+    Some(View {
+        name: name.to_owned(),
+        camera,
+        rgb: rgb.into_flattened(),
+        alpha,
+        depth,
+    })
 }
 
 /// Refuses a header that does not describe the view, by place and problem, before anything is allocated for its pixels.
-fn check(headers: &[Header], camera: &Camera, file_length: u64) -> Result<(), (&'static str, String)> {
+fn check(
+    headers: &[Header],
+    camera: &Camera,
+    file_length: u64,
+) -> Result<(), (&'static str, String)> {
     let [header] = headers else {
         return Err(("parts", format!("there are {}; expected 1", headers.len())));
     };
-    if header.compression != Compression::ZIP16 || header.blocks != BlockDescription::ScanLines || header.deep {
-        return Err(("encoding", format!("is {}; expected flat scan lines, zip compression", header.compression)));
+    if header.compression != Compression::ZIP16
+        || header.blocks != BlockDescription::ScanLines
+        || header.deep
+    {
+        return Err((
+            "encoding",
+            format!(
+                "is {}; expected flat scan lines, zip compression",
+                header.compression
+            ),
+        ));
     }
     let channels = &header.channels.list;
-    let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+    let names: Vec<String> = channels
+        .iter()
+        .map(|channel| channel.name.to_string())
+        .collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let (["B", "G", "R"] | ["A", "B", "G", "R"] | ["B", "G", "R", "Z"] | ["A", "B", "G", "R", "Z"]) = names[..] else {
-        return Err(("channels", format!("are {}; expected B, G, R, perhaps A and Z", names.join(", "))));
+    let (["B", "G", "R"] | ["A", "B", "G", "R"] | ["B", "G", "R", "Z"] | ["A", "B", "G", "R", "Z"]) =
+        names[..]
+    else {
+        return Err((
+            "channels",
+            format!(
+                "are {}; expected B, G, R, perhaps A and Z",
+                names.join(", ")
+            ),
+        ));
     };
-    if channels.iter().any(|channel| channel.sample_type != SampleType::F32 || channel.sampling != Vec2(1, 1)) {
-        return Err(("channels", "are not all 32-bit float without subsampling".to_owned()));
+    if channels
+        .iter()
+        .any(|channel| channel.sample_type != SampleType::F32 || channel.sampling != Vec2(1, 1))
+    {
+        return Err((
+            "channels",
+            "are not all 32-bit float without subsampling".to_owned(),
+        ));
     }
-    check_size(header, (camera.width as usize, camera.height as usize), file_length)
+    check_size(
+        header,
+        (camera.width as usize, camera.height as usize),
+        file_length,
+    )
 }
 
-fn check_size(header: &Header, expected: (usize, usize), file_length: u64) -> Result<(), (&'static str, String)> {
+fn check_size(
+    header: &Header,
+    expected: (usize, usize),
+    file_length: u64,
+) -> Result<(), (&'static str, String)> {
     let Vec2(width, height) = header.layer_size;
     if (width, height) != expected {
-        let problem = format!("is {width}x{height}; transforms.json says {}x{}", expected.0, expected.1);
+        let problem = format!(
+            "is {width}x{height}; transforms.json says {}x{}",
+            expected.0, expected.1
+        );
         return Err(("data window", problem));
     }
     let pixels = width as u64 * height as u64;
     if pixels * 4 * header.channels.list.len() as u64 / LARGEST_COMPRESSION_RATIO > file_length {
-        return Err(("data window", format!("is {width}x{height}, which {file_length} bytes cannot hold")));
+        return Err((
+            "data window",
+            format!("is {width}x{height}, which {file_length} bytes cannot hold"),
+        ));
     }
     Ok(())
 }

@@ -14,11 +14,17 @@ pub struct Tensor {
 impl Tensor {
     /// Refuses values that do not fill the shape.
     pub(crate) fn check(&self, place: &str) -> Result<(), SchemaError> {
-        let count = self.shape.iter().try_fold(1usize, |count, &extent| count.checked_mul(extent));
+        let count = self
+            .shape
+            .iter()
+            .try_fold(1usize, |count, &extent| count.checked_mul(extent));
         if count == Some(self.values.len()) {
             return Ok(());
         }
         let (shape, len) = (&self.shape, self.values.len());
-        Err(SchemaError::content(place, format!("{len} values do not fill the shape {shape:?}")))
+        Err(SchemaError::content(
+            place,
+            format!("{len} values do not fill the shape {shape:?}"),
+        ))
     }
 }

@@ -28,22 +28,35 @@ pub fn write(
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.extend(header);
     for tensor in tensors.values() {
-        let values: Vec<[u8; 4]> = tensor.values.iter().map(|value| value.to_le_bytes()).collect();
+        let values: Vec<[u8; 4]> = tensor
+            .values
+            .iter()
+            .map(|value| value.to_le_bytes())
+            .collect();
         bytes.extend_from_slice(values.as_flattened());
     }
     crate::canonical::write(folder, file, &bytes)
 }
 
-fn header(tensors: &BTreeMap<&str, &Tensor>, metadata: &BTreeMap<&str, String>) -> Result<Vec<u8>, SchemaError> {
+fn header(
+    tensors: &BTreeMap<&str, &Tensor>,
+    metadata: &BTreeMap<&str, String>,
+) -> Result<Vec<u8>, SchemaError> {
     let mut header = serde_json::Map::new();
     let mut end = 0;
     for (&name, tensor) in tensors {
         tensor.check(&format!("tensor {name:?}"))?;
         let begin = end;
         end += 4 * tensor.values.len();
-        header.insert(name.to_owned(), json!({ "dtype": "F32", "shape": tensor.shape, "data_offsets": [begin, end] }));
+        header.insert(
+            name.to_owned(),
+            json!({ "dtype": "F32", "shape": tensor.shape, "data_offsets": [begin, end] }),
+        );
     }
-    if header.insert("__metadata__".to_owned(), json!(metadata)).is_some() {
+    if header
+        .insert("__metadata__".to_owned(), json!(metadata))
+        .is_some()
+    {
         return Err(SchemaError::content(
             "tensor \"__metadata__\"",
             "has the one name that safetensors keeps for itself",
@@ -56,7 +69,10 @@ fn header(tensors: &BTreeMap<&str, &Tensor>, metadata: &BTreeMap<&str, String>) 
 
 /// Owned tensors as [`write`] takes them.
 pub fn by_name(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<&str, &Tensor> {
-    tensors.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect()
+    tensors
+        .iter()
+        .map(|(name, tensor)| (name.as_str(), tensor))
+        .collect()
 }
 
 /// What a file holds.
@@ -73,28 +89,49 @@ impl TensorFile {
         let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
         let malformed = |error: SafeTensorError| SchemaError::malformed(path, "header", error);
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(malformed)?;
-        let metadata = header.metadata().iter().flatten().map(|(key, text)| (key.clone(), text.clone())).collect();
+        let metadata = header
+            .metadata()
+            .iter()
+            .flatten()
+            .map(|(key, text)| (key.clone(), text.clone()))
+            .collect();
         let views = SafeTensors::deserialize(&bytes).map_err(malformed)?;
-        let tensor = |(name, view): (&str, TensorView)| Ok((name.to_owned(), tensor(path, name, &view)?));
-        Ok(Self { tensors: views.iter().map(tensor).collect::<Result<_, SchemaError>>()?, metadata })
+        let tensor =
+            |(name, view): (&str, TensorView)| Ok((name.to_owned(), tensor(path, name, &view)?));
+        Ok(Self {
+            tensors: views
+                .iter()
+                .map(tensor)
+                .collect::<Result<_, SchemaError>>()?,
+            metadata,
+        })
     }
 
     /// Our own JSON in the metadata.
     pub fn header<T: DeserializeOwned>(&self, path: &Path) -> Result<T, SchemaError> {
         let place = format!("metadata {METADATA_KEY:?}");
-        let text = self.metadata.get(METADATA_KEY).ok_or_else(|| SchemaError::malformed(path, &place, "is missing"))?;
+        let text = self
+            .metadata
+            .get(METADATA_KEY)
+            .ok_or_else(|| SchemaError::malformed(path, &place, "is missing"))?;
         serde_json::from_str(text).map_err(|error| SchemaError::malformed(path, &place, error))
     }
 
     /// Takes out the tensor of this name.
     pub fn take(&mut self, path: &Path, name: &str) -> Result<Tensor, SchemaError> {
-        self.tensors.remove(name).ok_or_else(|| SchemaError::malformed(path, format!("tensor {name:?}"), "is missing"))
+        self.tensors
+            .remove(name)
+            .ok_or_else(|| SchemaError::malformed(path, format!("tensor {name:?}"), "is missing"))
     }
 
     /// Refuses tensors that nobody took.
     pub fn finish(self, path: &Path) -> Result<(), SchemaError> {
         match self.tensors.keys().next() {
-            Some(name) => Err(SchemaError::malformed(path, format!("tensor {name:?}"), "is not in the metadata")),
+            Some(name) => Err(SchemaError::malformed(
+                path,
+                format!("tensor {name:?}"),
+                "is not in the metadata",
+            )),
             None => Ok(()),
         }
     }
@@ -103,8 +140,18 @@ impl TensorFile {
 fn tensor(path: &Path, name: &str, view: &TensorView) -> Result<Tensor, SchemaError> {
     if view.dtype() != Dtype::F32 {
         let problem = format!("is {}; expected F32", view.dtype());
-        return Err(SchemaError::malformed(path, format!("tensor {name:?}"), problem));
+        return Err(SchemaError::malformed(
+            path,
+            format!("tensor {name:?}"),
+            problem,
+        ));
     }
     let (values, _) = view.data().as_chunks::<4>();
-    Ok(Tensor { shape: view.shape().to_vec(), values: values.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect() })
+    Ok(Tensor {
+        shape: view.shape().to_vec(),
+        values: values
+            .iter()
+            .map(|&bytes| f32::from_le_bytes(bytes))
+            .collect(),
+    })
 }

@@ -112,11 +112,18 @@ impl Transforms {
     /// The file for these cameras, given by view name.
     pub fn new(cameras: &[(&str, Camera)], bounds: [[f64; 3]; 2], provenance: &Provenance) -> Self {
         let lenses: Vec<Lens> = cameras.iter().map(|(_, camera)| Lens::of(camera)).collect();
-        let shared = lenses.first().copied().filter(|first| lenses.iter().all(|lens| lens == first));
+        let shared = lenses
+            .first()
+            .copied()
+            .filter(|first| lenses.iter().all(|lens| lens == first));
         let frame = |&(name, camera): &(&str, Camera)| Frame {
             file_path: format!("{name}.exr"),
             transform_matrix: camera.camera_to_world,
-            lens: if shared.is_some() { Lens::default() } else { Lens::of(&camera) },
+            lens: if shared.is_some() {
+                Lens::default()
+            } else {
+                Lens::of(&camera)
+            },
         };
         Self {
             camera_model: "OPENCV".to_owned(),
@@ -136,7 +143,11 @@ impl Transforms {
     }
 
     fn cameras(&self) -> Result<Vec<(String, Camera)>, SchemaError> {
-        let mut cameras = self.frames.iter().map(|frame| self.camera(frame)).collect::<Result<Vec<_>, _>>()?;
+        let mut cameras = self
+            .frames
+            .iter()
+            .map(|frame| self.camera(frame))
+            .collect::<Result<Vec<_>, _>>()?;
         cameras.sort_by(|(left, _), (right, _)| left.cmp(right));
         canonical::check_names(cameras.iter().map(|(name, _)| name.as_str()))?;
         Ok(cameras)
@@ -155,21 +166,50 @@ impl Transforms {
 
     fn camera(&self, frame: &Frame) -> Result<(String, Camera), SchemaError> {
         let place = format!("frame {:?}", frame.file_path);
-        let missing =
-            |field: &str| SchemaError::content(&place, format!("has no {field}, nor is there one for all frames"));
+        let missing = |field: &str| {
+            SchemaError::content(
+                &place,
+                format!("has no {field}, nor is there one for all frames"),
+            )
+        };
         let name = frame.file_path.strip_suffix(".exr");
-        let name = name.ok_or_else(|| SchemaError::content(&place, "is not the name of an .exr file"))?;
+        let name =
+            name.ok_or_else(|| SchemaError::content(&place, "is not the name of an .exr file"))?;
         let camera = Camera {
             width: frame.lens.w.or(self.lens.w).ok_or_else(|| missing("w"))?,
             height: frame.lens.h.or(self.lens.h).ok_or_else(|| missing("h"))?,
-            fl_x: frame.lens.fl_x.or(self.lens.fl_x).ok_or_else(|| missing("fl_x"))?,
-            fl_y: frame.lens.fl_y.or(self.lens.fl_y).ok_or_else(|| missing("fl_y"))?,
-            cx: frame.lens.cx.or(self.lens.cx).ok_or_else(|| missing("cx"))?,
-            cy: frame.lens.cy.or(self.lens.cy).ok_or_else(|| missing("cy"))?,
+            fl_x: frame
+                .lens
+                .fl_x
+                .or(self.lens.fl_x)
+                .ok_or_else(|| missing("fl_x"))?,
+            fl_y: frame
+                .lens
+                .fl_y
+                .or(self.lens.fl_y)
+                .ok_or_else(|| missing("fl_y"))?,
+            cx: frame
+                .lens
+                .cx
+                .or(self.lens.cx)
+                .ok_or_else(|| missing("cx"))?,
+            cy: frame
+                .lens
+                .cy
+                .or(self.lens.cy)
+                .ok_or_else(|| missing("cy"))?,
             distortion: self.distortion(&frame.lens),
             camera_to_world: frame.transform_matrix,
-            near: frame.lens.near.or(self.lens.near).ok_or_else(|| missing("near"))?,
-            far: frame.lens.far.or(self.lens.far).ok_or_else(|| missing("far"))?,
+            near: frame
+                .lens
+                .near
+                .or(self.lens.near)
+                .ok_or_else(|| missing("near"))?,
+            far: frame
+                .lens
+                .far
+                .or(self.lens.far)
+                .ok_or_else(|| missing("far"))?,
         };
         camera.check(&place)?;
         Ok((name.to_owned(), camera))

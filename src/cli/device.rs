@@ -7,14 +7,20 @@ use crate::error::Error;
 
 /// The device of this name: `auto`, `cpu`, `gpu` or `gpu:N`.
 pub fn open(name: &str) -> Result<Device, Error> {
-    let (kind, number) = name.split_once(':').map_or((name, None), |(kind, number)| (kind, Some(number.parse())));
+    let (kind, number) = name
+        .split_once(':')
+        .map_or((name, None), |(kind, number)| (kind, Some(number.parse())));
     match (kind, number.transpose()) {
         ("auto", Ok(None)) => Ok(Device::auto()),
         ("cpu", Ok(None)) => Ok(Device::cpu()),
-        ("gpu", Ok(number)) => {
-            Device::gpu(number).map_err(|error| Error::Usage { message: error.to_string(), help: None })
-        }
-        _ => Err(Error::usage(format!("there is no device `{name}`"), "the devices are auto, cpu, gpu and gpu:N")),
+        ("gpu", Ok(number)) => Device::gpu(number).map_err(|error| Error::Usage {
+            message: error.to_string(),
+            help: None,
+        }),
+        _ => Err(Error::usage(
+            format!("there is no device `{name}`"),
+            "the devices are auto, cpu, gpu and gpu:N",
+        )),
     }
 }
 

@@ -43,19 +43,31 @@ impl Diff {
     /// Prints the comparison.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let known = Known::new(Store::open(&self.changes.folders.store)?)?;
-        let plain = Changes { set: Vec::new(), ..self.changes.clone() };
+        let plain = Changes {
+            set: Vec::new(),
+            ..self.changes.clone()
+        };
         let (a, b) = self.sides();
         let (a, b) = (known.side(a, &plain)?, known.side(b, &self.changes)?);
         let verdicts = compare(&a, &b);
         if json {
-            let stages: Vec<Value> = verdicts.iter().map(|(name, verdict)| entry(name, verdict)).collect();
+            let stages: Vec<Value> = verdicts
+                .iter()
+                .map(|(name, verdict)| entry(name, verdict))
+                .collect();
             print_json(&json!({"a": a.title, "b": b.title, "stages": stages}));
         } else {
             tell(&a, &b, &verdicts);
         }
-        let differ = verdicts.values().filter(|verdict| **verdict != Verdict::Same).count();
+        let differ = verdicts
+            .values()
+            .filter(|verdict| **verdict != Verdict::Same)
+            .count();
         if self.exit_code && differ > 0 {
-            return Err(Error::Found { message: format!("{differ} of {} stages differ", verdicts.len()), help: None });
+            return Err(Error::Found {
+                message: format!("{differ} of {} stages differ", verdicts.len()),
+                help: None,
+            });
         }
         Ok(())
     }
@@ -77,15 +89,33 @@ impl Diff {
 
 impl Known {
     fn new(store: Store) -> Result<Self, Error> {
-        let records: BTreeMap<Digest, Record> =
-            store.records()?.into_iter().map(|record| (record.key, record)).collect();
-        let outputs = |record: &Record| record.outputs.values().map(|output| output.digest).collect::<Vec<_>>();
+        let records: BTreeMap<Digest, Record> = store
+            .records()?
+            .into_iter()
+            .map(|record| (record.key, record))
+            .collect();
+        let outputs = |record: &Record| {
+            record
+                .outputs
+                .values()
+                .map(|output| output.digest)
+                .collect::<Vec<_>>()
+        };
         let made = records
             .values()
-            .flat_map(|record| outputs(record).into_iter().map(|digest| (digest.to_string(), record.key)))
+            .flat_map(|record| {
+                outputs(record)
+                    .into_iter()
+                    .map(|digest| (digest.to_string(), record.key))
+            })
             .collect();
         let runs = store.runs(None)?.collect();
-        Ok(Self { store, runs, records, made })
+        Ok(Self {
+            store,
+            runs,
+            records,
+            made,
+        })
     }
 
     fn side(&self, word: &str, changes: &Changes) -> Result<Side, Error> {
@@ -109,7 +139,10 @@ impl Known {
         match keys[..] {
             [] => Ok(None),
             [key] => Ok(Some(key)),
-            _ => Err(Error::usage(format!("`{word}` is the beginning of {} keys", keys.len()), "give more digits")),
+            _ => Err(Error::usage(
+                format!("`{word}` is the beginning of {} keys", keys.len()),
+                "give more digits",
+            )),
         }
     }
 
@@ -118,22 +151,43 @@ impl Known {
         let context = session.context(&self.store);
         let forecasts = context.forecast()?;
         let nodes = &session.graph.nodes;
-        let stages = context.manifests(&forecasts).into_iter().map(|(at, manifest)| {
-            let from = nodes[at].wires.iter().map(|wire| (wire.input.to_owned(), nodes[wire.from].name.clone()));
-            (nodes[at].name.clone(), Part { manifest, from: from.collect() })
-        });
+        let stages = context
+            .manifests(&forecasts)
+            .into_iter()
+            .map(|(at, manifest)| {
+                let from = nodes[at]
+                    .wires
+                    .iter()
+                    .map(|wire| (wire.input.to_owned(), nodes[wire.from].name.clone()));
+                (
+                    nodes[at].name.clone(),
+                    Part {
+                        manifest,
+                        from: from.collect(),
+                    },
+                )
+            });
         let title = std::iter::once(path.display().to_string()).chain(changes.set.iter().cloned());
-        Ok(Side { title: title.collect::<Vec<_>>().join(" "), stages: stages.collect() })
+        Ok(Side {
+            title: title.collect::<Vec<_>>().join(" "),
+            stages: stages.collect(),
+        })
     }
 
     fn run(&self, run: &Run) -> Side {
-        let names: BTreeMap<Digest, &String> =
-            run.stages.iter().filter_map(|(name, stage)| Some((stage.key?, name))).collect();
+        let names: BTreeMap<Digest, &String> = run
+            .stages
+            .iter()
+            .filter_map(|(name, stage)| Some((stage.key?, name)))
+            .collect();
         let stages = names.iter().filter_map(|(key, name)| {
             let part = self.part(key, |from| names.get(from).map(|name| (*name).clone()))?;
             Some(((*name).clone(), part))
         });
-        Side { title: format!("the run of {} at {}", run.pipeline, run.started), stages: stages.collect() }
+        Side {
+            title: format!("the run of {} at {}", run.pipeline, run.started),
+            stages: stages.collect(),
+        }
     }
 
     /// A result and all that it came from, each by the name of its stage.
@@ -141,18 +195,37 @@ impl Known {
         let name = |key: &Digest| self.records.get(key).map(|record| record.stage.clone());
         let (mut stages, mut todo) = (BTreeMap::new(), vec![key]);
         while let Some(at) = todo.pop() {
-            let Some(part) = self.part(&at, name) else { continue };
-            let inputs = part.manifest.0.iter().filter(|(path, _)| path.starts_with("inputs."));
+            let Some(part) = self.part(&at, name) else {
+                continue;
+            };
+            let inputs = part
+                .manifest
+                .0
+                .iter()
+                .filter(|(path, _)| path.starts_with("inputs."));
             todo.extend(inputs.filter_map(|(_, digest)| self.made.get(digest)));
-            stages.insert(if at == key { "the result".to_owned() } else { name(&at).unwrap_or_default() }, part);
+            stages.insert(
+                if at == key {
+                    "the result".to_owned()
+                } else {
+                    name(&at).unwrap_or_default()
+                },
+                part,
+            );
         }
-        Side { title: format!("the result {}", &key.to_string()[..12]), stages }
+        Side {
+            title: format!("the result {}", &key.to_string()[..12]),
+            stages,
+        }
     }
 
     fn part(&self, key: &Digest, name: impl Fn(&Digest) -> Option<String>) -> Option<Part> {
         let manifest = self.store.manifest(key)?;
         let from = manifest.0.iter().filter_map(|(path, digest)| {
-            Some((path.strip_prefix("inputs.")?.to_owned(), name(self.made.get(digest)?)?))
+            Some((
+                path.strip_prefix("inputs.")?.to_owned(),
+                name(self.made.get(digest)?)?,
+            ))
         });
         let from = from.collect();
         Some(Part { manifest, from })
@@ -165,10 +238,14 @@ pub(super) fn find_run<'r>(runs: &'r [Run], word: &str) -> Option<&'r Run> {
     match word.strip_prefix('@').map(str::parse::<usize>) {
         Some(Ok(number)) => {
             let newest = &runs.first()?.pipeline;
-            runs.iter().filter(|run| run.pipeline == *newest).nth(number.checked_sub(1)?)
+            runs.iter()
+                .filter(|run| run.pipeline == *newest)
+                .nth(number.checked_sub(1)?)
         }
         Some(Err(_)) => None,
-        None => runs.iter().find(|run| word.len() >= 8 && run.started.starts_with(word)),
+        None => runs
+            .iter()
+            .find(|run| word.len() >= 8 && run.started.starts_with(word)),
     }
 }
 
@@ -185,23 +262,41 @@ fn entry(name: &str, verdict: &Verdict) -> Value {
 fn tell(a: &Side, b: &Side, verdicts: &BTreeMap<String, Verdict>) {
     print(&format_args!("A: {}\nB: {}\n", a.title, b.title));
     let rank = |verdict: &Verdict| matches!(verdict, Verdict::Follows(_));
-    let mut different: Vec<_> = verdicts.iter().filter(|(_, verdict)| **verdict != Verdict::Same).collect();
+    let mut different: Vec<_> = verdicts
+        .iter()
+        .filter(|(_, verdict)| **verdict != Verdict::Same)
+        .collect();
     different.sort_by_key(|(_, verdict)| rank(verdict));
-    let rows: Vec<Vec<String>> =
-        different.iter().map(|(name, verdict)| vec![(*name).clone(), words(verdict)]).collect();
+    let rows: Vec<Vec<String>> = different
+        .iter()
+        .map(|(name, verdict)| vec![(*name).clone(), words(verdict)])
+        .collect();
     if !rows.is_empty() {
         print(&format_args!("{}\n", table(&rows, false)));
     }
-    let follow = different.iter().filter(|(_, verdict)| rank(verdict)).count();
+    let follow = different
+        .iter()
+        .filter(|(_, verdict)| rank(verdict))
+        .count();
     let by_itself = different.len() - follow;
-    print(&format_args!("{} stages: {by_itself} differ by themselves, {follow} follow", verdicts.len()));
+    print(&format_args!(
+        "{} stages: {by_itself} differ by themselves, {follow} follow",
+        verdicts.len()
+    ));
 }
 
 fn words(verdict: &Verdict) -> String {
     match verdict {
         Verdict::Same => "same".into(),
-        Verdict::Differs(changes) => changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
-        Verdict::Follows(causes) => format!("follows {}", causes.iter().cloned().collect::<Vec<_>>().join(", ")),
+        Verdict::Differs(changes) => changes
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join(", "),
+        Verdict::Follows(causes) => format!(
+            "follows {}",
+            causes.iter().cloned().collect::<Vec<_>>().join(", ")
+        ),
         Verdict::Only(Which::A) => "only in A".into(),
         Verdict::Only(Which::B) => "only in B".into(),
     }

@@ -35,20 +35,37 @@ impl Doctor {
         let tests: Vec<_> = reports.iter().map(|report| test(report.index)).collect();
         let choice = choice(&adapters);
         if json {
-            let adapters: Vec<_> = reports.iter().zip(&tests).map(|(report, test)| as_json(report, test)).collect();
+            let adapters: Vec<_> = reports
+                .iter()
+                .zip(&tests)
+                .map(|(report, test)| as_json(report, test))
+                .collect();
             let missing = adapters_missing(reports, &choice);
             print_json(&json!({
                 "cpu": Device::cpu().instructions(), "adapters": adapters, "auto": choice, "missing": missing,
             }));
         } else {
-            print(&format_args!("CPU      {} instructions, {} threads", Device::cpu().instructions(), threads()));
-            reports.iter().zip(&tests).for_each(|(report, test)| tell(report, test));
+            print(&format_args!(
+                "CPU      {} instructions, {} threads",
+                Device::cpu().instructions(),
+                threads()
+            ));
+            reports
+                .iter()
+                .zip(&tests)
+                .for_each(|(report, test)| tell(report, test));
             print(&format_args!("auto     {choice}"));
         }
-        let wrong = tests.iter().filter(|test| test.as_ref().is_ok_and(|test| !test.passes())).count();
+        let wrong = tests
+            .iter()
+            .filter(|test| test.as_ref().is_ok_and(|test| !test.passes()))
+            .count();
         if wrong > 0 {
             let help = Some("use --device cpu, and update the driver".to_owned());
-            return Err(Error::Found { message: format!("{wrong} GPUs compute wrong numbers"), help });
+            return Err(Error::Found {
+                message: format!("{wrong} GPUs compute wrong numbers"),
+                help,
+            });
         }
         Ok(())
     }
@@ -79,37 +96,87 @@ fn adapters_missing<'c>(reports: &[Report], choice: &'c str) -> Option<&'c str> 
 }
 
 fn tell(report: &Report, test: &Result<Test, GpuError>) {
-    let kind = if report.hardware { "hardware" } else { "software" };
-    print(&format_args!("gpu:{}    {}, {kind}, {} {}", report.index, report.name, report.backend, report.driver));
+    let kind = if report.hardware {
+        "hardware"
+    } else {
+        "software"
+    };
+    print(&format_args!(
+        "gpu:{}    {}, {kind}, {} {}",
+        report.index, report.name, report.backend, report.driver
+    ));
     for (what, value) in &report.limits {
-        let value = if what.starts_with("bytes") { size(*value) } else { value.to_string() };
+        let value = if what.starts_with("bytes") {
+            size(*value)
+        } else {
+            value.to_string()
+        };
         print(&format_args!("         {what}: {value}"));
     }
     for (what, has) in &report.features {
-        let used = if *what == compute::device::HALVES { "yes" } else { "yes, not used" };
-        print(&format_args!("         {what}: {}", if *has { used } else { "no" }));
+        let used = if *what == compute::device::HALVES {
+            "yes"
+        } else {
+            "yes, not used"
+        };
+        print(&format_args!(
+            "         {what}: {}",
+            if *has { used } else { "no" }
+        ));
     }
     match test {
         Err(error) => print(&format_args!("         self-test: {error}")),
         Ok(test) => {
             let verdict = if test.passes() { "passed" } else { "FAILED" };
-            let errors: Vec<_> = test.errors.iter().map(|(name, error)| format!("{name} {error:.0e}")).collect();
-            print(&format_args!("         self-test {verdict}; off by: {}", errors.join(", ")));
-            print(&format_args!("         tiles of products: {}", test.tiles.trim_end().replace('\n', "; ")));
+            let errors: Vec<_> = test
+                .errors
+                .iter()
+                .map(|(name, error)| format!("{name} {error:.0e}"))
+                .collect();
+            print(&format_args!(
+                "         self-test {verdict}; off by: {}",
+                errors.join(", ")
+            ));
+            print(&format_args!(
+                "         tiles of products: {}",
+                test.tiles.trim_end().replace('\n', "; ")
+            ));
         }
     }
 }
 
 fn as_json(report: &Report, test: &Result<Test, GpuError>) -> Value {
-    let named = |pairs: Vec<(&str, Value)>| pairs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
-    let limits: serde_json::Map<_, _> =
-        named(report.limits.iter().map(|&(name, value)| (name, json!(value))).collect());
-    let features: serde_json::Map<_, _> =
-        named(report.features.iter().map(|&(name, has)| (name, json!(has))).collect());
+    let named = |pairs: Vec<(&str, Value)>| {
+        pairs
+            .into_iter()
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect()
+    };
+    let limits: serde_json::Map<_, _> = named(
+        report
+            .limits
+            .iter()
+            .map(|&(name, value)| (name, json!(value)))
+            .collect(),
+    );
+    let features: serde_json::Map<_, _> = named(
+        report
+            .features
+            .iter()
+            .map(|&(name, has)| (name, json!(has)))
+            .collect(),
+    );
     let (passed, errors, fault) = match test {
-        Ok(test) => {
-            (test.passes(), Some(test.errors.iter().map(|&(name, error)| json!([name, error])).collect()), None)
-        }
+        Ok(test) => (
+            test.passes(),
+            Some(
+                test.errors
+                    .iter()
+                    .map(|&(name, error)| json!([name, error]))
+                    .collect(),
+            ),
+            None,
+        ),
         Err(error) => (false, None::<Vec<Value>>, Some(error.to_string())),
     };
     let tiles: Option<Vec<&str>> = test.as_ref().ok().map(|test| test.tiles.lines().collect());
@@ -131,8 +198,14 @@ fn test(index: usize) -> Result<Test, GpuError> {
     let gpu = Device::gpu(Some(index))?;
     tuning::apply(&gpu);
     let (here, there) = (results(&Device::cpu()), attempt(|| results(&gpu))?);
-    let errors = here.into_iter().zip(there).map(|((name, here), (_, there))| (name, distance(&here, &there)));
-    Ok(Test { errors: errors.collect(), tiles: gpu.tuning().unwrap_or_default() })
+    let errors = here
+        .into_iter()
+        .zip(there)
+        .map(|((name, here), (_, there))| (name, distance(&here, &there)));
+    Ok(Test {
+        errors: errors.collect(),
+        tiles: gpu.tuning().unwrap_or_default(),
+    })
 }
 
 /// One operator of each family, on numbers of its own generator, and a small field.
@@ -142,11 +215,18 @@ fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
     let (x, tokens) = (random(0, &[1, 24, 33, 31]), random(1, &[1, 150, 48]));
     let (gamma, beta) = (random(2, &[24]), random(3, &[24]));
     let attended = attention::attention(&tokens, &tokens, &tokens, 2, false);
-    let gradients = attention::attention_backward(&tokens, &tokens, &tokens, &attended, 2, false, &tokens);
+    let gradients =
+        attention::attention_backward(&tokens, &tokens, &tokens, &attended, 2, false, &tokens);
     let results: [(&str, &Array); 5] = [
         ("linear", &linear(&tokens, random(4, &[70, 48]), None)),
-        ("convolution", &conv2d(&x, random(5, &[40, 24, 3, 3]), None, Conv::padded(1))),
-        ("group norm", &group_norm(&x, &gamma, &beta, 4, 1e-5, Activation::Silu)),
+        (
+            "convolution",
+            &conv2d(&x, random(5, &[40, 24, 3, 3]), None, Conv::padded(1)),
+        ),
+        (
+            "group norm",
+            &group_norm(&x, &gamma, &beta, 4, 1e-5, Activation::Silu),
+        ),
         ("attention", &attended.out),
         ("its gradient", &gradients[0]),
     ];
@@ -157,8 +237,16 @@ fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
 }
 
 fn distance(expected: &[f32], got: &[f32]) -> f32 {
-    let size = expected.iter().fold(f32::MIN_POSITIVE, |max, x| max.max(x.abs()));
+    let size = expected
+        .iter()
+        .fold(f32::MIN_POSITIVE, |max, x| max.max(x.abs()));
     // NaN must count as the worst.
-    let off = |(a, b): (&f32, &f32)| if (a - b).is_nan() { f32::INFINITY } else { (a - b).abs() / size };
+    let off = |(a, b): (&f32, &f32)| {
+        if (a - b).is_nan() {
+            f32::INFINITY
+        } else {
+            (a - b).abs() / size
+        }
+    };
     expected.iter().zip(got).map(off).fold(0.0, f32::max)
 }

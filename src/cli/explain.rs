@@ -46,7 +46,9 @@ impl Explain {
         let mut context = session.context(&store);
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let forecasts = context.forecast()?;
-        let Some(account) = account(&context, &forecasts, at)? else { return Ok(()) };
+        let Some(account) = account(&context, &forecasts, at)? else {
+            return Ok(());
+        };
         if json {
             print_json(&account.json())
         } else {
@@ -62,8 +64,12 @@ fn account<'a>(
     at: usize,
 ) -> Result<Option<Account<'a>>, Error> {
     let name = &context.graph.nodes[at].name;
-    let Some(forecast) = forecasts.get(&at) else { return Ok(None) };
-    let now = forecast.assessment().map(|now| (now.key, context.manifest_of(at, &now.inputs, &now.key)));
+    let Some(forecast) = forecasts.get(&at) else {
+        return Ok(None);
+    };
+    let now = forecast
+        .assessment()
+        .map(|now| (now.key, context.manifest_of(at, &now.inputs, &now.key)));
     let past = match &now {
         Some((key, manifest)) => context.history.nearest_other(name, key, manifest)?,
         None => None,
@@ -75,13 +81,25 @@ fn account<'a>(
         cause = first_cause(context, forecasts, &past.started)?.or(cause);
     }
     cause = cause.filter(|(stage, _)| stage != name);
-    Ok(Some(Account { name, forecast, now, past, changes, cause }))
+    Ok(Some(Account {
+        name,
+        forecast,
+        now,
+        past,
+        changes,
+        cause,
+    }))
 }
 
 /// The first stage that will run for a reason of its own.
-fn first_to_run(context: &Context, forecasts: &BTreeMap<usize, Forecast>) -> Option<(String, String)> {
+fn first_to_run(
+    context: &Context,
+    forecasts: &BTreeMap<usize, Forecast>,
+) -> Option<(String, String)> {
     forecasts.iter().find_map(|(&at, forecast)| match forecast {
-        Forecast::Run(reason, _) => Some((context.graph.nodes[at].name.clone(), reason.to_string())),
+        Forecast::Run(reason, _) => {
+            Some((context.graph.nodes[at].name.clone(), reason.to_string()))
+        }
         _ => None,
     })
 }
@@ -94,12 +112,22 @@ fn first_cause(
 ) -> Result<Option<(String, String)>, Error> {
     for (&at, forecast) in forecasts {
         let name = &context.graph.nodes[at].name;
-        let (Some(now), Some(past)) = (forecast.assessment(), context.history.at(started, name)?) else { continue };
+        let (Some(now), Some(past)) = (forecast.assessment(), context.history.at(started, name)?)
+        else {
+            continue;
+        };
         let manifest = context.manifest_of(at, &now.inputs, &now.key);
         let mut changes = diff(&past.manifest, &manifest, &BTreeSet::new());
         changes.retain(|change| change.input().is_none());
         if !changes.is_empty() {
-            return Ok(Some((name.clone(), changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))));
+            return Ok(Some((
+                name.clone(),
+                changes
+                    .iter()
+                    .map(ToString::to_string)
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            )));
         }
     }
     Ok(None)
@@ -111,7 +139,10 @@ impl Account<'_> {
             Forecast::Cached(_) => "its result is in the store".into(),
             Forecast::Run(reason, _) => format!("it will run: {reason}"),
             Forecast::Unless(upstream) => {
-                format!("it will run after {}, unless that changes nothing", upstream.join(", "))
+                format!(
+                    "it will run after {}, unless that changes nothing",
+                    upstream.join(", ")
+                )
             }
         }
     }
@@ -141,10 +172,21 @@ impl Account<'_> {
 
     fn print_key(&self, key: &Digest, manifest: &Manifest) {
         print(&format_args!("key {key}\n"));
-        let rows: Vec<Vec<String>> = manifest.0.iter().map(|(path, text)| vec![path.clone(), text.clone()]).collect();
+        let rows: Vec<Vec<String>> = manifest
+            .0
+            .iter()
+            .map(|(path, text)| vec![path.clone(), text.clone()])
+            .collect();
         print(&table(&rows, false));
-        let Some(past) = &self.past else { return print(&"\nno earlier run differs") };
-        print(&format_args!("\ncompared with the run of {}:", past.started));
-        self.changes.iter().for_each(|change| print(&format_args!("  {change}")));
+        let Some(past) = &self.past else {
+            return print(&"\nno earlier run differs");
+        };
+        print(&format_args!(
+            "\ncompared with the run of {}:",
+            past.started
+        ));
+        self.changes
+            .iter()
+            .for_each(|change| print(&format_args!("  {change}")));
     }
 }

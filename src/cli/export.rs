@@ -46,7 +46,10 @@ impl Export {
             Self::Transforms(transforms) => transforms.run(json)?,
             Self::Snakemake(target) => {
                 write(&target.to, &target.workflow()?.snakefile(), snakemake::MARK)?;
-                print(&format_args!("wrote {}; it says at its top how to use it", target.to.display()));
+                print(&format_args!(
+                    "wrote {}; it says at its top how to use it",
+                    target.to.display()
+                ));
             }
             Self::Slurm(target) => {
                 let files = target.workflow()?.slurm(&target.to.to_string_lossy());
@@ -69,20 +72,36 @@ impl<const FOLDER: bool> Target<FOLDER> {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
         let session = Session::new(pipeline, changes, &Choice::default())?;
         let store = Store::open(&changes.folders.store)?;
-        Ok(Workflow::new(&session.context(&store), command(pipeline, changes)))
+        Ok(Workflow::new(
+            &session.context(&store),
+            command(pipeline, changes),
+        ))
     }
 }
 
 /// The command line that every job begins with: this program, and the options that decide keys and places.
 fn command(pipeline: &Path, changes: &Changes) -> Vec<String> {
-    let program = std::env::current_exe().map_or("srnerf-dag".into(), |path| path.display().to_string());
-    let mut words = vec![program, "run".into(), pipeline.display().to_string(), "--no-progress".into()];
-    let mut option = |name: &str, value: &str| words.extend([format!("--{name}"), value.to_owned()]);
+    let program =
+        std::env::current_exe().map_or("srnerf-dag".into(), |path| path.display().to_string());
+    let mut words = vec![
+        program,
+        "run".into(),
+        pipeline.display().to_string(),
+        "--no-progress".into(),
+    ];
+    let mut option =
+        |name: &str, value: &str| words.extend([format!("--{name}"), value.to_owned()]);
     changes.set.iter().for_each(|set| option("set", set));
     changes.salt.iter().for_each(|salt| option("salt", salt));
-    changes.remote.iter().for_each(|remote| option("remote", remote));
+    changes
+        .remote
+        .iter()
+        .for_each(|remote| option("remote", remote));
     option("device", &changes.device);
-    changes.fallback.iter().for_each(|fallback| option("fallback", fallback));
+    changes
+        .fallback
+        .iter()
+        .for_each(|fallback| option("fallback", fallback));
     option("store", &changes.folders.store.display().to_string());
     option("out", &changes.folders.out.display().to_string());
     words
@@ -91,7 +110,10 @@ fn command(pipeline: &Path, changes: &Changes) -> Vec<String> {
 /// Writes a file, unless somebody else wrote what is there.
 fn write(path: &Path, text: &str, mark: &str) -> Result<(), Error> {
     let failed = |error: std::io::Error| {
-        Error::usage(format!("cannot write {}: {error}", path.display()), "choose another place: --to PATH")
+        Error::usage(
+            format!("cannot write {}: {error}", path.display()),
+            "choose another place: --to PATH",
+        )
     };
     match fs::read_to_string(path) {
         Ok(there) if !there.contains(mark) => {
@@ -100,7 +122,10 @@ fn write(path: &Path, text: &str, mark: &str) -> Result<(), Error> {
         }
         _ => {}
     }
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+    if let Some(folder) = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+    {
         fs::create_dir_all(folder).map_err(failed)?;
     }
     fs::write(path, text).map_err(failed)

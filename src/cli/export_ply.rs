@@ -33,20 +33,39 @@ pub struct Ply {
 impl Ply {
     /// Writes the file and says what is in it.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let refuse = |problem: String| Error::usage(problem, "give a field: field.safetensors, or its folder");
-        let folder =
-            if self.field.is_dir() { self.field.as_path() } else { self.field.parent().unwrap_or(&self.field) };
+        let refuse = |problem: String| {
+            Error::usage(problem, "give a field: field.safetensors, or its folder")
+        };
+        let folder = if self.field.is_dir() {
+            self.field.as_path()
+        } else {
+            self.field.parent().unwrap_or(&self.field)
+        };
         let read = Field::read(folder).map_err(|error| refuse(error.to_string()))?;
         let field = convert::field(read).map_err(|error| refuse(error.to_string()))?;
         let level = self.level.unwrap_or_else(|| surface::usual_level(&field));
         if !(level > 0.0 && level.is_finite()) {
-            return Err(Error::usage(format!("--level is {level}"), "it must be above 0"));
+            return Err(Error::usage(
+                format!("--level is {level}"),
+                "it must be above 0",
+            ));
         }
         let surface = surface::surface(&field, self.resolution, level);
-        write_whole(&self.output, |mut out| ply::write(&surface, self.points, &mut out))?;
-        let (vertices, triangles) = (surface.vertices.len(), if self.points { 0 } else { surface.triangles.len() });
+        write_whole(&self.output, |mut out| {
+            ply::write(&surface, self.points, &mut out)
+        })?;
+        let (vertices, triangles) = (
+            surface.vertices.len(),
+            if self.points {
+                0
+            } else {
+                surface.triangles.len()
+            },
+        );
         match json {
-            true => print_json(&json!({"vertices": vertices, "triangles": triangles, "level": level})),
+            true => {
+                print_json(&json!({"vertices": vertices, "triangles": triangles, "level": level}))
+            }
             false => print(&format_args!(
                 "{}: {vertices} points, {triangles} triangles, at a density of {level:.3} per scene unit",
                 self.output.display()
@@ -57,12 +76,26 @@ impl Ply {
 }
 
 /// Writes a file whole or not at all: beside its place first, then in it.
-fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), Error> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+) -> Result<(), Error> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     let written = tempfile::NamedTempFile::new_in(folder).and_then(|file| {
         let mut out = std::io::BufWriter::new(file);
         write(&mut out)?;
-        out.into_inner()?.persist(path).map(drop).map_err(|error| error.error)
+        out.into_inner()?
+            .persist(path)
+            .map(drop)
+            .map_err(|error| error.error)
     });
-    written.map_err(|error| Error::usage(format!("cannot write {}: {error}", path.display()), "choose another place"))
+    written.map_err(|error| {
+        Error::usage(
+            format!("cannot write {}: {error}", path.display()),
+            "choose another place",
+        )
+    })
 }

@@ -26,7 +26,10 @@ impl Transforms {
     /// Writes the folder and says what is in it.
     pub fn run(self, json: bool) -> Result<(), Error> {
         if self.output.exists() {
-            return Err(Error::usage(format!("{} is there already", self.output.display()), "choose another place"));
+            return Err(Error::usage(
+                format!("{} is there already", self.output.display()),
+                "choose another place",
+            ));
         }
         let train = read(&self.train)?;
         let test = self.test.as_deref().map(read).transpose()?;
@@ -34,16 +37,26 @@ impl Transforms {
         let (trains, tests) = (train.views.len(), test.map_or(0, |test| test.views.len()));
         match json {
             true => print_json(&json!({"train": trains, "test": tests})),
-            false => print(&format_args!("{}: {trains} training images, {tests} test images", self.output.display())),
+            false => print(&format_args!(
+                "{}: {trains} training images, {tests} test images",
+                self.output.display()
+            )),
         }
         Ok(())
     }
 
     /// All or nothing: beside its place first, then in it.
     fn write(&self, train: &ImageSet, test: Option<&ImageSet>) -> Result<(), Error> {
-        let parent = self.output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let parent = self
+            .output
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
         let refuse = |error: &dyn std::fmt::Display| {
-            Error::usage(format!("cannot write {}: {error}", self.output.display()), "choose another place")
+            Error::usage(
+                format!("cannot write {}: {error}", self.output.display()),
+                "choose another place",
+            )
         };
         let work = tempfile::tempdir_in(parent).map_err(|error| refuse(&error))?;
         let scene = work.path().join("scene");
@@ -54,6 +67,9 @@ impl Transforms {
 
 fn read(folder: &Path) -> Result<ImageSet, Error> {
     ImageSet::read(folder).map_err(|error| {
-        Error::usage(error.to_string(), "give the folder of an image set, with transforms.json and EXR files")
+        Error::usage(
+            error.to_string(),
+            "give the folder of an image set, with transforms.json and EXR files",
+        )
     })
 }

@@ -33,15 +33,29 @@ pub struct Gc {
 impl Gc {
     /// Says what goes, and removes it.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let Self { keep_last, older_than, max_size, delete, folders } = self;
+        let Self {
+            keep_last,
+            older_than,
+            max_size,
+            delete,
+            folders,
+        } = self;
         let mut store = Store::open(&folders.store)?;
         let _alone = if delete { Some(store.alone()?) } else { None };
-        let garbage = store.garbage(&Policy { keep_last, older_than, max_size })?;
+        let garbage = store.garbage(&Policy {
+            keep_last,
+            older_than,
+            max_size,
+        })?;
         if delete {
             store.remove(&garbage)?;
         }
         if json {
-            let others: Vec<String> = garbage.others.iter().map(|path| path.display().to_string()).collect();
+            let others: Vec<String> = garbage
+                .others
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect();
             print_json(&json!({
                 "results": garbage.results, "blobs": garbage.blobs.len(), "bytes": garbage.bytes(), "others": others,
                 "stays": garbage.stays, "deleted": delete,
@@ -52,7 +66,9 @@ impl Gc {
         match max_size {
             Some(most) if garbage.stays > most => Err(Error::Found {
                 message: format!("{} stay, more than {}", size(garbage.stays), size(most)),
-                help: Some("the last run of each pipeline and pins are never removed: see `pin`".into()),
+                help: Some(
+                    "the last run of each pipeline and pins are never removed: see `pin`".into(),
+                ),
             }),
             _ => Ok(()),
         }
@@ -61,8 +77,12 @@ impl Gc {
 
 fn tell(garbage: &Garbage, deleted: bool) {
     if !garbage.results.is_empty() {
-        let head = ["stage", "size", "last used by", "at", "key", "why"].map(str::to_owned).to_vec();
-        let rows: Vec<Vec<String>> = std::iter::once(head).chain(garbage.results.iter().map(row)).collect();
+        let head = ["stage", "size", "last used by", "at", "key", "why"]
+            .map(str::to_owned)
+            .to_vec();
+        let rows: Vec<Vec<String>> = std::iter::once(head)
+            .chain(garbage.results.iter().map(row))
+            .collect();
         print(&format_args!("{}\n", table(&rows, false)));
     }
     let (verb, more) = match (deleted, garbage.is_empty()) {
@@ -70,7 +90,11 @@ fn tell(garbage: &Garbage, deleted: bool) {
         (false, true) => ("would go", ""),
         (false, false) => ("would go", "; gc --delete removes them"),
     };
-    let (results, blobs, others) = (garbage.results.len(), garbage.blobs.len(), garbage.others.len());
+    let (results, blobs, others) = (
+        garbage.results.len(),
+        garbage.blobs.len(),
+        garbage.others.len(),
+    );
     let (bytes, stays) = (size(garbage.bytes()), size(garbage.stays));
     print(&format_args!(
         "{results} results, {blobs} blobs ({bytes}) and {others} other files {verb}, {stays} stay{more}"

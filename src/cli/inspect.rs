@@ -32,7 +32,11 @@ impl Inspect {
     pub fn run(self, json: bool) -> Result<(), Error> {
         let path = Path::new(&self.what);
         // Names of stages have dots too, but never one of these endings.
-        if path.is_file() || Content::can_read(path) { file(path, json) } else { self.stage(json) }
+        if path.is_file() || Content::can_read(path) {
+            file(path, json)
+        } else {
+            self.stage(json)
+        }
     }
 
     fn stage(&self, json: bool) -> Result<(), Error> {
@@ -44,7 +48,9 @@ impl Inspect {
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let mut forecasts = context.forecast()?;
         let name = &session.graph.nodes[at].name;
-        let record = forecasts.remove(&at).and_then(|forecast| forecast.into_record());
+        let record = forecasts
+            .remove(&at)
+            .and_then(|forecast| forecast.into_record());
         let Some(record) = record else {
             let help = "run it first, with the same --set, --salt and --store";
             return Err(Error::usage(format!("stage `{name}` has no result"), help));
@@ -60,12 +66,25 @@ impl Inspect {
 }
 
 fn outputs(name: &str, record: &Record, view: &View) {
-    print(&format_args!("{name}\nkey {}\ncomputed in {:.1} s on {}", record.key, record.seconds, record.device));
+    print(&format_args!(
+        "{name}\nkey {}\ncomputed in {:.1} s on {}",
+        record.key, record.seconds, record.device
+    ));
     for (output, artifact) in &record.outputs {
         let folder = view.output(name, output);
-        print(&format_args!("\n{output}: {}, {}\nin {}", artifact.kind, artifact.digest, folder.display()));
-        let row = |file: &crate::store::result::StoredFile| vec![format!("  {}", file.path), size(file.bytes)];
-        print(&table(&artifact.files.iter().map(row).collect::<Vec<_>>(), true));
+        print(&format_args!(
+            "\n{output}: {}, {}\nin {}",
+            artifact.kind,
+            artifact.digest,
+            folder.display()
+        ));
+        let row = |file: &crate::store::result::StoredFile| {
+            vec![format!("  {}", file.path), size(file.bytes)]
+        };
+        print(&table(
+            &artifact.files.iter().map(row).collect::<Vec<_>>(),
+            true,
+        ));
     }
 }
 
@@ -80,12 +99,20 @@ fn file(path: &Path, json: bool) -> Result<(), Error> {
         return Ok(());
     }
     print(&path.display());
-    let head = ["name", "shape", "type", "least", "mean", "most"].map(str::to_owned).to_vec();
-    let rows: Vec<Vec<String>> = std::iter::once(head).chain(content.arrays.iter().map(|array| array.row())).collect();
+    let head = ["name", "shape", "type", "least", "mean", "most"]
+        .map(str::to_owned)
+        .to_vec();
+    let rows: Vec<Vec<String>> = std::iter::once(head)
+        .chain(content.arrays.iter().map(|array| array.row()))
+        .collect();
     if rows.len() > 1 {
         print(&table(&rows, true));
     }
-    let facts = content.facts.iter().flat_map(|(name, value)| lines(name, value)).collect::<Vec<_>>();
+    let facts = content
+        .facts
+        .iter()
+        .flat_map(|(name, value)| lines(name, value))
+        .collect::<Vec<_>>();
     print(&table(&facts, false));
     Ok(())
 }
@@ -93,18 +120,31 @@ fn file(path: &Path, json: bool) -> Result<(), Error> {
 /// What the tensors of a field mean: how full its box is, and the Euclidean norms of its parameters. Nothing for other
 /// files.
 fn field_facts(path: &Path) -> Vec<(String, Value)> {
-    let folder = path.parent().filter(|_| path.file_name() == Some(OsStr::new("field.safetensors")));
-    let Some(field) = folder.and_then(|folder| Field::read(folder).ok()) else { return Vec::new() };
-    let norm = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>().sqrt();
-    let parameters = field.tensors.iter().filter(|(name, _)| !name.starts_with("occupancy"));
-    let norms: serde_json::Map<_, _> =
-        parameters.map(|(name, tensor)| (name.clone(), json!(norm(&tensor.values)))).collect();
+    let folder = path
+        .parent()
+        .filter(|_| path.file_name() == Some(OsStr::new("field.safetensors")));
+    let Some(field) = folder.and_then(|folder| Field::read(folder).ok()) else {
+        return Vec::new();
+    };
+    let norm = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| f64::from(*value).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    let parameters = field
+        .tensors
+        .iter()
+        .filter(|(name, _)| !name.starts_with("occupancy"));
+    let norms: serde_json::Map<_, _> = parameters
+        .map(|(name, tensor)| (name.clone(), json!(norm(&tensor.values))))
+        .collect();
     let mut facts = vec![("norms".to_owned(), Value::Object(norms))];
     if let Ok(field) = convert::field(field) {
         let full = field.fullness();
         let part = |count: usize| count as f64 / full.cells as f64;
-        let occupancy =
-            json!({"cells": full.cells, "seen_by_cameras": part(full.seen), "occupied": part(full.occupied)});
+        let occupancy = json!({"cells": full.cells, "seen_by_cameras": part(full.seen), "occupied": part(full.occupied)});
         facts.push(("occupancy".to_owned(), occupancy));
     }
     facts
@@ -113,9 +153,10 @@ fn field_facts(path: &Path) -> Vec<(String, Value)> {
 /// Nested facts as one line for each value: `provenance.stage  fit`.
 fn lines(name: &str, value: &Value) -> Vec<Vec<String>> {
     match value {
-        Value::Object(fields) if !fields.is_empty() => {
-            fields.iter().flat_map(|(field, value)| lines(&format!("{name}.{field}"), value)).collect()
-        }
+        Value::Object(fields) if !fields.is_empty() => fields
+            .iter()
+            .flat_map(|(field, value)| lines(&format!("{name}.{field}"), value))
+            .collect(),
         Value::String(text) => vec![vec![name.to_owned(), text.clone()]],
         other => vec![vec![name.to_owned(), other.to_string()]],
     }

@@ -33,7 +33,10 @@ impl Metrics {
             let stages: Vec<Value> = all.iter().map(entry).collect();
             print_json(&json!({"pipeline": run.pipeline, "run": run.started, "metrics": stages}));
         } else if all.is_empty() {
-            print(&format_args!("the run of {} at {} left no metrics", run.pipeline, run.started));
+            print(&format_args!(
+                "the run of {} at {} left no metrics",
+                run.pipeline, run.started
+            ));
         } else {
             let tables: Vec<String> = all.iter().map(Scores::table).collect();
             print(&tables.join("\n\n"));
@@ -55,6 +58,10 @@ fn scores(store: &Store, run: &Run) -> Result<Vec<Scores>, Error> {
 }
 
 fn entry(scores: &Scores) -> Value {
-    let Scores { stage, output, metrics } = scores;
+    let Scores {
+        stage,
+        output,
+        metrics,
+    } = scores;
     json!({"stage": stage, "output": output, "rows": metrics.rows, "definitions": metrics.definitions})
 }

@@ -117,7 +117,9 @@ impl Cli {
 fn report(error: Error, json: bool) {
     if json && !error.is_of_a_whole_run() {
         let (place, help) = match &error {
-            Error::Pipeline(problem) => (Some(problem.place()), problem.advice().map(str::to_owned)),
+            Error::Pipeline(problem) => {
+                (Some(problem.place()), problem.advice().map(str::to_owned))
+            }
             _ => (None, None),
         };
         let message = error.to_string();

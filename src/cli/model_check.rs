@@ -36,7 +36,11 @@ pub fn is_embedded(model: &Path) -> bool {
 
 /// The diffusion model of this name.
 pub fn diffusion_source(model: &Path) -> ModelSource {
-    if is_embedded(model) { ModelSource::Embedded } else { ModelSource::Folder(model.to_owned()) }
+    if is_embedded(model) {
+        ModelSource::Embedded
+    } else {
+        ModelSource::Folder(model.to_owned())
+    }
 }
 
 impl Check {
@@ -49,27 +53,48 @@ impl Check {
         let parts = inspect(&source, &Device::cpu())?;
         let mut digests = Vec::new();
         for file in source.files()? {
-            digests.push((file.path().to_owned(), file.len() as u64, hex(&Sha256::digest(&file[..]))));
+            digests.push((
+                file.path().to_owned(),
+                file.len() as u64,
+                hex(&Sha256::digest(&file[..])),
+            ));
         }
         if json {
             let files: Vec<Value> = digests
                 .iter()
-                .map(|(name, bytes, sha256)| json!({"file": name, "bytes": bytes, "sha256": sha256}))
+                .map(
+                    |(name, bytes, sha256)| json!({"file": name, "bytes": bytes, "sha256": sha256}),
+                )
                 .collect();
             print_json(
                 &json!({"model": self.model, "parts": parts.iter().map(part_json).collect::<Vec<_>>(), "files": files}),
             );
             return Ok(());
         }
-        let head =
-            ["part", "tensors", "parameters", "stored as", "memory", "configuration"].map(str::to_owned).to_vec();
-        let rows: Vec<Vec<String>> = std::iter::once(head).chain(parts.iter().map(part_row)).collect();
+        let head = [
+            "part",
+            "tensors",
+            "parameters",
+            "stored as",
+            "memory",
+            "configuration",
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        let rows: Vec<Vec<String>> = std::iter::once(head)
+            .chain(parts.iter().map(part_row))
+            .collect();
         print(&table(&rows, false));
-        let rows: Vec<Vec<String>> =
-            digests.into_iter().map(|(name, bytes, digest)| vec![digest, size(bytes), name]).collect();
+        let rows: Vec<Vec<String>> = digests
+            .into_iter()
+            .map(|(name, bytes, digest)| vec![digest, size(bytes), name])
+            .collect();
         print(&format_args!("\nsha256\n{}", table(&rows, false)));
         let memory = parts.iter().map(|part| part.memory).sum::<usize>() as u64;
-        print(&format_args!("\nThe weights of all parts take {} of memory.", size(memory)));
+        print(&format_args!(
+            "\nThe weights of all parts take {} of memory.",
+            size(memory)
+        ));
         Ok(())
     }
 }
@@ -85,7 +110,14 @@ fn part_row(part: &PartReport) -> Vec<String> {
     let types: Vec<&str> = part.types.keys().map(String::as_str).collect();
     let parameters = format!("{:.1} M", part.parameters as f64 / 1e6);
     let memory = size(part.memory as u64);
-    vec![part.name.into(), part.tensors.to_string(), parameters, types.join(", "), memory, part.summary.clone()]
+    vec![
+        part.name.into(),
+        part.tensors.to_string(),
+        parameters,
+        types.join(", "),
+        memory,
+        part.summary.clone(),
+    ]
 }
 
 /// Bytes as hexadecimal digits.

@@ -37,15 +37,35 @@ impl Pull {
     pub fn run(self, json: bool) -> Result<(), Error> {
         self.check_name()?;
         let progress = !json && std::io::stderr().is_terminal();
-        let api = ApiBuilder::from_env().with_progress(progress).build().map_err(|error| self.failure("", &error))?;
-        let repo = api.repo(Repo::with_revision(self.name.clone(), RepoType::Model, self.revision.clone()));
+        let api = ApiBuilder::from_env()
+            .with_progress(progress)
+            .build()
+            .map_err(|error| self.failure("", &error))?;
+        let repo = api.repo(Repo::with_revision(
+            self.name.clone(),
+            RepoType::Model,
+            self.revision.clone(),
+        ));
         let info = repo.info().map_err(|error| self.failure("", &error))?;
-        let there: BTreeSet<String> = info.siblings.into_iter().map(|file| file.rfilename).collect();
+        let there: BTreeSet<String> = info
+            .siblings
+            .into_iter()
+            .map(|file| file.rfilename)
+            .collect();
         let wanted = ModelSource::choose(&self.name, &there, self.variant.as_deref())?;
-        let paths = wanted.iter().map(|name| self.get(&repo, name)).collect::<Result<Vec<_>, _>>()?;
-        let folder = paths.iter().zip(&wanted).find_map(|(path, name)| folder_of(path, name)).unwrap_or_default();
+        let paths = wanted
+            .iter()
+            .map(|name| self.get(&repo, name))
+            .collect::<Result<Vec<_>, _>>()?;
+        let folder = paths
+            .iter()
+            .zip(&wanted)
+            .find_map(|(path, name)| folder_of(path, name))
+            .unwrap_or_default();
         if json {
-            print_json(&json!({"model": self.name, "folder": folder, "commit": info.sha, "files": wanted}));
+            print_json(
+                &json!({"model": self.name, "folder": folder, "commit": info.sha, "files": wanted}),
+            );
         } else {
             print(&folder.display());
         }
@@ -56,33 +76,55 @@ impl Pull {
         let plain = |part: &str| {
             !part.is_empty()
                 && !part.starts_with('.')
-                && part.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c))
+                && part
+                    .chars()
+                    .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c))
         };
         if self.name.split('/').count() == 2 && self.name.split('/').all(plain) {
             return Ok(());
         }
-        let help = "a name on the hub reads owner/model, such as stabilityai/stable-diffusion-x4-upscaler";
-        Err(Error::usage(format!("`{}` is no name of a model", self.name), help))
+        let help =
+            "a name on the hub reads owner/model, such as stabilityai/stable-diffusion-x4-upscaler";
+        Err(Error::usage(
+            format!("`{}` is no name of a model", self.name),
+            help,
+        ))
     }
 
     /// The file, from the cache or the hub, as sound as its digest says.
     fn get(&self, repo: &ApiRepo, name: &str) -> Result<PathBuf, Error> {
         let path = repo.get(name).map_err(|error| self.failure(name, &error))?;
-        let unreadable =
-            |error| Error::usage(format!("{}: {error}", path.display()), "check the cache's folder, HF_HOME");
+        let unreadable = |error| {
+            Error::usage(
+                format!("{}: {error}", path.display()),
+                "check the cache's folder, HF_HOME",
+            )
+        };
         let blob = path.canonicalize().map_err(unreadable)?;
-        let expected = blob.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let expected = blob
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default();
         let actual = digest_like(&expected, &blob).map_err(unreadable)?;
         if actual.is_none_or(|actual| actual == expected) {
             return Ok(path);
         }
-        std::fs::remove_file(&blob).and_then(|()| std::fs::remove_file(&path)).map_err(unreadable)?;
-        let problem = format!("{}: {name} is not what its digest {expected} says; it was removed", self.name);
+        std::fs::remove_file(&blob)
+            .and_then(|()| std::fs::remove_file(&path))
+            .map_err(unreadable)?;
+        let problem = format!(
+            "{}: {name} is not what its digest {expected} says; it was removed",
+            self.name
+        );
         Err(Error::usage(problem, "the same command gets it again"))
     }
 
     fn failure(&self, name: &str, error: &ApiError) -> Error {
-        let what = if name.is_empty() { self.name.clone() } else { format!("{}: {name}", self.name) };
+        let what = if name.is_empty() {
+            self.name.clone()
+        } else {
+            format!("{}: {name}", self.name)
+        };
         let help = "check the name, the connection and HF_ENDPOINT; the same command goes on where it stopped";
         Error::usage(format!("{what} cannot be got from the hub: {error}"), help)
     }
@@ -90,7 +132,9 @@ impl Pull {
 
 /// What `path` leads to without the `name` at its end.
 fn folder_of(path: &Path, name: &str) -> Option<PathBuf> {
-    path.ancestors().nth(name.split('/').count()).map(Path::to_owned)
+    path.ancestors()
+        .nth(name.split('/').count())
+        .map(Path::to_owned)
 }
 
 /// The file's digest of the kind that the hub's tag is: SHA-256 for large files, git's SHA-1 for small ones. `None` for

@@ -145,9 +145,14 @@ impl Run {
     pub fn run(self, json: bool) -> Result<(), Error> {
         let device = device::open(&self.device)?;
         if device.is_gpu() && matches!(self.precision, PrecisionName::Bf16) {
-            return Err(Error::usage("a GPU multiplies in f32 only", "leave --precision out, or give --device cpu"));
+            return Err(Error::usage(
+                "a GPU multiplies in f32 only",
+                "leave --precision out, or give --device cpu",
+            ));
         }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(self.threads)
+            .build();
         let pool = pool.map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
         tuning::apply(&device);
         let computed = pool.install(|| attempt(|| self.compute(&device)));
@@ -162,9 +167,16 @@ impl Run {
         let before = device.counts();
         let outputs = call.gradients().unwrap_or_else(|| call.forward());
         let bytes = to_safetensors(&outputs);
-        let counts = device.counts().zip(before).map(|(after, before)| after - before);
+        let counts = device
+            .counts()
+            .zip(before)
+            .map(|(after, before)| after - before);
         let pass = |forward_only: bool| {
-            drop(if forward_only { Some(call.forward()) } else { call.gradients() });
+            drop(if forward_only {
+                Some(call.forward())
+            } else {
+                call.gradients()
+            });
             device.finish();
         };
         let times = self.repeat.map(|count| Times {
@@ -172,7 +184,12 @@ impl Run {
             with_backward: self.target_grad.then(|| median(count, || pass(false))),
             peak_memory: peak_memory(),
         });
-        Ok(Answer { outputs, bytes, counts, times })
+        Ok(Answer {
+            outputs,
+            bytes,
+            counts,
+            times,
+        })
     }
 
     fn question(&self, device: &Device) -> Result<Question, Error> {
@@ -184,23 +201,32 @@ impl Run {
 
     fn enlargement(&self, device: &Device) -> Result<Enlargement, Error> {
         let only = |what: &str| Error::usage(format!("an upsampler has no {what}"), "leave it out");
-        let Some(input) = &self.input else { return Err(only("--prompt")) };
+        let Some(input) = &self.input else {
+            return Err(only("--prompt"));
+        };
         if self.lora.is_some() || self.target_grad {
             return Err(only("LoRA and no gradients"));
         }
-        let options = Options { tile: self.tile as usize, ensemble: self.ensemble };
+        let options = Options {
+            tile: self.tile as usize,
+            ensemble: self.ensemble,
+        };
         Enlargement::new(&self.model, &TensorFile::open(input)?, options, device)
     }
 
     fn call(&self, part: Part, device: &Device) -> Result<Call, Error> {
         let source = model_check::diffusion_source(&self.model);
         if (self.lora.is_some() || self.target_grad) && part != Part::Unet {
-            return Err(Error::usage("only the UNet has a LoRA and gradients", "give --part unet, or leave them out"));
+            return Err(Error::usage(
+                "only the UNet has a LoRA and gradients",
+                "give --part unet, or leave them out",
+            ));
         }
         match (&self.prompt, &self.input) {
-            (Some(_), _) if part != Part::Text => {
-                Err(Error::usage("only the text encoder reads a prompt", "give --part text"))
-            }
+            (Some(_), _) if part != Part::Text => Err(Error::usage(
+                "only the text encoder reads a prompt",
+                "give --part text",
+            )),
             (Some(prompt), _) => Ok(Call::prompt(&source, prompt, device)?),
             (None, Some(input)) => {
                 let asked = Asked {
@@ -209,17 +235,29 @@ impl Run {
                     kept: self.keep.saturating_mul(1 << 20),
                     precision: self.precision.into(),
                 };
-                Ok(Call::new(&source, part, &TensorFile::open(input)?, &asked, device)?)
+                Ok(Call::new(
+                    &source,
+                    part,
+                    &TensorFile::open(input)?,
+                    &asked,
+                    device,
+                )?)
             }
-            (None, None) => Err(Error::usage("there is nothing to ask about", "give --input or --prompt")),
+            (None, None) => Err(Error::usage(
+                "there is nothing to ask about",
+                "give --input or --prompt",
+            )),
         }
     }
 
     fn report(&self, answer: &Answer, device: &Device, json: bool) {
         let times = answer.times.as_ref();
         if json {
-            let shapes: serde_json::Map<_, _> =
-                answer.outputs.iter().map(|(name, output)| (name.clone(), json!(output.shape()))).collect();
+            let shapes: serde_json::Map<_, _> = answer
+                .outputs
+                .iter()
+                .map(|(name, output)| (name.clone(), json!(output.shape())))
+                .collect();
             print_json(&json!({
                 "output": self.output, "tensors": shapes, "device": device.kind(),
                 "counts": answer.counts.map(device::counts),
@@ -230,7 +268,10 @@ impl Run {
             return;
         }
         let Some(times) = times else { return };
-        print(&format_args!("forward                {:.1} ms", times.forward));
+        print(&format_args!(
+            "forward                {:.1} ms",
+            times.forward
+        ));
         if let Some(time) = times.with_backward {
             print(&format_args!("forward and backward   {time:.1} ms"));
         }
@@ -250,26 +291,39 @@ fn median(count: u32, run: impl Fn()) -> f64 {
     let mut times: Vec<f64> = (0..count).map(time).collect();
     times.sort_by(f64::total_cmp);
     let middle = times.len() / 2;
-    if times.len() % 2 == 1 { times[middle] } else { (times[middle - 1] + times[middle]) / 2.0 }
+    if times.len() % 2 == 1 {
+        times[middle]
+    } else {
+        (times[middle - 1] + times[middle]) / 2.0
+    }
 }
 
 /// The most memory that this process has had resident so far, where the system keeps count of it.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse().ok()?;
     Some(kilobytes * 1024)
 }
 
 /// Writes a file whole or not at all.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
         file.write_all(bytes)?;
         file.as_file().sync_all()?;
         file.persist(path).map_err(|error| error.error)
     });
-    let problem =
-        |error| Error::usage(format!("{}: cannot be written: {error}", path.display()), "give another --output");
+    let problem = |error| {
+        Error::usage(
+            format!("{}: cannot be written: {error}", path.display()),
+            "give another --output",
+        )
+    };
     written.map(drop).map_err(problem)
 }

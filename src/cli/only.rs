@@ -33,7 +33,10 @@ impl Only {
 
     /// The one stage, if there is to be only one.
     pub fn stage(&self, session: &Session) -> Result<Option<usize>, Error> {
-        self.only.as_deref().map(|name| session.stage(name)).transpose()
+        self.only
+            .as_deref()
+            .map(|name| session.stage(name))
+            .transpose()
     }
 
     /// Leaves nothing to be computed but this stage; an error if something before it has no result. What it reads is
@@ -43,15 +46,25 @@ impl Only {
         context.forced.retain(|&forced| forced == stage);
         let mut forecasts = context.forecast()?;
         let name = |at: usize| context.graph.nodes[at].name.clone();
-        let missing = |at: usize| Error::NoInput { stage: name(stage), missing: name(at) };
-        if let Some((&at, _)) = forecasts.iter().find(|(at, forecast)| **at != stage && !forecast.is_cached()) {
+        let missing = |at: usize| Error::NoInput {
+            stage: name(stage),
+            missing: name(at),
+        };
+        if let Some((&at, _)) = forecasts
+            .iter()
+            .find(|(at, forecast)| **at != stage && !forecast.is_cached())
+        {
             return Err(missing(at));
         }
         let mut given = BTreeMap::new();
         for wire in &context.graph.nodes[stage].wires {
-            let Some(Forecast::Cached(assessment)) = forecasts.remove(&wire.from) else { continue };
+            let Some(Forecast::Cached(assessment)) = forecasts.remove(&wire.from) else {
+                continue;
+            };
             let found = match (context.remote, assessment.is_remote) {
-                (Some(remote), true) => remote.fetch(context.store, &assessment.key)?.map(|(record, _)| record),
+                (Some(remote), true) => remote
+                    .fetch(context.store, &assessment.key)?
+                    .map(|(record, _)| record),
                 _ => assessment.verdict.ok(),
             };
             given.insert(wire.from, found.ok_or_else(|| missing(wire.from))?);
@@ -63,14 +76,25 @@ impl Only {
 
     /// Writes the stamp: the same bytes as before if the outputs are.
     pub fn stamp(&self, stage: &str, record: Option<&Record>) -> Result<(), StoreError> {
-        let (Some(path), Some(record)) = (&self.stamp, record) else { return Ok(()) };
-        let outputs = record.outputs.iter().map(|(name, output)| (name.clone(), json!(output.digest)));
-        let stamp = json!({ "stage": stage, "outputs": outputs.collect::<serde_json::Map<_, _>>() });
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let (Some(path), Some(record)) = (&self.stamp, record) else {
+            return Ok(());
+        };
+        let outputs = record
+            .outputs
+            .iter()
+            .map(|(name, output)| (name.clone(), json!(output.digest)));
+        let stamp =
+            json!({ "stage": stage, "outputs": outputs.collect::<serde_json::Map<_, _>>() });
+        let folder = path
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder).at("create", folder)?;
         let mut file = tempfile::NamedTempFile::new_in(folder).at("write", path)?;
         writeln!(file, "{stamp}").at("write", path)?;
-        file.persist(path).map_err(|error| error.error).at("write", path)?;
+        file.persist(path)
+            .map_err(|error| error.error)
+            .at("write", path)?;
         Ok(())
     }
 }

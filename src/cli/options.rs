@@ -69,7 +69,11 @@ pub fn time(text: &str) -> Result<Duration, String> {
         "min" => 60.0,
         "h" => 3600.0,
         "d" => 86_400.0,
-        other => return Err(format!("`{other}` is no unit of time; the units are ms, s, min, h and d")),
+        other => {
+            return Err(format!(
+                "`{other}` is no unit of time; the units are ms, s, min, h and d"
+            ));
+        }
     };
     let seconds = number.parse::<f64>().map_err(|error| error.to_string())?;
     Duration::try_from_secs_f64(seconds * unit).map_err(|error| error.to_string())
@@ -78,11 +82,22 @@ pub fn time(text: &str) -> Result<Duration, String> {
 /// A size as people write it: `8G`, `500MB`, `2GiB`, or a number of bytes. A unit is 1024 times the one before.
 pub fn size(text: &str) -> Result<u64, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit = text[number.len()..].trim_end_matches('B').trim_end_matches('i').to_ascii_uppercase();
-    let power = ["", "K", "M", "G", "T"].iter().position(|&known| known == unit);
-    let power = power.ok_or_else(|| format!("`{unit}` is no unit of size; the units are K, M, G and T"))?;
-    let bytes = number.parse::<f64>().map_err(|error| error.to_string())? * 1024f64.powi(power as i32);
-    if bytes.is_finite() && bytes >= 0.0 { Ok(bytes as u64) } else { Err("it is no size".into()) }
+    let unit = text[number.len()..]
+        .trim_end_matches('B')
+        .trim_end_matches('i')
+        .to_ascii_uppercase();
+    let power = ["", "K", "M", "G", "T"]
+        .iter()
+        .position(|&known| known == unit);
+    let power =
+        power.ok_or_else(|| format!("`{unit}` is no unit of size; the units are K, M, G and T"))?;
+    let bytes =
+        number.parse::<f64>().map_err(|error| error.to_string())? * 1024f64.powi(power as i32);
+    if bytes.is_finite() && bytes >= 0.0 {
+        Ok(bytes as u64)
+    } else {
+        Err("it is no size".into())
+    }
 }
 
 #[cfg(test)]
@@ -91,7 +106,13 @@ mod tests {
 
     #[test]
     fn sizes_have_units() {
-        for (text, bytes) in [("0", 0), ("512", 512), ("1.5K", 1536), ("500MB", 500 << 20), ("2GiB", 2 << 30)] {
+        for (text, bytes) in [
+            ("0", 0),
+            ("512", 512),
+            ("1.5K", 1536),
+            ("500MB", 500 << 20),
+            ("2GiB", 2 << 30),
+        ] {
             assert_eq!(size(text), Ok(bytes), "{text}");
         }
         for text in ["", "G", "-1G", "1X", "NaN"] {
@@ -101,9 +122,14 @@ mod tests {
 
     #[test]
     fn times_have_units() {
-        for (text, seconds) in
-            [("0", 0.0), ("30s", 30.0), ("1.5min", 90.0), ("2h", 7200.0), ("250ms", 0.25), ("2d", 172_800.0)]
-        {
+        for (text, seconds) in [
+            ("0", 0.0),
+            ("30s", 30.0),
+            ("1.5min", 90.0),
+            ("2h", 7200.0),
+            ("250ms", 0.25),
+            ("2d", 172_800.0),
+        ] {
             assert_eq!(time(text), Ok(Duration::from_secs_f64(seconds)), "{text}");
         }
         for text in ["", "s", "-1s", "5 days", "1e99h", "NaN"] {

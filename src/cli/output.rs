@@ -38,13 +38,31 @@ pub fn print_json(value: &serde_json::Value) {
 /// Rows of cells in aligned columns: the first to the left, the others to the right where `numbers` says so.
 pub fn table(rows: &[Vec<String>], numbers: bool) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
-    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
-    let cell = |(column, text): (usize, &String)| {
-        if numbers && column > 0 { format!("{text:>0$}", widths[column]) } else { format!("{text:0$}", widths[column]) }
+    let width = |column: usize| {
+        rows.iter()
+            .filter_map(|row| row.get(column))
+            .map(|cell| cell.chars().count())
+            .max()
     };
-    let line =
-        |row: &Vec<String>| row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned();
+    let widths: Vec<usize> = (0..columns)
+        .map(|column| width(column).unwrap_or(0))
+        .collect();
+    let cell = |(column, text): (usize, &String)| {
+        if numbers && column > 0 {
+            format!("{text:>0$}", widths[column])
+        } else {
+            format!("{text:0$}", widths[column])
+        }
+    };
+    let line = |row: &Vec<String>| {
+        row.iter()
+            .enumerate()
+            .map(cell)
+            .collect::<Vec<_>>()
+            .join("  ")
+            .trim_end()
+            .to_owned()
+    };
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
@@ -61,9 +79,10 @@ pub fn size(bytes: u64) -> String {
 /// Nested fields as one path and one text each: `params.guidance.lora_every`, `3`.
 pub fn flatten(path: &str, value: &serde_json::Value) -> Vec<(String, String)> {
     match value {
-        serde_json::Value::Object(fields) if !fields.is_empty() => {
-            fields.iter().flat_map(|(name, value)| flatten(&format!("{path}.{name}"), value)).collect()
-        }
+        serde_json::Value::Object(fields) if !fields.is_empty() => fields
+            .iter()
+            .flat_map(|(name, value)| flatten(&format!("{path}.{name}"), value))
+            .collect(),
         other => vec![(path.to_owned(), other.to_string())],
     }
 }

@@ -50,19 +50,33 @@ impl Pin {
         let store = Store::create(&self.folders.store)?;
         let runs: Vec<_> = store.runs(None)?.collect();
         let Some(run) = super::diff::find_run(&runs, &self.run) else {
-            return Err(Error::usage(format!("there is no run `{}` to pin", self.run), "run a pipeline first"));
+            return Err(Error::usage(
+                format!("there is no run `{}` to pin", self.run),
+                "run a pipeline first",
+            ));
         };
-        let within = |stage: &str, name: &String| stage == name || stage.starts_with(&format!("{name}."));
-        let wanted = |stage: &str| self.stages.is_empty() || self.stages.iter().any(|name| within(stage, name));
+        let within =
+            |stage: &str, name: &String| stage == name || stage.starts_with(&format!("{name}."));
+        let wanted = |stage: &str| {
+            self.stages.is_empty() || self.stages.iter().any(|name| within(stage, name))
+        };
         let pin = Kept::new(name, run, wanted);
         if pin.keys.is_empty() {
-            return Err(Error::usage("none of these stages is in the run", "pin without stages pins all of them"));
+            return Err(Error::usage(
+                "none of these stages is in the run",
+                "pin without stages pins all of them",
+            ));
         }
         store.put_pin(&pin)?;
         if json {
             print_json(&json!(pin));
         } else {
-            print(&format_args!("{name}: {} results of {} at {}", pin.keys.len(), pin.pipeline, pin.started));
+            print(&format_args!(
+                "{name}: {} results of {} at {}",
+                pin.keys.len(),
+                pin.pipeline,
+                pin.started
+            ));
         }
         Ok(())
     }
@@ -74,7 +88,10 @@ impl Unpin {
         if Store::create(&self.folders.store)?.remove_pin(&self.name)? {
             return Ok(());
         }
-        Err(Error::usage(format!("there is no pin `{}`", self.name), "`pin` without a name lists all pins"))
+        Err(Error::usage(
+            format!("there is no pin `{}`", self.name),
+            "`pin` without a name lists all pins",
+        ))
     }
 }
 
@@ -86,7 +103,12 @@ fn list(store: &Store, json: bool) -> Result<(), Error> {
         print(&"no pins");
     } else {
         let row = |pin: &Kept| {
-            vec![pin.name.clone(), format!("{} results", pin.keys.len()), pin.pipeline.clone(), pin.started.clone()]
+            vec![
+                pin.name.clone(),
+                format!("{} results", pin.keys.len()),
+                pin.pipeline.clone(),
+                pin.started.clone(),
+            ]
         };
         print(&table(&pins.iter().map(row).collect::<Vec<_>>(), false));
     }

@@ -37,7 +37,10 @@ impl Plan {
         let device = device::open(&changes.device)?;
         let since = SystemTime::now();
         let question = standing::question(&self.pipeline, &self.choice, &device);
-        let questions: Vec<_> = question.iter().flat_map(|run| [*run, standing::of_plan(run)]).collect();
+        let questions: Vec<_> = question
+            .iter()
+            .flat_map(|run| [*run, standing::of_plan(run)])
+            .collect();
         if let Some(found) = standing::find(&questions, &changes.folders.store)? {
             all_cached(&ManuallyDrop::new(found).1, json);
             return Ok(());
@@ -47,23 +50,42 @@ impl Plan {
         let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
         let context = ManuallyDrop::new(session.context(&store));
         let forecasts = ManuallyDrop::new(context.forecast()?);
-        let stages: Vec<(&str, &Forecast)> =
-            forecasts.iter().map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast)).collect();
-        let cached = stages.iter().filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_))).count();
+        let stages: Vec<(&str, &Forecast)> = forecasts
+            .iter()
+            .map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast))
+            .collect();
+        let cached = stages
+            .iter()
+            .filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_)))
+            .count();
         let (all, to_run) = (stages.len(), stages.len() - cached);
         if json {
-            let stages = stages.iter().map(|(name, forecast)| forecast_json(name, forecast)).collect();
+            let stages = stages
+                .iter()
+                .map(|(name, forecast)| forecast_json(name, forecast))
+                .collect();
             print_stages(&session.graph.pipeline, stages);
         } else {
-            let rows: Vec<Vec<String>> = stages.iter().map(|(name, forecast)| row(name, forecast)).collect();
+            let rows: Vec<Vec<String>> = stages
+                .iter()
+                .map(|(name, forecast)| row(name, forecast))
+                .collect();
             print_table(&rows, to_run);
         }
         if let Some(question) = &question {
-            standing::Found { session: &session, context: &context, store: &store, since }
-                .keep_plan(question, &forecasts);
+            standing::Found {
+                session: &session,
+                context: &context,
+                store: &store,
+                since,
+            }
+            .keep_plan(question, &forecasts);
         }
         if self.exit_code && to_run > 0 {
-            return Err(Error::Found { message: format!("{to_run} of {all} stages to run"), help: None });
+            return Err(Error::Found {
+                message: format!("{to_run} of {all} stages to run"),
+                help: None,
+            });
         }
         Ok(())
     }
@@ -71,10 +93,24 @@ impl Plan {
 
 /// Prints a plan that has nothing to run.
 fn all_cached(standing: &Standing, json: bool) {
-    let Standing { pipeline, stages, .. } = standing;
+    let Standing {
+        pipeline, stages, ..
+    } = standing;
     match json {
-        true => print_stages(pipeline, stages.iter().map(|(name, key)| cached_json(name, key)).collect()),
-        false => print_table(&stages.iter().map(|(name, _)| cached_row(name, "")).collect::<Vec<_>>(), 0),
+        true => print_stages(
+            pipeline,
+            stages
+                .iter()
+                .map(|(name, key)| cached_json(name, key))
+                .collect(),
+        ),
+        false => print_table(
+            &stages
+                .iter()
+                .map(|(name, _)| cached_row(name, ""))
+                .collect::<Vec<_>>(),
+            0,
+        ),
     }
 }
 
@@ -84,7 +120,11 @@ fn print_stages(pipeline: &str, stages: Vec<Value>) {
 
 fn print_table(rows: &[Vec<String>], to_run: usize) {
     print(&table(rows, false));
-    print(&format_args!("\n{} stages: {} cached, {to_run} to run", rows.len(), rows.len() - to_run));
+    print(&format_args!(
+        "\n{} stages: {} cached, {to_run} to run",
+        rows.len(),
+        rows.len() - to_run
+    ));
 }
 
 fn cached_row(name: &str, why: &str) -> Vec<String> {
@@ -98,12 +138,26 @@ fn cached_json(name: &str, key: &Digest) -> Value {
 fn row(name: &str, forecast: &Forecast) -> Vec<String> {
     let why = match forecast {
         Forecast::Cached(assessment) => {
-            return cached_row(name, if assessment.is_remote { "in the remote" } else { "" });
+            return cached_row(
+                name,
+                if assessment.is_remote {
+                    "in the remote"
+                } else {
+                    ""
+                },
+            );
         }
         Forecast::Run(reason, _) => reason.to_string(),
         Forecast::Unless(upstream) => {
-            let what = if upstream.len() == 1 { "its result is" } else { "their results are" };
-            format!("upstream {} will run (spared if {what} unchanged)", upstream.join(", "))
+            let what = if upstream.len() == 1 {
+                "its result is"
+            } else {
+                "their results are"
+            };
+            format!(
+                "upstream {} will run (spared if {what} unchanged)",
+                upstream.join(", ")
+            )
         }
     };
     vec![name.to_owned(), "will run".to_owned(), why]
@@ -113,9 +167,15 @@ fn forecast_json(name: &str, forecast: &Forecast) -> Value {
     match forecast {
         Forecast::Cached(assessment) => cached_json(name, &assessment.key),
         Forecast::Run(reason, _) => {
-            let changes = if let Reason::Changed(changes) = reason { json!(changes) } else { Value::Null };
+            let changes = if let Reason::Changed(changes) = reason {
+                json!(changes)
+            } else {
+                Value::Null
+            };
             json!({"stage": name, "state": "will_run", "reason": reason.to_string(), "changes": changes})
         }
-        Forecast::Unless(upstream) => json!({"stage": name, "state": "may_be_spared", "upstream": upstream}),
+        Forecast::Unless(upstream) => {
+            json!({"stage": name, "state": "may_be_spared", "upstream": upstream})
+        }
     }
 }

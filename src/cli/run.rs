@@ -73,7 +73,11 @@ impl Run {
         let since = SystemTime::now();
         let device = device::open(&changes.device)?;
         self.tell_device(&device);
-        let question = self.only.is_all().then(|| standing::question(&self.pipeline, &self.choice, &device)).flatten();
+        let question = self
+            .only
+            .is_all()
+            .then(|| standing::question(&self.pipeline, &self.choice, &device))
+            .flatten();
         if let Some(found) = standing::find(question.as_slice(), &changes.folders.store)? {
             return Ok(self.find_all_done(&ManuallyDrop::new(found).1, started, begun, json)?);
         }
@@ -85,24 +89,44 @@ impl Run {
         let only = self.only.stage(&session)?;
         match only {
             Some(stage) => self.only.narrow(&mut context, stage)?,
-            None => {
-                view.retain(&store, session.graph.nodes.iter().map(|node| node.name.clone()).collect::<BTreeSet<_>>())?
-            }
+            None => view.retain(
+                &store,
+                session
+                    .graph
+                    .nodes
+                    .iter()
+                    .map(|node| node.name.clone())
+                    .collect::<BTreeSet<_>>(),
+            )?,
         }
         let outcome = ManuallyDrop::new(self.compute(&context, &session, &view, json)?);
         if let Some(stage) = only {
-            self.only.stamp(&session.graph.nodes[stage].name, outcome.records.get(&stage))?;
+            self.only.stamp(
+                &session.graph.nodes[stage].name,
+                outcome.records.get(&stage),
+            )?;
         }
         let seconds = begun.elapsed().as_secs_f64();
         let record = ManuallyDrop::new(record(&context, &outcome, started, seconds));
-        let own = outcome.stages.iter().filter(|(_, stage)| stage.end == End::Ran);
+        let own = outcome
+            .stages
+            .iter()
+            .filter(|(_, stage)| stage.end == End::Ran);
         store.remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
         store.put_run(&record)?;
         if let Some(question) = &question {
-            standing::Found { session: &session, context: &context, store: &store, since }
-                .keep_run(question, &outcome, &view);
+            standing::Found {
+                session: &session,
+                context: &context,
+                store: &store,
+                since,
+            }
+            .keep_run(question, &outcome, &view);
         }
-        let results = outcome.records.iter().map(|(&at, result)| (context.graph.nodes[at].name.as_str(), result));
+        let results = outcome
+            .records
+            .iter()
+            .map(|(&at, result)| (context.graph.nodes[at].name.as_str(), result));
         self.sum_up(&record, results, &store, &view, json)?;
         verdict(&outcome)
     }
@@ -115,26 +139,56 @@ impl Run {
         begun: Instant,
         json: bool,
     ) -> Result<(), StoreError> {
-        let Standing { pipeline, stages, told } = standing;
+        let Standing {
+            pipeline,
+            stages,
+            told,
+        } = standing;
         let folders = &self.pipeline.changes.folders;
         let store = Store::create(&folders.store)?;
-        let results: Vec<(&str, Digest)> = stages.iter().map(|(name, key)| (name.as_str(), *key)).collect();
-        progress::choose(json, self.verbosity(), !self.no_progress).event(&Event::Cached { results: &results });
-        let stages = stages.iter().map(|(name, key)| (name.clone(), StageRun::cached(*key))).collect();
+        let results: Vec<(&str, Digest)> = stages
+            .iter()
+            .map(|(name, key)| (name.as_str(), *key))
+            .collect();
+        progress::choose(json, self.verbosity(), !self.no_progress)
+            .event(&Event::Cached { results: &results });
+        let stages = stages
+            .iter()
+            .map(|(name, key)| (name.clone(), StageRun::cached(*key)))
+            .collect();
         let seconds = begun.elapsed().as_secs_f64();
-        let run = ManuallyDrop::new(Record { pipeline: pipeline.clone(), started, seconds, stages });
+        let run = ManuallyDrop::new(Record {
+            pipeline: pipeline.clone(),
+            started,
+            seconds,
+            stages,
+        });
         store.put_run(&run)?;
         let told = told.iter().map(|(name, result)| (name.as_str(), result));
         self.sum_up(&run, told, &store, &View::new(&folders.out, pipeline), json)
     }
 
-    fn compute(&self, context: &Context, session: &Session, view: &View, json: bool) -> Result<Outcome, Error> {
+    fn compute(
+        &self,
+        context: &Context,
+        session: &Session,
+        view: &View,
+        json: bool,
+    ) -> Result<Outcome, Error> {
         let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
         let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
         let (budget, cancelled) = (self.budget(&pool, device), &cancelled);
-        let scheduler = Scheduler { context, pool: &pool, device, view, cancelled, checkpoint_every, budget };
+        let scheduler = Scheduler {
+            context,
+            pool: &pool,
+            device,
+            view,
+            cancelled,
+            checkpoint_every,
+            budget,
+        };
         Ok(scheduler.run(progress.as_mut())?)
     }
 
@@ -150,8 +204,15 @@ impl Run {
     }
 
     fn budget(&self, pool: &rayon::ThreadPool, device: &Device) -> Budget {
-        let (threads, memory) = (pool.current_num_threads(), self.memory.unwrap_or_else(memory_limit));
-        Budget { threads, memory, one_on_device: device.is_gpu() }
+        let (threads, memory) = (
+            pool.current_num_threads(),
+            self.memory.unwrap_or_else(memory_limit),
+        );
+        Budget {
+            threads,
+            memory,
+            one_on_device: device.is_gpu(),
+        }
     }
 
     fn verbosity(&self) -> Verbosity {
@@ -184,33 +245,58 @@ impl Run {
                 print(&format_args!("\n{table}"));
             }
         }
-        let figures: Vec<_> = results.flat_map(|(stage, result)| report::figures(view, stage, result)).collect();
+        let figures: Vec<_> = results
+            .flat_map(|(stage, result)| report::figures(view, stage, result))
+            .collect();
         if !figures.is_empty() {
-            print(&format_args!("\nComparisons: {}", figures.join("\n             ")));
+            print(&format_args!(
+                "\nComparisons: {}",
+                figures.join("\n             ")
+            ));
         }
         if self.verbosity() > Verbosity::Quiet {
             let (ran, cached) = (names(End::Ran).len(), names(End::Cached).len());
             let stages = if ran == 1 { "stage" } else { "stages" };
-            tell(&format_args!("\n{ran} {stages} ran, {cached} cached, in {}", duration(run.seconds)));
+            tell(&format_args!(
+                "\n{ran} {stages} ran, {cached} cached, in {}",
+                duration(run.seconds)
+            ));
         }
         Ok(())
     }
 }
 
 fn names(run: &Record, end: End) -> Vec<&str> {
-    run.stages.iter().filter(|(_, stage)| stage.end == end).map(|(name, _)| name.as_str()).collect()
+    run.stages
+        .iter()
+        .filter(|(_, stage)| stage.end == end)
+        .map(|(name, _)| name.as_str())
+        .collect()
 }
 
 fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> Record {
     let name = |at: usize| context.graph.nodes[at].name.clone();
-    let stages = outcome.stages.iter().map(|(&at, stage)| (name(at), stage.clone())).collect();
-    Record { pipeline: context.graph.pipeline.clone(), started, seconds, stages }
+    let stages = outcome
+        .stages
+        .iter()
+        .map(|(&at, stage)| (name(at), stage.clone()))
+        .collect();
+    Record {
+        pipeline: context.graph.pipeline.clone(),
+        started,
+        seconds,
+        stages,
+    }
 }
 
 /// The threads that stages share; as many as there are cores where `threads` is 0.
 pub(super) fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
-    let builder = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(STACK);
-    builder.build().map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))
+    let builder = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .stack_size(STACK);
+    builder
+        .build()
+        .map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))
 }
 
 /// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing caught it. SIGUSR1 is
@@ -230,7 +316,10 @@ fn catch_signals() -> std::io::Result<Arc<AtomicBool>> {
 
 fn verdict(outcome: &Outcome) -> Result<(), Error> {
     let count = outcome.failures.len();
-    let message = format!("{count} {} failed", if count == 1 { "stage" } else { "stages" });
+    let message = format!(
+        "{count} {} failed",
+        if count == 1 { "stage" } else { "stages" }
+    );
     let any = |is: fn(&Failure) -> bool| outcome.failures.iter().any(is);
     if any(|failure| matches!(failure, Failure::Bug(_))) {
         Err(Error::Bug(message))

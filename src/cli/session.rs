@@ -42,21 +42,49 @@ impl Session {
     }
 
     /// The same, on a device that was opened already.
-    pub fn on(device: Device, pipeline: &Path, changes: &Changes, choice: &Choice) -> Result<Self, Error> {
-        let overrides = changes.set.iter().map(|set| Override::read(set)).collect::<Result<Vec<_>, _>>()?;
-        let source =
-            problem::Source::read(pipeline).map_err(|error| Error::Unreadable { path: pipeline.to_owned(), error })?;
+    pub fn on(
+        device: Device,
+        pipeline: &Path,
+        changes: &Changes,
+        choice: &Choice,
+    ) -> Result<Self, Error> {
+        let overrides = changes
+            .set
+            .iter()
+            .map(|set| Override::read(set))
+            .collect::<Result<Vec<_>, _>>()?;
+        let source = problem::Source::read(pipeline).map_err(|error| Error::Unreadable {
+            path: pipeline.to_owned(),
+            error,
+        })?;
         let mut store = Store::open(&changes.folders.store)?;
         store.share_if_there();
         let graph = load(&source, &overrides, &store)?;
         let (targets, forced) = (find(&graph, &choice.target)?, find(&graph, &choice.force)?);
         let all = || (0..graph.nodes.len()).collect();
-        let needed = if choice.target.is_empty() { all() } else { graph.needed(&targets) };
+        let needed = if choice.target.is_empty() {
+            all()
+        } else {
+            graph.needed(&targets)
+        };
         let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
-        let (salt, fallback) = (changes.salt.clone(), changes.fallback.as_ref().filter(|_| device.is_gpu()));
+        let (salt, fallback) = (
+            changes.salt.clone(),
+            changes.fallback.as_ref().filter(|_| device.is_gpu()),
+        );
         let fallback = fallback.map(|fallback| format!("{}, then {fallback}", device.kind()));
-        Ok(Self { graph, device, fallback, salt, forced, needed, sources, remote, store })
+        Ok(Self {
+            graph,
+            device,
+            fallback,
+            salt,
+            forced,
+            needed,
+            sources,
+            remote,
+            store,
+        })
     }
 
     /// The context for planning and running.
@@ -94,7 +122,10 @@ impl Session {
         match (exact, found.len(), found.first()) {
             (Some(&at), ..) | (None, 1, Some(&at)) => Ok(at),
             _ => {
-                let names: Vec<&str> = found.iter().map(|&at| self.graph.nodes[at].name.as_str()).collect();
+                let names: Vec<&str> = found
+                    .iter()
+                    .map(|&at| self.graph.nodes[at].name.as_str())
+                    .collect();
                 Err(Error::usage(
                     format!("`{name}` is more than one stage"),
                     format!("name one of {}", names.join(", ")),
@@ -106,7 +137,11 @@ impl Session {
 
 /// A pipeline's stages, and meanwhile, on other threads, the results that the store's index remembers: as many as could
 /// be needed.
-fn load(source: &problem::Source, overrides: &[Override], store: &Store) -> Result<Graph, problem::Problem> {
+fn load(
+    source: &problem::Source,
+    overrides: &[Override],
+    store: &Store,
+) -> Result<Graph, problem::Problem> {
     let enough = AtomicBool::new(false);
     rayon::in_place_scope(|scope| {
         scope.spawn(|_| store.look_ahead(&enough));

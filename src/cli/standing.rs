@@ -30,11 +30,22 @@ pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> 
     }
     let program = std::env::current_exe().ok()?;
     let text = blake3::hash(&std::fs::read(pipeline).ok()?);
-    let places: Vec<PathBuf> = [Path::new("."), pipeline, &changes.folders.store, &changes.folders.out]
-        .iter()
-        .map(|path| std::path::absolute(path).ok())
-        .collect::<Option<_>>()?;
-    let words = (&changes.set, &changes.salt, &choice.target, device.kind(), &changes.fallback);
+    let places: Vec<PathBuf> = [
+        Path::new("."),
+        pipeline,
+        &changes.folders.store,
+        &changes.folders.out,
+    ]
+    .iter()
+    .map(|path| std::path::absolute(path).ok())
+    .collect::<Option<_>>()?;
+    let words = (
+        &changes.set,
+        &changes.salt,
+        &choice.target,
+        device.kind(),
+        &changes.fallback,
+    );
     let parts = (Signature::at(&program)?, text.as_bytes(), places, words);
     Some(blake3::hash(&serde_json::to_vec(&parts).ok()?).into())
 }
@@ -52,7 +63,10 @@ pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standin
     }
     let mut store = Store::open(store)?;
     store.share_if_there();
-    Ok(questions.iter().find_map(|question| store.standing(question)).map(|standing| (store, standing)))
+    Ok(questions
+        .iter()
+        .find_map(|question| store.standing(question))
+        .map(|standing| (store, standing)))
 }
 
 /// What was found to be there.
@@ -70,36 +84,69 @@ pub struct Found<'a> {
 impl Found<'_> {
     /// Keeps for the next run that this one had nothing to do, if so it was.
     pub fn keep_run(&self, question: &Digest, outcome: &Outcome, view: &View) {
-        if outcome.interrupted || outcome.stages.values().any(|stage| stage.end != End::Cached) {
+        if outcome.interrupted
+            || outcome
+                .stages
+                .values()
+                .any(|stage| stage.end != End::Cached)
+        {
             return;
         }
         let shown = |(at, record): (&usize, &Record)| {
             let stage = &self.context.graph.nodes[*at].name;
-            self.store.evidence_shown(record, |output| view.output(stage, output))
+            self.store
+                .evidence_shown(record, |output| view.output(stage, output))
         };
         let shown = outcome.records.iter().flat_map(shown).chain([view.list()]);
-        self.keep(question, &outcome.records.iter().map(|(&at, record)| (at, record)).collect(), shown.collect());
+        self.keep(
+            question,
+            &outcome
+                .records
+                .iter()
+                .map(|(&at, record)| (at, record))
+                .collect(),
+            shown.collect(),
+        );
     }
 
     /// Keeps for the next plan that there was nothing to do, if so it was.
     pub fn keep_plan(&self, question: &Digest, forecasts: &BTreeMap<usize, Forecast>) {
-        let records = forecasts.iter().map(|(&at, forecast)| Some((at, forecast.record()?)));
+        let records = forecasts
+            .iter()
+            .map(|(&at, forecast)| Some((at, forecast.record()?)));
         if let Some(records) = records.collect() {
             self.keep(&of_plan(question), &records, BTreeSet::new());
         }
     }
 
-    fn keep(&self, question: &Digest, records: &BTreeMap<usize, &Record>, mut files: BTreeSet<PathBuf>) {
-        let Some(sources) = self.session.source_files(self.context) else { return };
+    fn keep(
+        &self,
+        question: &Digest,
+        records: &BTreeMap<usize, &Record>,
+        mut files: BTreeSet<PathBuf>,
+    ) {
+        let Some(sources) = self.session.source_files(self.context) else {
+            return;
+        };
         files.extend(sources);
-        files.extend(records.values().flat_map(|record| self.store.evidence(record)));
+        files.extend(
+            records
+                .values()
+                .flat_map(|record| self.store.evidence(record)),
+        );
         let name = |at: &usize| self.context.graph.nodes[*at].name.clone();
         let told = records.iter().filter(|(_, record)| report::tells(record));
         let standing = Standing {
             pipeline: self.context.graph.pipeline.clone(),
-            stages: records.iter().map(|(at, record)| (name(at), record.key)).collect(),
-            told: told.map(|(at, record)| (name(at), (*record).clone())).collect(),
+            stages: records
+                .iter()
+                .map(|(at, record)| (name(at), record.key))
+                .collect(),
+            told: told
+                .map(|(at, record)| (name(at), (*record).clone()))
+                .collect(),
         };
-        self.store.put_standing(question, standing, files, self.since);
+        self.store
+            .put_standing(question, standing, files, self.since);
     }
 }

@@ -16,8 +16,14 @@ pub fn apply(device: &Device) {
 
 /// Where the system wants what can be had again.
 fn folder() -> Option<PathBuf> {
-    let set = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let cache = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache"))).or_else(|| set("LOCALAPPDATA"))?;
+    let set = |name| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    let cache = set("XDG_CACHE_HOME")
+        .or_else(|| Some(set("HOME")?.join(".cache")))
+        .or_else(|| set("LOCALAPPDATA"))?;
     Some(cache.join("srnerf-dag").join("tuning"))
 }
 
@@ -31,12 +37,17 @@ fn apply_in(folder: &Path, device: &Device) {
 
 /// The file of an adapter and its driver.
 fn file(folder: &Path, device: &Device) -> PathBuf {
-    folder.join(format!("{}.txt", &blake3::hash(device.kind().as_bytes()).to_hex()[..16]))
+    folder.join(format!(
+        "{}.txt",
+        &blake3::hash(device.kind().as_bytes()).to_hex()[..16]
+    ))
 }
 
 /// Writes beside the file and renames, so that nobody reads half of it.
 fn keep(path: &Path, device: &Device) -> std::io::Result<()> {
-    let Some(tiles) = device.tuning() else { return Ok(()) };
+    let Some(tiles) = device.tuning() else {
+        return Ok(());
+    };
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder)?;
     let draft = tempfile::NamedTempFile::new_in(folder)?;
@@ -56,7 +67,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (path, usual) = (file(folder.path(), &device), device.tuning().unwrap());
         apply_in(folder.path(), &device);
-        assert_eq!((device.tuning().unwrap(), path.exists()), (usual.clone(), false), "software is not measured");
+        assert_eq!(
+            (device.tuning().unwrap(), path.exists()),
+            (usual.clone(), false),
+            "software is not measured"
+        );
         let other = usual.replace("128x128", "64x128");
         assert!(device.tune(&other));
         keep(&path, &device).unwrap();

@@ -21,25 +21,45 @@ pub struct Enlargement {
 }
 
 fn source(model: &Path) -> UpsamplerSource {
-    if is_embedded(model) { UpsamplerSource::Embedded } else { UpsamplerSource::File(model.to_owned()) }
+    if is_embedded(model) {
+        UpsamplerSource::Embedded
+    } else {
+        UpsamplerSource::File(model.to_owned())
+    }
 }
 
 impl Enlargement {
     /// The upsampler `model`, and the tensor `sample [N, 3, H, W]` of a file.
-    pub fn new(model: &Path, inputs: &TensorFile, options: Options, device: &Device) -> Result<Self, Error> {
+    pub fn new(
+        model: &Path,
+        inputs: &TensorFile,
+        options: Options,
+        device: &Device,
+    ) -> Result<Self, Error> {
         let network = Upsampler::load(&source(model), device)?;
         let images = inputs.real("sample", device)?;
         if matches!(*images.shape(), [n, 3, h, w] if n * h * w > 0) {
-            return Ok(Self { network, images, options });
+            return Ok(Self {
+                network,
+                images,
+                options,
+            });
         }
         let problem = format!("has the shape {:?}; expected [*, 3, *, *]", images.shape());
-        Err(diffusion::ModelError::Tensor { file: inputs.name().to_owned(), tensor: "sample".to_owned(), problem }
-            .into())
+        Err(diffusion::ModelError::Tensor {
+            file: inputs.name().to_owned(),
+            tensor: "sample".to_owned(),
+            problem,
+        }
+        .into())
     }
 
     /// The images, enlarged, as `sample`.
     pub fn forward(&self) -> Outputs {
-        Outputs::from([("sample".to_owned(), Output::Real(self.network.enlarge(&self.images, self.options)))])
+        Outputs::from([(
+            "sample".to_owned(),
+            Output::Real(self.network.enlarge(&self.images, self.options)),
+        )])
     }
 }
 
@@ -49,12 +69,23 @@ pub fn check(model: &Path, json: bool) -> Result<(), Error> {
     let network = Upsampler::load(&source, &Device::cpu())?;
     let (about, [weights, tile]) = (network.inventory(), network.memory(Options::default().tile));
     let sha256 = |bytes: &[u8]| hex(&Sha256::digest(bytes));
-    let files: Vec<_> =
-        source.files()?.iter().map(|f| (f.name.clone(), f.content().len() as u64, sha256(f.content()))).collect();
+    let files: Vec<_> = source
+        .files()?
+        .iter()
+        .map(|f| {
+            (
+                f.name.clone(),
+                f.content().len() as u64,
+                sha256(f.content()),
+            )
+        })
+        .collect();
     let digest = hex(&source.digest()?);
     if json {
-        let files: Vec<_> =
-            files.iter().map(|(name, bytes, sha256)| json!({"file": name, "bytes": bytes, "sha256": sha256})).collect();
+        let files: Vec<_> = files
+            .iter()
+            .map(|(name, bytes, sha256)| json!({"file": name, "bytes": bytes, "sha256": sha256}))
+            .collect();
         let part = json!({
             "part": "upsample", "family": about.family, "scale": about.scale, "width": about.width, "depth": about.depth,
             "reach": about.reach, "margin": about.margin, "tensors": about.tensors, "parameters": about.parameters,
@@ -63,7 +94,17 @@ pub fn check(model: &Path, json: bool) -> Result<(), Error> {
         print_json(&json!({"model": model, "parts": [part], "files": files, "digest": digest}));
         return Ok(());
     }
-    let head = ["part", "family", "scale", "width", "depth", "tensors", "parameters", "stored as", "memory"];
+    let head = [
+        "part",
+        "family",
+        "scale",
+        "width",
+        "depth",
+        "tensors",
+        "parameters",
+        "stored as",
+        "memory",
+    ];
     let types: Vec<&str> = about.types.keys().map(String::as_str).collect();
     let row = [
         "upsample".to_owned(),
@@ -76,9 +117,14 @@ pub fn check(model: &Path, json: bool) -> Result<(), Error> {
         types.join(", "),
         size(weights),
     ];
-    print(&table(&[head.map(str::to_owned).to_vec(), row.to_vec()], false));
-    let rows: Vec<Vec<String>> =
-        files.into_iter().map(|(name, bytes, digest)| vec![digest, size(bytes), name]).collect();
+    print(&table(
+        &[head.map(str::to_owned).to_vec(), row.to_vec()],
+        false,
+    ));
+    let rows: Vec<Vec<String>> = files
+        .into_iter()
+        .map(|(name, bytes, digest)| vec![digest, size(bytes), name])
+        .collect();
     print(&format_args!("\nsha256\n{}", table(&rows, false)));
     print(&format_args!(
         "\nIts digest in a stage's key is {digest}.\nAn input changes pixels up to {} pixels away; a tile of 256x256 with margins of {} takes {} of memory, roughly.",

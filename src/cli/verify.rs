@@ -59,11 +59,17 @@ impl Verify {
         if let Some(pipeline) = self.stage.take_if(|word| word.ends_with(".ron")) {
             self.pipeline = pipeline.into();
         }
-        let choice = Choice { target: self.stage.iter().cloned().collect(), force: Vec::new() };
+        let choice = Choice {
+            target: self.stage.iter().cloned().collect(),
+            force: Vec::new(),
+        };
         let session = Session::new(&self.pipeline, &self.changes, &choice)?;
         let store = Store::open(&self.changes.folders.store)?;
         // What was begun on one device and ended on another, nobody can compute again.
-        let context = Context { fallback: None, ..session.context(&store) };
+        let context = Context {
+            fallback: None,
+            ..session.context(&store)
+        };
         let wanted = match &self.stage {
             Some(name) => session.graph.find(name)?,
             None => context.needed.clone(),
@@ -72,7 +78,10 @@ impl Verify {
         if json {
             print_json(&json!({"stages": verdicts.iter().map(Verdict::json).collect::<Vec<_>>()}));
         } else {
-            print(&table(&verdicts.iter().flat_map(Verdict::rows).collect::<Vec<_>>(), false));
+            print(&table(
+                &verdicts.iter().flat_map(Verdict::rows).collect::<Vec<_>>(),
+                false,
+            ));
         }
         conclude(&verdicts, self.stage.is_some())
     }
@@ -86,7 +95,11 @@ impl Verify {
     ) -> Result<Vec<Verdict>, Error> {
         let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
         tuning::apply(&session.device);
-        let quiet = if json { Verbosity::Quiet } else { Verbosity::Normal };
+        let quiet = if json {
+            Verbosity::Quiet
+        } else {
+            Verbosity::Normal
+        };
         let progress = Mutex::new(progress::choose(false, quiet, true));
         let tell = |event: &Event| {
             if let Ok(mut progress) = progress.lock() {
@@ -98,15 +111,30 @@ impl Verify {
         for &at in wanted {
             let stage = &context.graph.nodes[at].name;
             let Some(Forecast::Cached(assessment)) = forecasts.get(&at) else {
-                verdicts.push(Verdict { stage: stage.clone(), differences: Vec::new(), absent: true });
+                verdicts.push(Verdict {
+                    stage: stage.clone(),
+                    differences: Vec::new(),
+                    absent: true,
+                });
                 continue;
             };
-            let Ok(record) = &assessment.verdict else { continue };
+            let Ok(record) = &assessment.verdict else {
+                continue;
+            };
             let begun = Instant::now();
-            tell(&Event::Started { stage, key: assessment.key, reason: "computing it again" });
+            tell(&Event::Started {
+                stage,
+                key: assessment.key,
+                reason: "computing it again",
+            });
             let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
             let inputs = inputs(context, at, &forecasts, folder.path())?;
-            let say = |message: Message| tell(&Event::Said { stage, message: &message });
+            let say = |message: Message| {
+                tell(&Event::Said {
+                    stage,
+                    message: &message,
+                })
+            };
             let io = Io {
                 seed: context.graph.nodes[at].seed,
                 device: device_of(&*context.graph.nodes[at].stage, &session.device),
@@ -122,8 +150,16 @@ impl Verify {
             std::fs::create_dir_all(&io.scratch).at("create", &io.scratch)?;
             pool.install(|| compute(context, at, &io))?;
             let differences = differences(context.store, record, &io.outputs)?;
-            tell(&Event::Finished { stage, seconds: begun.elapsed().as_secs_f64(), record });
-            verdicts.push(Verdict { stage: stage.clone(), differences, absent: false });
+            tell(&Event::Finished {
+                stage,
+                seconds: begun.elapsed().as_secs_f64(),
+                record,
+            });
+            verdicts.push(Verdict {
+                stage: stage.clone(),
+                differences,
+                absent: false,
+            });
         }
         Ok(verdicts)
     }
@@ -131,11 +167,17 @@ impl Verify {
 
 fn compute(context: &Context, at: usize, io: &Io) -> Result<(), Error> {
     let node = &context.graph.nodes[at];
-    match catch_unwind(AssertUnwindSafe(|| attempt(|| node.stage.run(io)).unwrap_or_else(|fault| Err(fault.into())))) {
+    match catch_unwind(AssertUnwindSafe(|| {
+        attempt(|| node.stage.run(io)).unwrap_or_else(|fault| Err(fault.into()))
+    })) {
         Ok(Ok(())) => Ok(()),
         Ok(Err(StageError::Cancelled)) => Err(Error::Interrupted),
         Ok(Err(error)) => Err(Error::Failed(format!("{}: {error}", node.name))),
-        Err(panic) => Err(Error::Bug(format!("{}: internal error: {}", node.name, panic_text(&*panic)))),
+        Err(panic) => Err(Error::Bug(format!(
+            "{}: internal error: {}",
+            node.name,
+            panic_text(&*panic)
+        ))),
     }
 }
 
@@ -148,7 +190,10 @@ fn inputs(
 ) -> Result<BTreeMap<String, PathBuf>, StoreError> {
     let mut inputs = BTreeMap::new();
     for wire in &context.graph.nodes[at].wires {
-        let record = forecasts.get(&wire.from).and_then(Forecast::assessment).and_then(|a| a.verdict.as_ref().ok());
+        let record = forecasts
+            .get(&wire.from)
+            .and_then(Forecast::assessment)
+            .and_then(|a| a.verdict.as_ref().ok());
         if let Some(output) = record.and_then(|record| record.outputs.get(wire.output)) {
             let folder = folder.join("in").join(wire.input);
             context.store.show(output, &folder)?;
@@ -159,11 +204,16 @@ fn inputs(
 }
 
 /// The files that differ between a result and what was computed now.
-fn differences(store: &Store, record: &Record, folder: &Path) -> Result<Vec<(String, Comparison)>, StoreError> {
+fn differences(
+    store: &Store,
+    record: &Record,
+    folder: &Path,
+) -> Result<Vec<(String, Comparison)>, StoreError> {
     let mut differences = Vec::new();
     for (name, output) in &record.outputs {
         let folder = folder.join(name);
-        let same = semantic_digest(output.kind, &folder).is_ok_and(|digest| digest == output.digest);
+        let same =
+            semantic_digest(output.kind, &folder).is_ok_and(|digest| digest == output.digest);
         if !same {
             let files = differing_files(store, name, output, &folder)?;
             let unlike = files.is_empty().then(|| (name.clone(), Comparison::Unlike));
@@ -182,8 +232,13 @@ fn differing_files(
     let stored = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
     store.show(output, stored.path())?;
     let compare = |path: &String| compare::files(&stored.path().join(path), &folder.join(path));
-    let files = output.files.iter().map(|file| (format!("{name}/{}", file.path), compare(&file.path)));
-    Ok(files.filter(|(_, comparison)| *comparison != Comparison::Arrays(Vec::new())).collect())
+    let files = output
+        .files
+        .iter()
+        .map(|file| (format!("{name}/{}", file.path), compare(&file.path)));
+    Ok(files
+        .filter(|(_, comparison)| *comparison != Comparison::Arrays(Vec::new()))
+        .collect())
 }
 
 impl Verdict {
@@ -197,35 +252,59 @@ impl Verdict {
 
     fn rows(&self) -> Vec<Vec<String>> {
         let head = vec![self.stage.clone(), self.state().to_owned()];
-        let files = self.differences.iter().flat_map(|(file, comparison)| match comparison {
-            Comparison::Unlike => vec![vec![format!("  {file}"), "holds something else".to_owned()]],
-            Comparison::Arrays(arrays) => arrays
-                .iter()
-                .map(|(name, d)| {
-                    let text = format!("{} of {} values, at most {} ulp, {:.1} dB", d.differ, d.values, d.ulps, d.psnr);
-                    vec![format!("  {file} {name}"), text]
-                })
-                .collect(),
-        });
+        let files = self
+            .differences
+            .iter()
+            .flat_map(|(file, comparison)| match comparison {
+                Comparison::Unlike => {
+                    vec![vec![format!("  {file}"), "holds something else".to_owned()]]
+                }
+                Comparison::Arrays(arrays) => arrays
+                    .iter()
+                    .map(|(name, d)| {
+                        let text = format!(
+                            "{} of {} values, at most {} ulp, {:.1} dB",
+                            d.differ, d.values, d.ulps, d.psnr
+                        );
+                        vec![format!("  {file} {name}"), text]
+                    })
+                    .collect(),
+            });
         std::iter::once(head).chain(files).collect()
     }
 
     fn json(&self) -> Value {
-        let files: BTreeMap<_, _> = self.differences.iter().map(|(file, comparison)| (file, comparison)).collect();
+        let files: BTreeMap<_, _> = self
+            .differences
+            .iter()
+            .map(|(file, comparison)| (file, comparison))
+            .collect();
         json!({"stage": self.stage, "state": self.state().replace(' ', "_"), "differences": files})
     }
 }
 
 fn conclude(verdicts: &[Verdict], named: bool) -> Result<(), Error> {
-    let differ = verdicts.iter().filter(|verdict| !verdict.differences.is_empty()).count();
+    let differ = verdicts
+        .iter()
+        .filter(|verdict| !verdict.differences.is_empty())
+        .count();
     let absent = verdicts.iter().filter(|verdict| verdict.absent).count();
     if differ > 0 {
-        let message = format!("{differ} of {} stages did not come to the same result again", verdicts.len());
-        return Err(Error::Found { message, help: None });
+        let message = format!(
+            "{differ} of {} stages did not come to the same result again",
+            verdicts.len()
+        );
+        return Err(Error::Found {
+            message,
+            help: None,
+        });
     }
     if absent == verdicts.len() || (named && absent > 0) {
         let help = "run it first, with the same --set, --salt and --store";
-        return Err(Error::usage(format!("{absent} stages have no result to compare with"), help));
+        return Err(Error::usage(
+            format!("{absent} stages have no result to compare with"),
+            help,
+        ));
     }
     Ok(())
 }

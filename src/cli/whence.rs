@@ -42,14 +42,20 @@ impl Whence {
     /// Says where the file comes from.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let (blob, _) = digest_file(&self.file).map_err(|error| {
-            Error::usage(format!("cannot read {}: {error}", self.file.display()), "give a file that a stage wrote")
+            Error::usage(
+                format!("cannot read {}: {error}", self.file.display()),
+                "give a file that a stage wrote",
+            )
         })?;
         let records = Store::open(&self.folders.store)?.records()?;
         let origin = Origin {
             told: content::provenance(&self.file),
             blob,
             producers: producers(&records),
-            kept: records.into_iter().filter_map(|record| holds(record, &blob)).collect(),
+            kept: records
+                .into_iter()
+                .filter_map(|record| holds(record, &blob))
+                .collect(),
         };
         if json {
             print_json(&origin.json());
@@ -60,9 +66,11 @@ impl Whence {
             return Ok(());
         }
         let message = format!("nothing says where {} comes from", self.file.display());
-        let help =
-            "it tells nothing itself, and the store has no file with its bytes; --store FOLDER names another store";
-        Err(Error::Found { message, help: Some(help.into()) })
+        let help = "it tells nothing itself, and the store has no file with its bytes; --store FOLDER names another store";
+        Err(Error::Found {
+            message,
+            help: Some(help.into()),
+        })
     }
 }
 
@@ -74,8 +82,10 @@ fn holds(record: Record, blob: &Digest) -> Option<(Record, String)> {
 
 impl Origin {
     fn json(&self) -> Value {
-        let kept =
-            self.kept.iter().map(|(record, file)| json!({"key": record.key, "stage": record.stage, "file": file}));
+        let kept = self
+            .kept
+            .iter()
+            .map(|(record, file)| json!({"key": record.key, "stage": record.stage, "file": file}));
         let inputs: BTreeMap<_, _> = self.inputs().collect();
         json!({
             "blob": self.blob,
@@ -88,27 +98,50 @@ impl Origin {
     /// The stages that gave each input, as far as the store knows.
     fn inputs(&self) -> impl Iterator<Item = (&str, &str)> {
         let inputs = self.told.iter().flat_map(|told| &told.inputs);
-        inputs.filter_map(|(name, digest)| Some((name.as_str(), self.producers.get(&digest.parse().ok()?)?.as_str())))
+        inputs.filter_map(|(name, digest)| {
+            Some((
+                name.as_str(),
+                self.producers.get(&digest.parse().ok()?)?.as_str(),
+            ))
+        })
     }
 
     fn rows(&self) -> Vec<Vec<String>> {
         let mut rows = Vec::new();
         let mut row = |name: &str, text: String| rows.push(vec![name.to_owned(), text]);
         if let Some(told) = &self.told {
-            row("stage", format!("{}: {} version {}, by {}", told.stage, told.kind, told.version, told.program));
+            row(
+                "stage",
+                format!(
+                    "{}: {} version {}, by {}",
+                    told.stage, told.kind, told.version, told.program
+                ),
+            );
             row("key", told.key.clone());
             row("device", told.device.clone());
             let from: BTreeMap<_, _> = self.inputs().collect();
             for (name, digest) in &told.inputs {
-                let from = from.get(name.as_str()).map(|from| format!(" ({from})")).unwrap_or_default();
+                let from = from
+                    .get(name.as_str())
+                    .map(|from| format!(" ({from})"))
+                    .unwrap_or_default();
                 row(&format!("inputs.{name}"), format!("{digest}{from}"));
             }
             let params = flatten("params", &told.params);
-            let is_input = |path: &str| path.strip_prefix("params.").is_some_and(|name| told.inputs.contains_key(name));
-            params.into_iter().filter(|(path, _)| !is_input(path)).for_each(|(path, text)| row(&path, text));
+            let is_input = |path: &str| {
+                path.strip_prefix("params.")
+                    .is_some_and(|name| told.inputs.contains_key(name))
+            };
+            params
+                .into_iter()
+                .filter(|(path, _)| !is_input(path))
+                .for_each(|(path, text)| row(&path, text));
         }
         for (record, file) in &self.kept {
-            row("in the store", format!("{file} of {} ({})", record.stage, record.key));
+            row(
+                "in the store",
+                format!("{file} of {} ({})", record.stage, record.key),
+            );
         }
         rows
     }

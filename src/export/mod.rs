@@ -55,7 +55,11 @@ pub struct Resources {
 const ROOM: f64 = 2.0;
 
 /// The least that a job asks for.
-const LEAST: Resources = Resources { threads: 2, memory: 512, minutes: 10 };
+const LEAST: Resources = Resources {
+    threads: 2,
+    memory: 512,
+    minutes: 10,
+};
 
 impl Workflow {
     /// The jobs of a pipeline; `command` is the program with its arguments up to those that choose a stage.
@@ -71,7 +75,9 @@ impl Workflow {
                 debug_assert_eq!(job.stage, whole);
             } else {
                 jobs.push(Job {
-                    stage: array.map_or(node.name.as_str(), |(whole, _)| whole).to_owned(),
+                    stage: array
+                        .map_or(node.name.as_str(), |(whole, _)| whole)
+                        .to_owned(),
                     shards: None,
                     recipes: vec![recipe(context, at)],
                     needs: node.wires.iter().map(|wire| job_of[&wire.from]).collect(),
@@ -83,26 +89,49 @@ impl Workflow {
             }
             job_of.insert(at, jobs.len() - 1);
         }
-        Self { pipeline: context.graph.pipeline.clone(), command, jobs }
+        Self {
+            pipeline: context.graph.pipeline.clone(),
+            command,
+            jobs,
+        }
     }
 
     /// The jobs that no other needs, by place.
     pub fn last(&self) -> BTreeSet<usize> {
-        let needed: BTreeSet<usize> = self.jobs.iter().flat_map(|job| job.needs.iter().copied()).collect();
-        (0..self.jobs.len()).filter(|at| !needed.contains(at)).collect()
+        let needed: BTreeSet<usize> = self
+            .jobs
+            .iter()
+            .flat_map(|job| job.needs.iter().copied())
+            .collect();
+        (0..self.jobs.len())
+            .filter(|at| !needed.contains(at))
+            .collect()
     }
 }
 
 /// Of a shard: the stage that it is of, and its number from 1.
 fn shard_of(nodes: &[Node], at: usize) -> Option<(&str, usize)> {
     let (whole, number) = nodes[at].name.rsplit_once('.')?;
-    let merge = nodes[at..].iter().find(|node| node.name == whole && node.stage.kind() == "Merge")?;
-    merge.wires.iter().any(|wire| wire.from == at).then_some((whole, number.parse().ok()?))
+    let merge = nodes[at..]
+        .iter()
+        .find(|node| node.name == whole && node.stage.kind() == "Merge")?;
+    merge
+        .wires
+        .iter()
+        .any(|wire| wire.from == at)
+        .then_some((whole, number.parse().ok()?))
 }
 
 fn recipe(context: &Context, at: usize) -> Digest {
     let (node, sources) = (&context.graph.nodes[at], &context.sources[at]);
-    Recipe { node, inputs: &Inputs::new(), sources, device: context.device, salt: context.salt }.key()
+    Recipe {
+        node,
+        inputs: &Inputs::new(),
+        sources,
+        device: context.device,
+        salt: context.salt,
+    }
+    .key()
 }
 
 impl Resources {

@@ -12,7 +12,11 @@ pub fn shell(word: &str) -> String {
 
 /// A command line.
 pub fn command(words: &[String]) -> String {
-    words.iter().map(|word| shell(word)).collect::<Vec<_>>().join(" ")
+    words
+        .iter()
+        .map(|word| shell(word))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// A string of Python; control characters, which no shell word needs, are left out.

@@ -41,8 +41,11 @@ exit $code
 impl Workflow {
     /// All scripts by file name.
     pub fn slurm(&self, folder: &str) -> BTreeMap<String, String> {
-        let mut files: BTreeMap<String, String> =
-            self.jobs.iter().map(|job| (format!("{}.sh", job.stage_file()), self.script(job, folder))).collect();
+        let mut files: BTreeMap<String, String> = self
+            .jobs
+            .iter()
+            .map(|job| (format!("{}.sh", job.stage_file()), self.script(job, folder)))
+            .collect();
         files.insert("submit.sh".to_owned(), self.submit(folder));
         files.insert("show.sh".to_owned(), self.show(folder));
         files
@@ -50,8 +53,12 @@ impl Workflow {
 
     fn submit(&self, folder: &str) -> String {
         let head = HEAD.replace("FOLDER", folder);
-        let lines: String =
-            self.jobs.iter().enumerate().map(|(at, job)| self.line(at, &job.needs, &job.stage_file())).collect();
+        let lines: String = self
+            .jobs
+            .iter()
+            .enumerate()
+            .map(|(at, job)| self.line(at, &job.needs, &job.stage_file()))
+            .collect();
         let last = self.line(self.jobs.len(), &self.last(), "show");
         format!(
             "#!/bin/sh\n{MARK} from the pipeline `{}`.\n{head}\nset -eu\nmkdir -p {folder}/logs\n\
@@ -66,7 +73,11 @@ impl Workflow {
 
     fn line(&self, at: usize, needs: &BTreeSet<usize>, file: &str) -> String {
         let needs: String = needs.iter().map(|need| format!(":$job_{need}")).collect();
-        let after = if needs.is_empty() { String::new() } else { format!("--dependency=afterok{needs} ") };
+        let after = if needs.is_empty() {
+            String::new()
+        } else {
+            format!("--dependency=afterok{needs} ")
+        };
         format!("job_{at}=$(submit {after}\"$(dirname \"$0\")/{file}.sh\")\n")
     }
 
@@ -78,7 +89,12 @@ impl Workflow {
                 format!("{}.\"$SLURM_ARRAY_TASK_ID\"", job.stage),
                 "\"${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID\"",
             ),
-            None => ("%x-%j", String::new(), job.stage.clone(), "\"$SLURM_JOB_ID\""),
+            None => (
+                "%x-%j",
+                String::new(),
+                job.stage.clone(),
+                "\"$SLURM_JOB_ID\"",
+            ),
         };
         let run = format!("{} --only {stage}", command(&self.command));
         format!(
@@ -101,7 +117,11 @@ impl Workflow {
 }
 
 fn request(job: &Job) -> String {
-    let super::Resources { threads, memory, minutes } = job.resources;
+    let super::Resources {
+        threads,
+        memory,
+        minutes,
+    } = job.resources;
     format!(
         "#SBATCH --job-name={}\n#SBATCH --cpus-per-task={threads}\n#SBATCH --mem={memory}M\n#SBATCH --time={minutes}\n",
         job.stage
@@ -111,6 +131,10 @@ fn request(job: &Job) -> String {
 impl Job {
     /// The name of its script: shards and their merge have names of their own.
     fn stage_file(&self) -> String {
-        if self.shards.is_some() { format!("{}.shards", self.stage) } else { self.stage.clone() }
+        if self.shards.is_some() {
+            format!("{}.shards", self.stage)
+        } else {
+            self.stage.clone()
+        }
     }
 }

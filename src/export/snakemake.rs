@@ -27,10 +27,21 @@ const HEAD: &str = "\
 impl Workflow {
     /// The whole Snakefile.
     pub fn snakefile(&self) -> String {
-        let [program, arguments @ ..] = &self.command[..] else { return String::new() };
+        let [program, arguments @ ..] = &self.command[..] else {
+            return String::new();
+        };
         let names = rule_names(&self.jobs);
-        let last: Vec<String> = self.last().iter().map(|&at| stamps(&self.jobs[at])).collect();
-        let rules: String = self.jobs.iter().zip(&names).map(|(job, name)| self.rule(job, name)).collect();
+        let last: Vec<String> = self
+            .last()
+            .iter()
+            .map(|&at| stamps(&self.jobs[at]))
+            .collect();
+        let rules: String = self
+            .jobs
+            .iter()
+            .zip(&names)
+            .map(|(job, name)| self.rule(job, name))
+            .collect();
         format!(
             "{MARK} from the pipeline `{}`.\n{HEAD}\n\
              PROGRAM = config.get(\"program\", {})\n\
@@ -50,14 +61,21 @@ impl Workflow {
 
     fn rule(&self, job: &Job, name: &str) -> String {
         let inputs: Vec<String> = job.needs.iter().map(|&at| stamps(&self.jobs[at])).collect();
-        let inputs = if inputs.is_empty() { String::new() } else { format!("    input: {}\n", inputs.join(", ")) };
+        let inputs = if inputs.is_empty() {
+            String::new()
+        } else {
+            format!("    input: {}\n", inputs.join(", "))
+        };
         let (output, stage) = match job.shards {
-            Some(_) => {
-                (format!("STAMPS + \"/{}.{{shard}}.json\"", job.stage), format!("{}.{{wildcards.shard}}", job.stage))
-            }
+            Some(_) => (
+                format!("STAMPS + \"/{}.{{shard}}.json\"", job.stage),
+                format!("{}.{{wildcards.shard}}", job.stage),
+            ),
             None => (stamps(job), job.stage.clone()),
         };
-        let constraint = job.shards.map_or(String::new(), |_| "    wildcard_constraints: shard=r\"\\d+\"\n".to_owned());
+        let constraint = job.shards.map_or(String::new(), |_| {
+            "    wildcard_constraints: shard=r\"\\d+\"\n".to_owned()
+        });
         let resources = &job.resources;
         format!(
             "\n\nrule {name}:\n{inputs}    output: {output}\n{constraint}    params: recipe={}\n    threads: {}\n    \
@@ -73,9 +91,16 @@ impl Workflow {
 
 /// The first digits suffice to tell recipes apart.
 fn recipe(job: &Job) -> String {
-    let short: Vec<String> = job.recipes.iter().map(|digest| format!("\"{}\"", &digest.to_string()[..16])).collect();
+    let short: Vec<String> = job
+        .recipes
+        .iter()
+        .map(|digest| format!("\"{}\"", &digest.to_string()[..16]))
+        .collect();
     match job.shards {
-        Some(_) => format!("lambda wildcards: [{}][int(wildcards.shard) - 1]", short.join(", ")),
+        Some(_) => format!(
+            "lambda wildcards: [{}][int(wildcards.shard) - 1]",
+            short.join(", ")
+        ),
         None => short.concat(),
     }
 }
@@ -83,7 +108,11 @@ fn recipe(job: &Job) -> String {
 /// The stamps of a job, as an expression.
 fn stamps(job: &Job) -> String {
     match job.shards {
-        Some(shards) => format!("[f\"{{STAMPS}}/{}.{{shard}}.json\" for shard in range(1, {})]", job.stage, shards + 1),
+        Some(shards) => format!(
+            "[f\"{{STAMPS}}/{}.{{shard}}.json\" for shard in range(1, {})]",
+            job.stage,
+            shards + 1
+        ),
         None => format!("STAMPS + \"/{}.json\"", job.stage),
     }
 }
@@ -92,7 +121,8 @@ fn stamps(job: &Job) -> String {
 fn rule_names(jobs: &[Job]) -> Vec<String> {
     let mut taken = BTreeSet::from(["all".to_owned()]);
     let name = |job: &Job| {
-        let mut name = job.stage.replace(['.', '-'], "_") + if job.shards.is_some() { "_shard" } else { "" };
+        let mut name =
+            job.stage.replace(['.', '-'], "_") + if job.shards.is_some() { "_shard" } else { "" };
         while !taken.insert(name.clone()) {
             name.push('_');
         }

@@ -10,7 +10,13 @@ use crate::pipeline::unroll::round_seed;
 use crate::testing::sum;
 
 fn recipe_of(node: &Node, check: impl Fn(&Recipe)) {
-    check(&Recipe { node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None });
+    check(&Recipe {
+        node,
+        inputs: &BTreeMap::new(),
+        sources: &[],
+        device: "cpu",
+        salt: None,
+    });
 }
 
 /// The key of an `Optimize` stage with these parameters in RON.
@@ -18,8 +24,21 @@ fn key_of(fields: &str) -> Digest {
     let params = Tree::read(fields).unwrap().json();
     let stage = AnyStage::from_parameters("Optimize", params).unwrap();
     let params = stage.parameters().unwrap();
-    let node = Node { name: "x".into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() };
-    Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None }.key()
+    let node = Node {
+        name: "x".into(),
+        seed: 0,
+        stage: stage.into_stage(),
+        params,
+        wires: Vec::new(),
+    };
+    Recipe {
+        node: &node,
+        inputs: &BTreeMap::new(),
+        sources: &[],
+        device: "cpu",
+        salt: None,
+    }
+    .key()
 }
 
 #[test]
@@ -28,9 +47,18 @@ fn the_manifest_is_what_is_hashed() {
     recipe_of(&node, |recipe| {
         let mut hash = Hash::default();
         let Manifest(entries) = recipe.manifest();
-        let order = ["kind", "version", "seed", "device", "params.modulo", "params.number"];
+        let order = [
+            "kind",
+            "version",
+            "seed",
+            "device",
+            "params.modulo",
+            "params.number",
+        ];
         assert_eq!(entries.len(), order.len());
-        order.iter().for_each(|path| hash.entry(path, &entries[*path]));
+        order
+            .iter()
+            .for_each(|path| hash.entry(path, &entries[*path]));
         assert_eq!(hash.digest(), recipe.key());
         assert_eq!(recipe.manifest().key(), recipe.key());
     });
@@ -39,11 +67,17 @@ fn the_manifest_is_what_is_hashed() {
 #[test]
 fn one_value_has_one_text() {
     let key = key_of("(steps: 100, guidance: Vsd(lora_every: 3))");
-    assert_eq!(key, key_of("(guidance: Vsd(lora_every: 0x3,),\n /* first */ steps: 1_00)"));
+    assert_eq!(
+        key,
+        key_of("(guidance: Vsd(lora_every: 0x3,),\n /* first */ steps: 1_00)")
+    );
     assert_ne!(key, key_of("(steps: 101, guidance: Vsd(lora_every: 3))"));
     assert_ne!(key, key_of("(steps: 100, guidance: Vsd(lora_every: 1))"));
     assert_ne!(key, key_of("(steps: 100, guidance: Rsd())"));
-    assert_ne!(key, key_of("(steps: 100, guidance: Vsd(lora_every: 3), precision: Bf16)"));
+    assert_ne!(
+        key,
+        key_of("(steps: 100, guidance: Vsd(lora_every: 3), precision: Bf16)")
+    );
 }
 
 #[test]
@@ -52,12 +86,28 @@ fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
     let node = |from: &str| {
         let stage = AnyStage::from_parameters("Fit", params(from)).unwrap();
         let params = stage.parameters().unwrap();
-        Node { name: from.into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() }
+        Node {
+            name: from.into(),
+            seed: 0,
+            stage: stage.into_stage(),
+            params,
+            wires: Vec::new(),
+        }
     };
     let (a, b) = (node("a"), node("b"));
-    let inputs = |text: &str| BTreeMap::from([("images", Digest::from(blake3::hash(text.as_bytes())))]);
+    let inputs =
+        |text: &str| BTreeMap::from([("images", Digest::from(blake3::hash(text.as_bytes())))]);
     let (one, two) = (inputs("1"), inputs("2"));
-    let key = |node, inputs, salt| Recipe { node, inputs, sources: &[], device: "cpu", salt }.key();
+    let key = |node, inputs, salt| {
+        Recipe {
+            node,
+            inputs,
+            sources: &[],
+            device: "cpu",
+            salt,
+        }
+        .key()
+    };
     assert_eq!(key(&a, &one, None), key(&b, &one, None));
     assert_ne!(key(&a, &one, None), key(&a, &two, None));
     assert_ne!(key(&a, &one, None), key(&a, &one, Some("s")));
@@ -68,8 +118,23 @@ fn only_what_computes_on_the_chosen_device_has_it_in_its_key() {
     for kind in KINDS {
         let stage = AnyStage::from_parameters(kind, json!({})).unwrap();
         let params = stage.parameters().unwrap();
-        let node = Node { name: "x".into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() };
-        let key = |device| Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device, salt: None }.key();
+        let node = Node {
+            name: "x".into(),
+            seed: 0,
+            stage: stage.into_stage(),
+            params,
+            wires: Vec::new(),
+        };
+        let key = |device| {
+            Recipe {
+                node: &node,
+                inputs: &BTreeMap::new(),
+                sources: &[],
+                device,
+                salt: None,
+            }
+            .key()
+        };
         let depends = ["Encode", "Optimize", "Decode", "Fit", "Sync", "Render"].contains(kind);
         assert_eq!(key("cpu") != key("gpu: one"), depends, "{kind}");
         assert_eq!(key("gpu: one") != key("gpu: another"), depends, "{kind}");
@@ -78,7 +143,11 @@ fn only_what_computes_on_the_chosen_device_has_it_in_its_key() {
 
 /// Numbers in spellings that mean the same.
 fn spellings(number: f64) -> [String; 3] {
-    [format!("{number:?}"), format!("{number:e}"), format!("+{number:?}")]
+    [
+        format!("{number:?}"),
+        format!("{number:e}"),
+        format!("+{number:?}"),
+    ]
 }
 
 proptest! {
@@ -118,7 +187,8 @@ fn params() -> impl Strategy<Value = Value> {
     let nested = leaf.prop_recursive(3, 12, 3, |inner| {
         prop_oneof![
             prop::collection::vec(inner.clone(), 0..3).prop_map(Value::from),
-            prop::collection::btree_map("[a-b]{1,2}", inner.clone(), 0..3).prop_map(|fields| json!(fields)),
+            prop::collection::btree_map("[a-b]{1,2}", inner.clone(), 0..3)
+                .prop_map(|fields| json!(fields)),
             ("[A-B]{1}", inner).prop_map(|(name, content)| json!({ name: content })),
         ]
     });
@@ -135,19 +205,37 @@ fn shuffled(fields: &Value, order: u64) -> String {
         .map(|(at, (name, value))| (at, format!("{name}: {}", ron(value, order))))
         .collect();
     fields.sort_by_key(|(at, _)| round_seed(order, *at as u32));
-    format!("({})", fields.into_iter().map(|(_, field)| field).collect::<Vec<_>>().join(", "))
+    format!(
+        "({})",
+        fields
+            .into_iter()
+            .map(|(_, field)| field)
+            .collect::<Vec<_>>()
+            .join(", ")
+    )
 }
 
 /// A value as RON has it, numbers spelt in one of several ways.
 fn ron(value: &Value, order: u64) -> String {
     match (variant(value), value) {
-        (Some((name, fields @ Value::Object(_))), _) => format!("{name}{}", shuffled(fields, order)),
+        (Some((name, fields @ Value::Object(_))), _) => {
+            format!("{name}{}", shuffled(fields, order))
+        }
         (Some((name, content)), _) => format!("{name}({})", ron(content, order)),
         (None, Value::Object(_)) => shuffled(value, order),
         (None, Value::Array(items)) => {
-            format!("({})", items.iter().map(|item| ron(item, order)).collect::<Vec<_>>().join(", "))
+            format!(
+                "({})",
+                items
+                    .iter()
+                    .map(|item| ron(item, order))
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            )
         }
-        (None, Value::String(text)) if text.chars().next().is_some_and(char::is_uppercase) => text.clone(),
+        (None, Value::String(text)) if text.chars().next().is_some_and(char::is_uppercase) => {
+            text.clone()
+        }
         (None, Value::Null) => "None".into(),
         (None, Value::Number(number)) if number.is_f64() => {
             spellings(number.as_f64().unwrap())[(order % 3) as usize].clone()
@@ -158,11 +246,26 @@ fn ron(value: &Value, order: u64) -> String {
 
 /// The key of a stage of a kind with these parameters in RON, as a pipeline file has them.
 fn key_of_kind(kind: &str, fields: &str) -> Result<Digest, String> {
-    let json = Tree::read(fields).map_err(|error| format!("{fields}: {error:?}"))?.json();
-    let stage = AnyStage::from_parameters(kind, json).map_err(|error| format!("{fields}: {error}"))?;
+    let json = Tree::read(fields)
+        .map_err(|error| format!("{fields}: {error:?}"))?
+        .json();
+    let stage =
+        AnyStage::from_parameters(kind, json).map_err(|error| format!("{fields}: {error}"))?;
     let params = stage.parameters().unwrap();
-    let node = Node { name: "x".into(), seed: 0, stage: stage.into_stage(), params, wires: Vec::new() };
-    let recipe = Recipe { node: &node, inputs: &BTreeMap::new(), sources: &[], device: "cpu", salt: None };
+    let node = Node {
+        name: "x".into(),
+        seed: 0,
+        stage: stage.into_stage(),
+        params,
+        wires: Vec::new(),
+    };
+    let recipe = Recipe {
+        node: &node,
+        inputs: &BTreeMap::new(),
+        sources: &[],
+        device: "cpu",
+        salt: None,
+    };
     assert_eq!(recipe.manifest().key(), recipe.key());
     Ok(recipe.key())
 }
@@ -171,7 +274,9 @@ fn key_of_kind(kind: &str, fields: &str) -> Result<Digest, String> {
 fn changes(value: &Value) -> Vec<Value> {
     match value {
         Value::Bool(truth) => vec![(!truth).into()],
-        Value::Number(number) if number.is_f64() => vec![(number.as_f64().unwrap() * 1.5 + 0.125).into()],
+        Value::Number(number) if number.is_f64() => {
+            vec![(number.as_f64().unwrap() * 1.5 + 0.125).into()]
+        }
         Value::Number(number) => vec![(number.as_u64().unwrap_or(0) + 1).into()],
         Value::Object(fields) => {
             let with = |(name, value): (&String, &Value)| {
@@ -236,7 +341,9 @@ fn every_changed_value_gives_another_key() {
         let mut keys = vec![key_of_kind(kind, "()").unwrap()];
         // Values that make no sense are refused before they have a key.
         keys.extend(
-            changes(&defaults(kind)).iter().filter_map(|changed| key_of_kind(kind, &shuffled(changed, 0)).ok()),
+            changes(&defaults(kind))
+                .iter()
+                .filter_map(|changed| key_of_kind(kind, &shuffled(changed, 0)).ok()),
         );
         let count = keys.len();
         keys.sort_unstable();

@@ -31,19 +31,29 @@ impl Place {
 
     /// A field several levels down: `guidance.lora_every`.
     pub fn within(&self, fields: &str) -> Self {
-        fields.split('.').fold(self.clone(), |place, field| place.at(field))
+        fields
+            .split('.')
+            .fold(self.clone(), |place, field| place.at(field))
     }
 
     /// Something wrong here.
     pub fn fault(&self, message: impl Into<String>) -> Fault {
-        Fault { place: self.clone(), message: message.into(), unknown: None, help: None }
+        Fault {
+            place: self.clone(),
+            message: message.into(),
+            unknown: None,
+            help: None,
+        }
     }
 }
 
 impl Fault {
     /// With a name that is not known, and those that are.
     pub fn with_names<'a>(mut self, found: &str, known: impl IntoIterator<Item = &'a str>) -> Self {
-        self.unknown = Some((found.to_owned(), known.into_iter().map(str::to_owned).collect()));
+        self.unknown = Some((
+            found.to_owned(),
+            known.into_iter().map(str::to_owned).collect(),
+        ));
         self
     }
 

@@ -57,7 +57,10 @@ pub struct Named<T> {
 
 impl<T> Default for Named<T> {
     fn default() -> Self {
-        Self { items: Vec::new(), index: BTreeMap::new() }
+        Self {
+            items: Vec::new(),
+            index: BTreeMap::new(),
+        }
     }
 }
 
@@ -115,7 +118,8 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for NamedVisitor<T> {
 const ROUNDS: &str = "Rounds";
 
 /// What may stand where a stage stands.
-static VARIANTS: LazyLock<Vec<&'static str>> = LazyLock::new(|| KINDS.iter().copied().chain([ROUNDS]).collect());
+static VARIANTS: LazyLock<Vec<&'static str>> =
+    LazyLock::new(|| KINDS.iter().copied().chain([ROUNDS]).collect());
 
 impl<'de> Deserialize<'de> for Node {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -161,6 +165,8 @@ impl Visitor<'_> for VariantVisitor {
 
     fn visit_str<E: Error>(self, name: &str) -> Result<Variant, E> {
         let known = VARIANTS.iter().find(|known| **known == name);
-        known.map(|known| Variant(known)).ok_or_else(|| E::unknown_variant(name, &VARIANTS))
+        known
+            .map(|known| Variant(known))
+            .ok_or_else(|| E::unknown_variant(name, &VARIANTS))
     }
 }

@@ -59,7 +59,10 @@ impl Graph {
         let mut nodes: Vec<(usize, Node)> = place.iter().copied().zip(nodes).collect();
         nodes.sort_by_key(|(new, _)| *new);
         let mut nodes: Vec<Node> = nodes.into_iter().map(|(_, node)| node).collect();
-        nodes.iter_mut().flat_map(|node| &mut node.wires).for_each(|wire| wire.from = place[wire.from]);
+        nodes
+            .iter_mut()
+            .flat_map(|node| &mut node.wires)
+            .for_each(|wire| wire.from = place[wire.from]);
         Ok(Self { pipeline, nodes })
     }
 
@@ -67,17 +70,37 @@ impl Graph {
     /// or a stage of a loop in all rounds (`i3ds.render`).
     pub fn find(&self, name: &str) -> Result<BTreeSet<usize>, UnknownStage> {
         let within = format!("{name}.");
-        let means =
-            |node: &Node| node.name == name || node.name.starts_with(&within) || without_rounds(&node.name) == name;
-        let found: BTreeSet<usize> = (0..self.nodes.len()).filter(|&at| means(&self.nodes[at])).collect();
-        if found.is_empty() { Err(self.unknown(name)) } else { Ok(found) }
+        let means = |node: &Node| {
+            node.name == name
+                || node.name.starts_with(&within)
+                || without_rounds(&node.name) == name
+        };
+        let found: BTreeSet<usize> = (0..self.nodes.len())
+            .filter(|&at| means(&self.nodes[at]))
+            .collect();
+        if found.is_empty() {
+            Err(self.unknown(name))
+        } else {
+            Ok(found)
+        }
     }
 
     fn unknown(&self, name: &str) -> UnknownStage {
-        let short: Vec<String> = self.nodes.iter().map(|node| without_rounds(&node.name)).collect();
-        let known: Vec<&str> =
-            self.nodes.iter().map(|node| node.name.as_str()).chain(short.iter().map(String::as_str)).collect();
-        UnknownStage { name: name.to_owned(), near: nearest(name, &known).map(str::to_owned) }
+        let short: Vec<String> = self
+            .nodes
+            .iter()
+            .map(|node| without_rounds(&node.name))
+            .collect();
+        let known: Vec<&str> = self
+            .nodes
+            .iter()
+            .map(|node| node.name.as_str())
+            .chain(short.iter().map(String::as_str))
+            .collect();
+        UnknownStage {
+            name: name.to_owned(),
+            near: nearest(name, &known).map(str::to_owned),
+        }
     }
 
     /// These stages and all that they depend on.
@@ -94,7 +117,10 @@ impl Graph {
 
 /// `i3ds.1.render` as `i3ds.render`.
 fn without_rounds(name: &str) -> String {
-    let parts: Vec<&str> = name.split('.').filter(|part| part.parse::<u32>().is_err()).collect();
+    let parts: Vec<&str> = name
+        .split('.')
+        .filter(|part| part.parse::<u32>().is_err())
+        .collect();
     parts.join(".")
 }
 
@@ -103,7 +129,9 @@ fn order(nodes: &[Node]) -> Result<Vec<usize>, usize> {
     let mut readers = vec![Vec::new(); nodes.len()];
     let mut missing: Vec<usize> = nodes.iter().map(|node| node.wires.len()).collect();
     for (at, node) in nodes.iter().enumerate() {
-        node.wires.iter().for_each(|wire| readers[wire.from].push(at));
+        node.wires
+            .iter()
+            .for_each(|wire| readers[wire.from].push(at));
     }
     let mut ready: BTreeSet<usize> = (0..nodes.len()).filter(|&at| missing[at] == 0).collect();
     let mut order = Vec::with_capacity(nodes.len());
@@ -116,14 +144,23 @@ fn order(nodes: &[Node]) -> Result<Vec<usize>, usize> {
             }
         }
     }
-    if order.len() == nodes.len() { Ok(order) } else { Err(on_a_circle(nodes, &missing)) }
+    if order.len() == nodes.len() {
+        Ok(order)
+    } else {
+        Err(on_a_circle(nodes, &missing))
+    }
 }
 
 /// Going upstream from any stage that still waits, one comes to a circle sooner or later.
 fn on_a_circle(nodes: &[Node], missing: &[usize]) -> usize {
     let mut at = missing.iter().position(|&missing| missing > 0).unwrap_or(0);
     for _ in nodes {
-        at = nodes[at].wires.iter().map(|wire| wire.from).find(|&from| missing[from] > 0).unwrap_or(at);
+        at = nodes[at]
+            .wires
+            .iter()
+            .map(|wire| wire.from)
+            .find(|&from| missing[from] > 0)
+            .unwrap_or(at);
     }
     at
 }

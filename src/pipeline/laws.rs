@@ -12,29 +12,59 @@ use super::unroll::round_seed;
 type Told = (u64, String, Vec<String>);
 
 fn load(text: String) -> BTreeMap<String, Told> {
-    let graph = super::load(&Source { name: "p.ron".into(), text: text.into() }, &[])
-        .unwrap_or_else(|problem| panic!("{problem}"));
+    let graph = super::load(
+        &Source {
+            name: "p.ron".into(),
+            text: text.into(),
+        },
+        &[],
+    )
+    .unwrap_or_else(|problem| panic!("{problem}"));
     assert!(is_ordered(&graph));
-    let wires =
-        |at: usize| graph.nodes[at].wires.iter().map(|wire| format!("{}.{}", graph.nodes[wire.from].name, wire.output));
-    let told = |at: usize| (graph.nodes[at].seed, format!("{:?}", params(&graph, at)), wires(at).collect());
-    (0..graph.nodes.len()).map(|at| (graph.nodes[at].name.clone(), told(at))).collect()
+    let wires = |at: usize| {
+        graph.nodes[at]
+            .wires
+            .iter()
+            .map(|wire| format!("{}.{}", graph.nodes[wire.from].name, wire.output))
+    };
+    let told = |at: usize| {
+        (
+            graph.nodes[at].seed,
+            format!("{:?}", params(&graph, at)),
+            wires(at).collect(),
+        )
+    };
+    (0..graph.nodes.len())
+        .map(|at| (graph.nodes[at].name.clone(), told(at)))
+        .collect()
 }
 
 /// The parameters without the references.
 fn params(graph: &Graph, at: usize) -> BTreeMap<&String, &serde_json::Value> {
     let node = &graph.nodes[at];
     let is_wire = |name: &str| node.wires.iter().any(|wire| wire.input == name);
-    node.params.as_object().unwrap().iter().filter(|(name, _)| !is_wire(name)).collect()
+    node.params
+        .as_object()
+        .unwrap()
+        .iter()
+        .filter(|(name, _)| !is_wire(name))
+        .collect()
 }
 
 /// Each stage comes after those that it reads.
 fn is_ordered(graph: &Graph) -> bool {
-    graph.nodes.iter().enumerate().all(|(at, node)| node.wires.iter().all(|wire| wire.from < at))
+    graph
+        .nodes
+        .iter()
+        .enumerate()
+        .all(|(at, node)| node.wires.iter().all(|wire| wire.from < at))
 }
 
 fn pipeline(stages: &[String]) -> String {
-    format!(r#"(name: "p", seed: 5, stages: {{ "scene": Scene(), {} }})"#, stages.join(", "))
+    format!(
+        r#"(name: "p", seed: 5, stages: {{ "scene": Scene(), {} }})"#,
+        stages.join(", ")
+    )
 }
 
 /// The loop of `count` rounds, each with one stage that enlarges what the round before gave.

@@ -31,12 +31,15 @@ use text::Tree;
 pub fn load(source: &Source, overrides: &[Override]) -> Result<Graph, Problem> {
     let extensions = Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME;
     let options = ron::Options::default().with_default_extension(extensions);
-    let mut pipeline: Pipeline = options.from_str(&source.text).map_err(|error| malformed(source, &error))?;
+    let mut pipeline: Pipeline = options
+        .from_str(&source.text)
+        .map_err(|error| malformed(source, &error))?;
     let mut places = Vec::new();
     for change in overrides {
         places.push(change.apply(&mut pipeline)?);
     }
-    let checked = unroll::check_name(&pipeline.name, &Place::root("name")).and_then(|()| unroll::unroll(&pipeline));
+    let checked = unroll::check_name(&pipeline.name, &Place::root("name"))
+        .and_then(|()| unroll::unroll(&pipeline));
     checked.map_err(|fault| located(fault, source, overrides, &places))
 }
 
@@ -47,32 +50,53 @@ fn malformed(source: &Source, error: &SpannedError) -> Problem {
     let end = source.offset(error.span.end.line, error.span.end.col);
     let word = |name: &str| word_before(&source.text, name, end.max(start)).unwrap_or(start..end);
     match &error.code {
-        NoSuchEnumVariant { expected, found, .. } => {
-            let problem = source.problem(word(found), format!("there is no `{found}` to choose here"));
+        NoSuchEnumVariant {
+            expected, found, ..
+        } => {
+            let problem =
+                source.problem(word(found), format!("there is no `{found}` to choose here"));
             problem.with_names(found, expected.iter().copied())
         }
-        NoSuchStructField { expected, found, outer } => {
-            let owner = outer.as_ref().map(|outer| format!("`{outer}` has ")).unwrap_or("there is ".into());
+        NoSuchStructField {
+            expected,
+            found,
+            outer,
+        } => {
+            let owner = outer
+                .as_ref()
+                .map(|outer| format!("`{outer}` has "))
+                .unwrap_or("there is ".into());
             let problem = source.problem(word(found), format!("{owner}no field `{found}`"));
             problem.with_names(found, expected.iter().copied())
         }
-        DuplicateStructField { field, .. } => source.problem(word(field), format!("`{field}` is given twice")),
+        DuplicateStructField { field, .. } => {
+            source.problem(word(field), format!("`{field}` is given twice"))
+        }
         other => source.problem(start..end, other.to_string()),
     }
 }
 
 /// The last place at or before `end` where a word stands: readers notice an unknown name only when they are past it.
 fn word_before(text: &str, word: &str, end: usize) -> Option<std::ops::Range<usize>> {
-    let window = text.get(..(end + word.len()).min(text.len())).unwrap_or(text);
+    let window = text
+        .get(..(end + word.len()).min(text.len()))
+        .unwrap_or(text);
     window.rfind(word).map(|at| at..at + word.len())
 }
 
 /// A fault with its place looked up: in the override that caused it, or else in the file.
 fn located(fault: Fault, source: &Source, overrides: &[Override], places: &[Place]) -> Problem {
-    let touches = |place: &Place| place.0.starts_with(&fault.place.0) || fault.place.0.starts_with(&place.0);
-    let mut causes = overrides.iter().zip(places).rev().filter(|(_, place)| touches(place) && place.0.len() > 1);
+    let touches =
+        |place: &Place| place.0.starts_with(&fault.place.0) || fault.place.0.starts_with(&place.0);
+    let mut causes = overrides
+        .iter()
+        .zip(places)
+        .rev()
+        .filter(|(_, place)| touches(place) && place.0.len() > 1);
     let problem = match causes.next() {
-        Some((change, _)) => change.source.problem(change.value_span.clone(), &fault.message),
+        Some((change, _)) => change
+            .source
+            .problem(change.value_span.clone(), &fault.message),
         None => source.problem(span(&source.text, &fault.place), &fault.message),
     };
     let problem = match &fault.unknown {
@@ -87,7 +111,9 @@ fn located(fault: Fault, source: &Source, overrides: &[Override], places: &[Plac
 
 /// Where a place stands in a text: its value, or as much of the way there as the text spells out.
 fn span(text: &str, place: &Place) -> std::ops::Range<usize> {
-    let Ok(tree) = Tree::read(text) else { return 0..0 };
+    let Ok(tree) = Tree::read(text) else {
+        return 0..0;
+    };
     let (mut at, mut span) = (&tree, 0..0);
     for (depth, name) in place.0.iter().enumerate() {
         let Some(entry) = at.entry(name) else { break };
@@ -103,5 +129,8 @@ fn span(text: &str, place: &Place) -> std::ops::Range<usize> {
 
 /// A stage or a loop is pointed at by its name, not by all that it says.
 fn is_stage(tree: &Tree) -> bool {
-    matches!(&tree.value, text::Value::Struct(Some(_), _) | text::Value::Map(_))
+    matches!(
+        &tree.value,
+        text::Value::Struct(Some(_), _) | text::Value::Map(_)
+    )
 }

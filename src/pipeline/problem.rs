@@ -27,11 +27,19 @@ impl Source {
     /// Reads a pipeline file.
     pub fn read(path: &Path) -> io::Result<Self> {
         let mut text = String::new();
-        File::open(path)?.take(Self::LARGEST + 1).read_to_string(&mut text)?;
+        File::open(path)?
+            .take(Self::LARGEST + 1)
+            .read_to_string(&mut text)?;
         if text.len() as u64 > Self::LARGEST {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "it has more than 64 MiB"));
+            return Err(io::Error::new(
+                io::ErrorKind::FileTooLarge,
+                "it has more than 64 MiB",
+            ));
         }
-        Ok(Self { name: path.display().to_string(), text: text.into() })
+        Ok(Self {
+            name: path.display().to_string(),
+            text: text.into(),
+        })
     }
 
     /// A problem at these bytes of the text.
@@ -49,9 +57,18 @@ impl Source {
 
     /// The byte at a line and a column, both counted from 1, the column in characters.
     pub fn offset(&self, line: usize, column: usize) -> usize {
-        let start: usize = self.text.split_inclusive('\n').take(line.saturating_sub(1)).map(str::len).sum();
+        let start: usize = self
+            .text
+            .split_inclusive('\n')
+            .take(line.saturating_sub(1))
+            .map(str::len)
+            .sum();
         let rest = &self.text[start..];
-        start + rest.char_indices().nth(column.saturating_sub(1)).map_or(rest.len(), |(at, _)| at)
+        start
+            + rest
+                .char_indices()
+                .nth(column.saturating_sub(1))
+                .map_or(rest.len(), |(at, _)| at)
     }
 }
 
@@ -108,7 +125,8 @@ impl Problem {
 
 /// The nearest of the known names, if one is near enough to be meant.
 pub fn nearest<'a>(found: &str, known: &[&'a str]) -> Option<&'a str> {
-    let distance = |name: &str| strsim::damerau_levenshtein(&found.to_lowercase(), &name.to_lowercase());
+    let distance =
+        |name: &str| strsim::damerau_levenshtein(&found.to_lowercase(), &name.to_lowercase());
     let near = known.iter().copied().min_by_key(|name| distance(name))?;
     (distance(near) <= near.chars().count().max(3) / 3 + 1).then_some(near)
 }
@@ -119,13 +137,19 @@ mod tests {
 
     #[test]
     fn the_nearest_name_is_offered_only_if_near() {
-        assert_eq!(nearest("optimise", &["optimize", "encode"]), Some("optimize"));
+        assert_eq!(
+            nearest("optimise", &["optimize", "encode"]),
+            Some("optimize")
+        );
         assert_eq!(nearest("xyzzy", &["optimize", "encode"]), None);
     }
 
     #[test]
     fn places_are_lines_and_columns_in_characters() {
-        let source = Source { name: "p.ron".into(), text: "é\néab".into() };
+        let source = Source {
+            name: "p.ron".into(),
+            text: "é\néab".into(),
+        };
         let at = source.offset(2, 2);
         assert_eq!(&source.text[at..], "ab");
         assert_eq!(source.problem(at..at + 1, "x").place(), "p.ron:2:2");

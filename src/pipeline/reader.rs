@@ -17,7 +17,11 @@ pub struct Reader<'t> {
 impl<'t> Reader<'t> {
     /// At the start of a text.
     pub fn new(text: &'t str) -> Self {
-        Self { text, at: 0, depth: 0 }
+        Self {
+            text,
+            at: 0,
+            depth: 0,
+        }
     }
 
     /// The value that the whole text is.
@@ -25,7 +29,11 @@ impl<'t> Reader<'t> {
         self.attributes()?;
         let tree = self.tree()?;
         self.space();
-        if self.at == self.text.len() { Ok(tree) } else { Err(self.garbled("nothing more")) }
+        if self.at == self.text.len() {
+            Ok(tree)
+        } else {
+            Err(self.garbled("nothing more"))
+        }
     }
 
     fn rest(&self) -> &'t str {
@@ -33,7 +41,10 @@ impl<'t> Reader<'t> {
     }
 
     fn garbled(&self, expected: &'static str) -> Garbled {
-        Garbled { at: self.at, expected }
+        Garbled {
+            at: self.at,
+            expected,
+        }
     }
 
     /// Skips `#![enable(..)]` lines.
@@ -71,7 +82,11 @@ impl<'t> Reader<'t> {
     }
 
     fn need(&mut self, mark: char, expected: &'static str) -> Result<(), Garbled> {
-        if self.eat(mark) { Ok(()) } else { Err(self.garbled(expected)) }
+        if self.eat(mark) {
+            Ok(())
+        } else {
+            Err(self.garbled(expected))
+        }
     }
 
     fn tree(&mut self) -> Result<Tree, Garbled> {
@@ -89,12 +104,17 @@ impl<'t> Reader<'t> {
             Some('r') if self.rest().starts_with("r\"") || self.rest().starts_with("r#") => {
                 Value::Scalar(self.raw_string()?.into())
             }
-            Some(c) if c.is_ascii_digit() || "+-.".contains(c) => Value::Scalar(Json::Number(self.number()?)),
+            Some(c) if c.is_ascii_digit() || "+-.".contains(c) => {
+                Value::Scalar(Json::Number(self.number()?))
+            }
             Some(c) if c.is_alphabetic() || c == '_' => self.named()?,
             _ => return Err(self.garbled("a value")),
         };
         self.depth -= 1;
-        Ok(Tree { span: start..self.at, value })
+        Ok(Tree {
+            span: start..self.at,
+            value,
+        })
     }
 
     fn named(&mut self) -> Result<Value, Garbled> {
@@ -122,7 +142,11 @@ impl<'t> Reader<'t> {
         }
         let items = self.separated(')', "`,` or `)`", Self::tree)?;
         // `Rsd()` has all its fields at their defaults, which `Rsd` alone could not say.
-        if items.is_empty() { Ok(Value::Struct(name, Vec::new())) } else { Ok(Value::Tuple(name, items)) }
+        if items.is_empty() {
+            Ok(Value::Struct(name, Vec::new()))
+        } else {
+            Ok(Value::Tuple(name, items))
+        }
     }
 
     fn at_field(&mut self) -> bool {
@@ -135,7 +159,11 @@ impl<'t> Reader<'t> {
 
     fn list(&mut self) -> Result<Value, Garbled> {
         self.need('[', "`[`")?;
-        Ok(Value::List(self.separated(']', "`,` or `]`", Self::tree)?))
+        Ok(Value::List(self.separated(
+            ']',
+            "`,` or `]`",
+            Self::tree,
+        )?))
     }
 
     fn map(&mut self) -> Result<Value, Garbled> {
@@ -152,7 +180,11 @@ impl<'t> Reader<'t> {
     fn entry(&mut self, name: String, start: usize) -> Result<Entry, Garbled> {
         let span = start..self.at;
         self.need(':', "`:`")?;
-        Ok(Entry { name, span, tree: self.tree()? })
+        Ok(Entry {
+            name,
+            span,
+            tree: self.tree()?,
+        })
     }
 
     fn separated<T>(
@@ -174,7 +206,9 @@ impl<'t> Reader<'t> {
 
     fn identifier(&mut self) -> Result<&'t str, Garbled> {
         let rest = self.rest();
-        let length = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
+        let length = rest
+            .find(|c: char| !c.is_alphanumeric() && c != '_')
+            .unwrap_or(rest.len());
         if length == 0 || rest.starts_with(|c: char| c.is_ascii_digit()) {
             return Err(self.garbled("a name"));
         }
@@ -184,7 +218,9 @@ impl<'t> Reader<'t> {
 
     fn number(&mut self) -> Result<Number, Garbled> {
         let rest = self.rest();
-        let length = rest.find(|c: char| !c.is_ascii_alphanumeric() && !"+-._".contains(c)).unwrap_or(rest.len());
+        let length = rest
+            .find(|c: char| !c.is_ascii_alphanumeric() && !"+-._".contains(c))
+            .unwrap_or(rest.len());
         let digits = rest[..length].replace('_', "");
         let number = whole(&digits).or_else(|| digits.parse().ok().and_then(Number::from_f64));
         let number = number.ok_or(self.garbled("a number"))?;
@@ -204,7 +240,8 @@ impl<'t> Reader<'t> {
             return Err(self.garbled("a string in quotes"));
         };
         // A quoted string has the same escapes for the `ron` crate, which reads it here.
-        let string = ron::from_str(&rest[..=end]).map_err(|_| self.garbled("a string in quotes"))?;
+        let string =
+            ron::from_str(&rest[..=end]).map_err(|_| self.garbled("a string in quotes"))?;
         self.at += end + 1;
         Ok(string)
     }
@@ -223,9 +260,13 @@ impl<'t> Reader<'t> {
 /// A whole number in any base.
 fn whole(digits: &str) -> Option<Number> {
     let based = |prefix: &str, radix| u64::from_str_radix(digits.strip_prefix(prefix)?, radix).ok();
-    let unsigned =
-        based("0x", 16).or_else(|| based("0b", 2)).or_else(|| based("0o", 8)).or_else(|| digits.parse().ok());
-    unsigned.map(Number::from).or_else(|| digits.parse::<i64>().ok().map(Number::from))
+    let unsigned = based("0x", 16)
+        .or_else(|| based("0b", 2))
+        .or_else(|| based("0o", 8))
+        .or_else(|| digits.parse().ok());
+    unsigned
+        .map(Number::from)
+        .or_else(|| digits.parse::<i64>().ok().map(Number::from))
 }
 
 /// The length of the block comment that opens the text; such comments nest.

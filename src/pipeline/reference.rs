@@ -17,7 +17,11 @@ pub struct Frame<'p> {
 impl<'p> Frame<'p> {
     /// The inside of a loop.
     pub fn round(name: &str, rounds: &'p Rounds, round: u32) -> Self {
-        Self { prefix: format!("{name}.{round}."), stages: &rounds.stages, turn: Some((rounds, round)) }
+        Self {
+            prefix: format!("{name}.{round}."),
+            stages: &rounds.stages,
+            turn: Some((rounds, round)),
+        }
     }
 }
 
@@ -40,12 +44,18 @@ pub struct Miss {
 
 impl Miss {
     fn new<'a>(message: String, found: &str, known: impl Iterator<Item = &'a str>) -> Self {
-        Self { message, found: found.to_owned(), known: known.map(str::to_owned).collect() }
+        Self {
+            message,
+            found: found.to_owned(),
+            known: known.map(str::to_owned).collect(),
+        }
     }
 
     /// The same as a fault at the place of the reference.
     pub fn fault(self, place: &Place) -> Fault {
-        place.fault(self.message).with_names(&self.found, self.known.iter().map(String::as_str))
+        place
+            .fault(self.message)
+            .with_names(&self.found, self.known.iter().map(String::as_str))
     }
 }
 
@@ -54,17 +64,30 @@ pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
     if let Some(name) = reference.strip_prefix('@') {
         return carried(chain, name);
     }
-    let (head, rest) = reference.split_once('.').map_or((reference, None), |(head, rest)| (head, Some(rest)));
+    let (head, rest) = reference
+        .split_once('.')
+        .map_or((reference, None), |(head, rest)| (head, Some(rest)));
     for (depth, frame) in chain.iter().enumerate().rev() {
         let stage = format!("{}{head}", frame.prefix);
         match frame.stages.get(head) {
-            Some(Node::Stage(_)) => return Ok(Target { stage, output: rest.map(str::to_owned) }),
-            Some(Node::Rounds(rounds)) => return result(&chain[..=depth], &stage, rounds, rest.unwrap_or_default()),
+            Some(Node::Stage(_)) => {
+                return Ok(Target {
+                    stage,
+                    output: rest.map(str::to_owned),
+                });
+            }
+            Some(Node::Rounds(rounds)) => {
+                return result(&chain[..=depth], &stage, rounds, rest.unwrap_or_default());
+            }
             None => {}
         }
     }
     let known = chain.iter().rev().flat_map(|frame| frame.stages.names());
-    Err(Miss::new(format!("there is no stage `{head}` to refer to"), head, known))
+    Err(Miss::new(
+        format!("there is no stage `{head}` to refer to"),
+        head,
+        known,
+    ))
 }
 
 /// What a loop leaves behind: the `next` of its last round.
@@ -77,25 +100,44 @@ fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<T
         return Err(Miss::new(message, field, rounds.next.names()));
     };
     let last = Frame::round(name, rounds, rounds.count);
-    resolve(&chain.iter().cloned().chain([last]).collect::<Vec<_>>(), &reference.0)
+    resolve(
+        &chain.iter().cloned().chain([last]).collect::<Vec<_>>(),
+        &reference.0,
+    )
 }
 
 /// What a loop carries: in the first round what `carry` says, seen from outside; later what `next` says, seen from the
 /// round before.
 fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
     for (depth, frame) in chain.iter().enumerate().rev() {
-        let Some((rounds, round)) = frame.turn else { continue };
+        let Some((rounds, round)) = frame.turn else {
+            continue;
+        };
         let outside = &chain[..depth];
         match (rounds.carry.get(name), rounds.next.get(name)) {
             (Some(first), _) if round <= 1 => return resolve(outside, &first.0),
             (Some(_), Some(next)) => {
-                let prefix = frame.prefix.strip_suffix(&format!(".{round}.")).unwrap_or_default();
+                let prefix = frame
+                    .prefix
+                    .strip_suffix(&format!(".{round}."))
+                    .unwrap_or_default();
                 let before = Frame::round(prefix, rounds, round - 1);
-                return resolve(&outside.iter().cloned().chain([before]).collect::<Vec<_>>(), &next.0);
+                return resolve(
+                    &outside.iter().cloned().chain([before]).collect::<Vec<_>>(),
+                    &next.0,
+                );
             }
             _ => {}
         }
     }
-    let known = chain.iter().rev().filter_map(|frame| frame.turn).flat_map(|(rounds, _)| rounds.carry.names());
-    Err(Miss::new(format!("nothing called `{name}` is carried here"), name, known))
+    let known = chain
+        .iter()
+        .rev()
+        .filter_map(|frame| frame.turn)
+        .flat_map(|(rounds, _)| rounds.carry.names());
+    Err(Miss::new(
+        format!("nothing called `{name}` is carried here"),
+        name,
+        known,
+    ))
 }

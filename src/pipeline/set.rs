@@ -30,7 +30,10 @@ struct Segment {
 impl Override {
     /// Reads `path=value`, the value in RON.
     pub fn read(argument: &str) -> Result<Self, Problem> {
-        let source = Source { name: Source::SET.into(), text: argument.into() };
+        let source = Source {
+            name: Source::SET.into(),
+            text: argument.into(),
+        };
         let Some((path, value)) = argument.split_once('=') else {
             let problem = source.problem(0..argument.len(), "expected `path=value`");
             return Err(problem.with_help("for example --set scene.downscale=2"));
@@ -38,10 +41,18 @@ impl Override {
         let value_span = path.len() + 1..argument.len();
         let tree = Tree::read(value).map_err(|garbled| {
             let at = value_span.start + garbled.at;
-            let problem = source.problem(at..at + 1, format!("the value is not RON: expected {}", garbled.expected));
+            let problem = source.problem(
+                at..at + 1,
+                format!("the value is not RON: expected {}", garbled.expected),
+            );
             problem.with_help("texts stand in quotes: --set 'scene.source.path=\"photos/fern\"'")
         })?;
-        Ok(Self { path: segments(path), value: tree.json(), value_span, source })
+        Ok(Self {
+            path: segments(path),
+            value: tree.json(),
+            value_span,
+            source,
+        })
     }
 
     /// Overrides the value, and says at which place of the pipeline.
@@ -50,14 +61,23 @@ impl Override {
         match first.name.as_str() {
             "seed" if rest.is_empty() => pipeline.seed = self.typed()?,
             "name" if rest.is_empty() => pipeline.name = self.typed()?,
-            _ => return self.in_stages(&mut pipeline.stages, &self.path, Place::root("stages"), &["seed", "name"]),
+            _ => {
+                return self.in_stages(
+                    &mut pipeline.stages,
+                    &self.path,
+                    Place::root("stages"),
+                    &["seed", "name"],
+                );
+            }
         }
         Ok(Place::root(&first.name))
     }
 
     fn split<'s>(&self, path: &'s [Segment]) -> Result<(&'s Segment, &'s [Segment]), Problem> {
         path.split_first().ok_or_else(|| {
-            let problem = self.source.problem(0..self.value_span.start - 1, "this names no single value");
+            let problem = self
+                .source
+                .problem(0..self.value_span.start - 1, "this names no single value");
             problem.with_help("go on to one of its fields: stage.field=value")
         })
     }
@@ -70,9 +90,16 @@ impl Override {
         others: &[&str],
     ) -> Result<Place, Problem> {
         let (head, rest) = self.split(path)?;
-        let known: Vec<String> = stages.names().chain(others.iter().copied()).map(str::to_owned).collect();
+        let known: Vec<String> = stages
+            .names()
+            .chain(others.iter().copied())
+            .map(str::to_owned)
+            .collect();
         let Some(node) = stages.get_mut(&head.name) else {
-            let problem = self.source.problem(head.span.clone(), format!("there is no stage or field `{}`", head.name));
+            let problem = self.source.problem(
+                head.span.clone(),
+                format!("there is no stage or field `{}`", head.name),
+            );
             return Err(problem.with_names(&head.name, known.iter().map(String::as_str)));
         };
         let place = place.at(&head.name);
@@ -82,7 +109,12 @@ impl Override {
         }
     }
 
-    fn in_rounds(&self, rounds: &mut Rounds, path: &[Segment], place: Place) -> Result<Place, Problem> {
+    fn in_rounds(
+        &self,
+        rounds: &mut Rounds,
+        path: &[Segment],
+        place: Place,
+    ) -> Result<Place, Problem> {
         let (head, rest) = self.split(path)?;
         if head.name == "count" && rest.is_empty() {
             rounds.count = self.typed()?;
@@ -92,34 +124,51 @@ impl Override {
     }
 
     /// By way of the stage as JSON, where fields have names and any value fits until it is read back.
-    fn in_stage(&self, stage: &mut AnyStage, path: &[Segment], place: Place) -> Result<Place, Problem> {
+    fn in_stage(
+        &self,
+        stage: &mut AnyStage,
+        path: &[Segment],
+        place: Place,
+    ) -> Result<Place, Problem> {
         self.split(path)?;
         let whole = 0..self.source.text.len();
-        let mut fields = stage.parameters().map_err(|error| self.source.problem(whole, error.to_string()))?;
+        let mut fields = stage
+            .parameters()
+            .map_err(|error| self.source.problem(whole, error.to_string()))?;
         *self.slot(&mut fields, path)? = self.value.clone();
         *stage = AnyStage::from_parameters(stage.stage().kind(), fields).map_err(|error| {
             let message = format!("`{}`: {}", error.path(), error.inner());
             let names = quoted(&message);
             let problem = self.source.problem(self.value_span.clone(), &message);
             match (&names[1..], &self.value) {
-                ([found, known @ ..], _) if !known.is_empty() => problem.with_names(found, known.iter().copied()),
+                ([found, known @ ..], _) if !known.is_empty() => {
+                    problem.with_names(found, known.iter().copied())
+                }
                 (_, Json::String(name)) if message.contains("unit variant") => {
-                    problem.with_help(format!("a variant with fields has parentheses, even for its defaults: {name}()"))
+                    problem.with_help(format!(
+                        "a variant with fields has parentheses, even for its defaults: {name}()"
+                    ))
                 }
                 _ => problem,
             }
         })?;
-        Ok(path.iter().fold(place, |place, segment| place.at(&segment.name)))
+        Ok(path
+            .iter()
+            .fold(place, |place, segment| place.at(&segment.name)))
     }
 
     /// The value at a path. A variant's name is no step of the path: `guidance.lora_every` leads into `{"Vsd": {..}}`.
     fn slot<'v>(&self, mut value: &'v mut Json, path: &[Segment]) -> Result<&'v mut Json, Problem> {
         for segment in path {
             let missing = |value: &Json| {
-                let problem =
-                    self.source.problem(segment.span.clone(), format!("there is no field `{}` here", segment.name));
+                let problem = self.source.problem(
+                    segment.span.clone(),
+                    format!("there is no field `{}` here", segment.name),
+                );
                 match content(value).as_object() {
-                    Some(fields) => problem.with_names(&segment.name, fields.keys().map(String::as_str)),
+                    Some(fields) => {
+                        problem.with_names(&segment.name, fields.keys().map(String::as_str))
+                    }
                     None => problem.with_help(format!("what stands here is {}", content(value))),
                 }
             };
@@ -140,8 +189,10 @@ impl Override {
     }
 
     fn typed<T: serde::de::DeserializeOwned>(&self) -> Result<T, Problem> {
-        serde_json::from_value(self.value.clone())
-            .map_err(|error| self.source.problem(self.value_span.clone(), error.to_string()))
+        serde_json::from_value(self.value.clone()).map_err(|error| {
+            self.source
+                .problem(self.value_span.clone(), error.to_string())
+        })
     }
 }
 
@@ -150,7 +201,10 @@ fn segments(path: &str) -> Vec<Segment> {
     let segment = |name: &str| {
         let span = start..start + name.len();
         start = span.end + 1;
-        Segment { name: name.to_owned(), span }
+        Segment {
+            name: name.to_owned(),
+            span,
+        }
     };
     path.split('.').map(segment).collect()
 }
@@ -159,7 +213,8 @@ fn segments(path: &str) -> Vec<Segment> {
 pub fn variant(value: &Json) -> Option<(&str, &Json)> {
     let fields = value.as_object().filter(|fields| fields.len() == 1)?;
     let (name, content) = fields.iter().next()?;
-    name.starts_with(|c: char| c.is_ascii_uppercase()).then_some((name.as_str(), content))
+    name.starts_with(|c: char| c.is_ascii_uppercase())
+        .then_some((name.as_str(), content))
 }
 
 fn content(value: &Json) -> &Json {

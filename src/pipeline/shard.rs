@@ -14,7 +14,9 @@ pub fn shard(graph: Graph) -> Result<Graph, Fault> {
     let mut place = Vec::with_capacity(graph.nodes.len());
     for mut node in graph.nodes {
         // Stages stand behind those that they read, so these have their new places already.
-        node.wires.iter_mut().for_each(|wire| wire.from = place[wire.from]);
+        node.wires
+            .iter_mut()
+            .for_each(|wire| wire.from = place[wire.from]);
         let parts = node.stage.shards();
         if parts.is_empty() {
             nodes.push(node);
@@ -27,21 +29,42 @@ pub fn shard(graph: Graph) -> Result<Graph, Fault> {
         }
         place.push(nodes.len() - 1);
     }
-    Ok(Graph { pipeline: graph.pipeline, nodes })
+    Ok(Graph {
+        pipeline: graph.pipeline,
+        nodes,
+    })
 }
 
 /// One part: it reads what the whole would read, with a seed of its own.
 fn part(whole: &Node, number: u32, stage: AnyStage) -> Result<Node, Fault> {
     let name = format!("{}.{number}", whole.name);
-    let params = stage.parameters().map_err(|error| Place::root("stages").at(&name).fault(error.to_string()))?;
+    let params = stage
+        .parameters()
+        .map_err(|error| Place::root("stages").at(&name).fault(error.to_string()))?;
     let seed = seed_within("srnerf-dag shard seed v1", whole.seed, number);
-    Ok(Node { name, seed, stage: stage.into_stage(), params, wires: whole.wires.clone() })
+    Ok(Node {
+        name,
+        seed,
+        stage: stage.into_stage(),
+        params,
+        wires: whole.wires.clone(),
+    })
 }
 
 /// The stage that takes the whole's place, with its parts from place `first` on.
 fn merge(whole: &Node, parts: usize, first: usize) -> Node {
     let merge = Merge::new(whole.stage.outputs(), parts);
-    let wire = |(input, part, output)| Wire { input, from: first + part, output };
+    let wire = |(input, part, output)| Wire {
+        input,
+        from: first + part,
+        output,
+    };
     let wires = merge.wires().into_iter().map(wire).collect();
-    Node { name: whole.name.clone(), seed: 0, params: merge.parameters(), stage: Box::new(merge), wires }
+    Node {
+        name: whole.name.clone(),
+        seed: 0,
+        params: merge.parameters(),
+        stage: Box::new(merge),
+        wires,
+    }
 }

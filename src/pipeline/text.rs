@@ -62,7 +62,9 @@ impl Tree {
     /// The entry of this name, through a variant that is not named: `guidance.lora_every` finds its way into `Vsd(..)`.
     pub fn entry(&self, name: &str) -> Option<&Entry> {
         match &self.value {
-            Value::Struct(_, entries) | Value::Map(entries) => entries.iter().find(|entry| entry.name == name),
+            Value::Struct(_, entries) | Value::Map(entries) => {
+                entries.iter().find(|entry| entry.name == name)
+            }
             Value::Tuple(_, items) if items.len() == 1 => items[0].entry(name),
             _ => None,
         }
@@ -88,7 +90,11 @@ impl Tree {
 }
 
 fn fields(entries: &[Entry]) -> Json {
-    entries.iter().map(|entry| (entry.name.clone(), entry.tree.json())).collect::<Map<_, _>>().into()
+    entries
+        .iter()
+        .map(|entry| (entry.name.clone(), entry.tree.json()))
+        .collect::<Map<_, _>>()
+        .into()
 }
 
 fn tagged(name: &str, content: Json) -> Json {
@@ -112,14 +118,20 @@ mod tests {
         assert_eq!(read("0x1F"), json!(31));
         assert_eq!(read("Bicubic"), json!("Bicubic"));
         assert_eq!(read("Rsd()"), json!({"Rsd": {}}));
-        assert_eq!(read("Vsd(lora_every: 3)"), json!({"Vsd": {"lora_every": 3}}));
+        assert_eq!(
+            read("Vsd(lora_every: 3)"),
+            json!({"Vsd": {"lora_every": 3}})
+        );
         assert_eq!(
             read("Llff(path: \"a \\\"b\\\"\", size: (252, 189))"),
             json!({"Llff": {"path": "a \"b\"", "size": [252, 189]}})
         );
         assert_eq!(read("Some(3)"), json!(3));
         assert_eq!(read("None"), Json::Null);
-        assert_eq!(read("/* a /* b */ */ [r#\"x\"y\"#, true,] // end"), json!(["x\"y", true]));
+        assert_eq!(
+            read("/* a /* b */ */ [r#\"x\"y\"#, true,] // end"),
+            json!(["x\"y", true])
+        );
         assert_eq!(read("{\"a\": 1}"), json!({"a": 1}));
     }
 
@@ -135,11 +147,29 @@ mod tests {
 
     #[test]
     fn garbled_text_is_refused_where_it_goes_wrong() {
-        assert_eq!(Tree::read("(a: 1, b)").unwrap_err(), Garbled { at: 8, expected: "`:`" });
-        assert_eq!(Tree::read("[1 2]").unwrap_err(), Garbled { at: 3, expected: "`,` or `]`" });
-        assert_eq!(Tree::read("\"open").unwrap_err().expected, "a string in quotes");
+        assert_eq!(
+            Tree::read("(a: 1, b)").unwrap_err(),
+            Garbled {
+                at: 8,
+                expected: "`:`"
+            }
+        );
+        assert_eq!(
+            Tree::read("[1 2]").unwrap_err(),
+            Garbled {
+                at: 3,
+                expected: "`,` or `]`"
+            }
+        );
+        assert_eq!(
+            Tree::read("\"open").unwrap_err().expected,
+            "a string in quotes"
+        );
         assert_eq!(Tree::read("").unwrap_err().expected, "a value");
-        assert_eq!(Tree::read(&"[".repeat(1000)).unwrap_err().expected, "less nesting");
+        assert_eq!(
+            Tree::read(&"[".repeat(1000)).unwrap_err().expected,
+            "less nesting"
+        );
         assert_eq!(Tree::read("é").unwrap().json(), json!("é"));
     }
 }

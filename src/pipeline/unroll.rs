@@ -36,14 +36,29 @@ struct Link {
 /// Unrolls all loops, checks every stage, and wires all inputs.
 pub fn unroll(pipeline: &Pipeline) -> Result<Graph, Fault> {
     let mut all = Vec::new();
-    let frame = Frame { prefix: String::new(), stages: &pipeline.stages, turn: None };
+    let frame = Frame {
+        prefix: String::new(),
+        stages: &pipeline.stages,
+        turn: None,
+    };
     unroll_stages(&[frame], pipeline.seed, &Place::root("stages"), &mut all)?;
     if all.is_empty() {
         return Err(Place::root("stages").fault("the pipeline has no stages"));
     }
-    let index: BTreeMap<&str, usize> = all.iter().enumerate().map(|(at, stage)| (stage.name.as_str(), at)).collect();
-    let wires = all.iter().map(|stage| wires(stage, &all, &index)).collect::<Result<Vec<_>, _>>()?;
-    let nodes = all.into_iter().zip(wires).map(|(stage, wires)| node(stage, wires)).collect::<Result<Vec<_>, _>>()?;
+    let index: BTreeMap<&str, usize> = all
+        .iter()
+        .enumerate()
+        .map(|(at, stage)| (stage.name.as_str(), at))
+        .collect();
+    let wires = all
+        .iter()
+        .map(|stage| wires(stage, &all, &index))
+        .collect::<Result<Vec<_>, _>>()?;
+    let nodes = all
+        .into_iter()
+        .zip(wires)
+        .map(|(stage, wires)| node(stage, wires))
+        .collect::<Result<Vec<_>, _>>()?;
     let (nodes, places): (Vec<graph::Node>, Vec<Place>) = nodes.into_iter().unzip();
     let graph = Graph::new(pipeline.name.clone(), nodes);
     let graph = graph.map_err(|at| places[at].fault("this stage depends on itself in a circle"))?;
@@ -58,14 +73,23 @@ pub fn round_seed(seed: u64, round: u32) -> u64 {
 /// A seed of its own for each number, in a domain of its own.
 pub fn seed_within(domain: &str, seed: u64, number: u32) -> u64 {
     let mut hasher = blake3::Hasher::new_derive_key(domain);
-    hasher.update(&seed.to_le_bytes()).update(&number.to_le_bytes());
+    hasher
+        .update(&seed.to_le_bytes())
+        .update(&number.to_le_bytes());
     let mut bytes = [0; 8];
     hasher.finalize_xof().fill(&mut bytes);
     u64::from_le_bytes(bytes)
 }
 
-fn unroll_stages<'p>(chain: &[Frame<'p>], seed: u64, place: &Place, all: &mut Vec<Unrolled<'p>>) -> Result<(), Fault> {
-    let Some(frame) = chain.last() else { return Ok(()) };
+fn unroll_stages<'p>(
+    chain: &[Frame<'p>],
+    seed: u64,
+    place: &Place,
+    all: &mut Vec<Unrolled<'p>>,
+) -> Result<(), Fault> {
+    let Some(frame) = chain.last() else {
+        return Ok(());
+    };
     for (name, node) in frame.stages.iter() {
         let (full, place) = (format!("{}{name}", frame.prefix), place.at(name));
         check_name(name, &place)?;
@@ -86,12 +110,17 @@ fn unroll_rounds<'p>(
     all: &mut Vec<Unrolled<'p>>,
 ) -> Result<(), Fault> {
     if !(1..=MOST_ROUNDS).contains(&rounds.count) {
-        return Err(place.at("count").fault(format!("`count` is {}; it must be 1 to {MOST_ROUNDS}", rounds.count)));
+        return Err(place.at("count").fault(format!(
+            "`count` is {}; it must be 1 to {MOST_ROUNDS}",
+            rounds.count
+        )));
     }
     for (carried, reference) in rounds.carry.iter() {
         resolve(chain, &reference.0).map_err(|miss| miss.fault(&place.at("carry").at(carried)))?;
         if rounds.next.get(carried).is_none() {
-            let message = format!("`{carried}` is carried, but `next` does not say what it is in the next round");
+            let message = format!(
+                "`{carried}` is carried, but `next` does not say what it is in the next round"
+            );
             return Err(place.at("carry").at(carried).fault(message));
         }
     }
@@ -99,7 +128,8 @@ fn unroll_rounds<'p>(
         let inner = Frame::round(name, rounds, round);
         let chain: Vec<Frame> = chain.iter().cloned().chain([inner]).collect();
         for (carried, reference) in rounds.next.iter() {
-            resolve(&chain, &reference.0).map_err(|miss| miss.fault(&place.at("next").at(carried)))?;
+            resolve(&chain, &reference.0)
+                .map_err(|miss| miss.fault(&place.at("next").at(carried)))?;
         }
         unroll_stages(&chain, round_seed(seed, round), &place.at("stages"), all)?;
     }
@@ -110,8 +140,14 @@ fn unroll_rounds<'p>(
 pub fn check_name(name: &str, place: &Place) -> Result<(), Fault> {
     let good = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
     match name.chars().next() {
-        Some(first) if first.is_ascii_alphabetic() && name.chars().all(good) && name.len() <= 64 => Ok(()),
-        _ => Err(place.fault(format!("`{name}` is no name: names are a letter, then letters, digits, `_` and `-`"))),
+        Some(first)
+            if first.is_ascii_alphabetic() && name.chars().all(good) && name.len() <= 64 =>
+        {
+            Ok(())
+        }
+        _ => Err(place.fault(format!(
+            "`{name}` is no name: names are a letter, then letters, digits, `_` and `-`"
+        ))),
     }
 }
 
@@ -122,18 +158,33 @@ fn unrolled<'p>(
     any: &'p AnyStage,
     place: Place,
 ) -> Result<Unrolled<'p>, Fault> {
-    any.stage().check().map_err(|error| parameter_fault(&error, &place))?;
+    any.stage()
+        .check()
+        .map_err(|error| parameter_fault(&error, &place))?;
     let mut links = Vec::new();
     for port in any.stage().inputs().iter().filter(|port| port.used) {
         let Input(reference) = port.reference;
         if reference.is_empty() {
-            let message = format!("input `{}` is not connected: it takes {} of another stage", port.name, port.kind);
+            let message = format!(
+                "input `{}` is not connected: it takes {} of another stage",
+                port.name, port.kind
+            );
             return Err(place.fault(message));
         }
         let target = resolve(chain, reference).map_err(|miss| miss.fault(&place.at(port.name)))?;
-        links.push(Link { input: port.name, kind: port.kind, target });
+        links.push(Link {
+            input: port.name,
+            kind: port.kind,
+            target,
+        });
     }
-    Ok(Unrolled { name, seed, stage: any, place, links })
+    Ok(Unrolled {
+        name,
+        seed,
+        stage: any,
+        place,
+        links,
+    })
 }
 
 fn parameter_fault(error: &StageError, place: &Place) -> Fault {
@@ -143,8 +194,16 @@ fn parameter_fault(error: &StageError, place: &Place) -> Fault {
     }
 }
 
-fn wires(stage: &Unrolled, all: &[Unrolled], index: &BTreeMap<&str, usize>) -> Result<Vec<Wire>, Fault> {
-    stage.links.iter().map(|link| wire(link, &|| stage.place.at(link.input), all, index)).collect()
+fn wires(
+    stage: &Unrolled,
+    all: &[Unrolled],
+    index: &BTreeMap<&str, usize>,
+) -> Result<Vec<Wire>, Fault> {
+    stage
+        .links
+        .iter()
+        .map(|link| wire(link, &|| stage.place.at(link.input), all, index))
+        .collect()
 }
 
 fn wire(
@@ -154,7 +213,9 @@ fn wire(
     index: &BTreeMap<&str, usize>,
 ) -> Result<Wire, Fault> {
     let Target { stage, output } = &link.target;
-    let from = *index.get(stage.as_str()).ok_or_else(|| place().fault(format!("there is no stage `{stage}`")))?;
+    let from = *index
+        .get(stage.as_str())
+        .ok_or_else(|| place().fault(format!("there is no stage `{stage}`")))?;
     let outputs = all[from].stage.stage().outputs();
     let found = match output {
         Some(name) => outputs.iter().find(|port| port.name == name),
@@ -168,15 +229,40 @@ fn wire(
     };
     if port.kind != link.kind {
         let fitting = outputs.iter().find(|other| other.kind == link.kind);
-        let fault = place()
-            .fault(format!("`{}` takes {}, but `{stage}.{}` is {}", link.input, link.kind, port.name, port.kind));
-        return Err(fault.with_help(fitting.map(|port| format!("`{stage}.{}` would fit", port.name))));
+        let fault = place().fault(format!(
+            "`{}` takes {}, but `{stage}.{}` is {}",
+            link.input, link.kind, port.name, port.kind
+        ));
+        return Err(
+            fault.with_help(fitting.map(|port| format!("`{stage}.{}` would fit", port.name)))
+        );
     }
-    Ok(Wire { input: link.input, from, output: port.name })
+    Ok(Wire {
+        input: link.input,
+        from,
+        output: port.name,
+    })
 }
 
 fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<(graph::Node, Place), Fault> {
-    let Unrolled { name, seed, stage, place, .. } = unrolled;
-    let params = stage.parameters().map_err(|error| place.fault(error.to_string()))?;
-    Ok((graph::Node { name, seed, stage: stage.clone().into_stage(), params, wires }, place))
+    let Unrolled {
+        name,
+        seed,
+        stage,
+        place,
+        ..
+    } = unrolled;
+    let params = stage
+        .parameters()
+        .map_err(|error| place.fault(error.to_string()))?;
+    Ok((
+        graph::Node {
+            name,
+            seed,
+            stage: stage.clone().into_stage(),
+            params,
+            wires,
+        },
+        place,
+    ))
 }

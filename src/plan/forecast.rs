@@ -55,7 +55,10 @@ impl Context<'_> {
     pub fn manifests(&self, forecasts: &BTreeMap<usize, Forecast>) -> Vec<(usize, Manifest)> {
         let manifest = |&at: &usize| match forecasts.get(&at).and_then(Forecast::assessment) {
             Some(known) => (at, self.manifest_of(at, &known.inputs, &known.key)),
-            None => (at, self.manifest(at, &known_inputs(&self.graph.nodes[at], forecasts).0)),
+            None => (
+                at,
+                self.manifest(at, &known_inputs(&self.graph.nodes[at], forecasts).0),
+            ),
         };
         self.needed.iter().map(manifest).collect()
     }
@@ -70,7 +73,11 @@ impl Context<'_> {
         Ok(forecasts)
     }
 
-    fn forecast_one(&self, at: usize, upstream: &BTreeMap<usize, Forecast>) -> Result<Forecast, StoreError> {
+    fn forecast_one(
+        &self,
+        at: usize,
+        upstream: &BTreeMap<usize, Forecast>,
+    ) -> Result<Forecast, StoreError> {
         let node = &self.graph.nodes[at];
         let (inputs, unknown) = known_inputs(node, upstream);
         if unknown.is_empty() {
@@ -88,14 +95,22 @@ impl Context<'_> {
             Some(reason) => Ok(Forecast::Run(reason, None)),
             None => {
                 let waits: BTreeSet<usize> = unknown.into_values().collect();
-                Ok(Forecast::Unless(waits.iter().map(|&from| self.graph.nodes[from].name.clone()).collect()))
+                Ok(Forecast::Unless(
+                    waits
+                        .iter()
+                        .map(|&from| self.graph.nodes[from].name.clone())
+                        .collect(),
+                ))
             }
         }
     }
 }
 
 /// The digests of the inputs that are known already, and the stages that the others come from.
-fn known_inputs<'n>(node: &'n Node, upstream: &BTreeMap<usize, Forecast>) -> (Inputs, BTreeMap<&'n str, usize>) {
+fn known_inputs<'n>(
+    node: &'n Node,
+    upstream: &BTreeMap<usize, Forecast>,
+) -> (Inputs, BTreeMap<&'n str, usize>) {
     let (mut known, mut unknown) = (Inputs::new(), BTreeMap::new());
     for wire in &node.wires {
         let record = match upstream.get(&wire.from) {

@@ -19,7 +19,11 @@ pub struct SourceError {
 
 /// What the stages that are needed read beside their inputs; stages of one kind with the same parameters read the same.
 /// What a store remembers of files that have not changed is not read again.
-pub fn sources(graph: &Graph, needed: &BTreeSet<usize>, store: &Store) -> Result<Vec<Vec<Source>>, SourceError> {
+pub fn sources(
+    graph: &Graph,
+    needed: &BTreeSet<usize>,
+    store: &Store,
+) -> Result<Vec<Vec<Source>>, SourceError> {
     let mut known: BTreeMap<String, Vec<Source>> = BTreeMap::new();
     let mut all = vec![Vec::new(); graph.nodes.len()];
     for &at in needed {
@@ -28,9 +32,19 @@ pub fn sources(graph: &Graph, needed: &BTreeSet<usize>, store: &Store) -> Result
         if node.stage.locations().is_empty() {
             continue;
         }
-        let what = format!("{} {} {}", node.stage.kind(), node.stage.version(), node.params);
+        let what = format!(
+            "{} {} {}",
+            node.stage.kind(),
+            node.stage.version(),
+            node.params
+        );
         if !known.contains_key(&what) {
-            let ask = || node.stage.sources().map_err(|error| SourceError { stage: node.name.clone(), error });
+            let ask = || {
+                node.stage.sources().map_err(|error| SourceError {
+                    stage: node.name.clone(),
+                    error,
+                })
+            };
             let read = match node.stage.source_files() {
                 Some(files) if !files.is_empty() => store.while_unchanged(&what, &files, ask)?,
                 _ => ask()?,

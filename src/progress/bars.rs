@@ -19,18 +19,27 @@ pub struct Bars {
 impl Bars {
     /// No bars yet.
     pub fn new(verbosity: Verbosity) -> Self {
-        Self { all: MultiProgress::new(), running: BTreeMap::new(), lines: Lines::new(verbosity) }
+        Self {
+            all: MultiProgress::new(),
+            running: BTreeMap::new(),
+            lines: Lines::new(verbosity),
+        }
     }
 
     fn start(&mut self, stage: &str) {
         let template = "{prefix:24} {wide_bar} {pos}/{len} {msg} {rate} steps/s, {eta} left";
-        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let style =
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
         let rate = |state: &ProgressState, out: &mut dyn Write| {
             // Bars have nobody to tell that a text could not be written.
             let _ = out.write_str(&figure(state.per_sec()));
         };
         let style = style.with_key("rate", rate);
-        let bar = self.all.add(ProgressBar::new(0).with_style(style).with_prefix(stage.to_owned()));
+        let bar = self.all.add(
+            ProgressBar::new(0)
+                .with_style(style)
+                .with_prefix(stage.to_owned()),
+        );
         self.running.insert(stage.to_owned(), bar);
     }
 
@@ -45,7 +54,15 @@ impl Bars {
 impl Progress for Bars {
     fn event(&mut self, event: &Event) {
         match event {
-            Event::Said { stage, message: Message::Progress { step, total, values } } => {
+            Event::Said {
+                stage,
+                message:
+                    Message::Progress {
+                        step,
+                        total,
+                        values,
+                    },
+            } => {
                 if let Some(bar) = self.running.get(*stage) {
                     bar.set_length(*total);
                     bar.set_position(*step);
@@ -55,7 +72,9 @@ impl Progress for Bars {
             }
             Event::Tick => return self.running.values().for_each(ProgressBar::tick),
             Event::Started { stage, .. } => self.start(stage),
-            Event::Finished { stage, .. } | Event::Failed { stage, .. } | Event::Stopped { stage } => self.stop(stage),
+            Event::Finished { stage, .. }
+            | Event::Failed { stage, .. }
+            | Event::Stopped { stage } => self.stop(stage),
             _ => {}
         }
         if let Some(line) = self.lines.line(event) {

@@ -29,16 +29,29 @@ impl Json {
             Event::Started { stage, key, reason } => {
                 json!({"event": "started", "stage": stage, "key": key, "reason": reason})
             }
-            Event::Finished { stage, seconds, record } => {
-                let outputs: BTreeMap<_, _> =
-                    record.outputs.iter().map(|(name, output)| (name, output.digest)).collect();
+            Event::Finished {
+                stage,
+                seconds,
+                record,
+            } => {
+                let outputs: BTreeMap<_, _> = record
+                    .outputs
+                    .iter()
+                    .map(|(name, output)| (name, output.digest))
+                    .collect();
                 json!({"event": "stage_finished", "stage": stage, "key": record.key, "seconds": seconds, "outputs": outputs})
             }
-            Event::Failed { stage, error } => json!({"event": "failed", "stage": stage, "error": error}),
+            Event::Failed { stage, error } => {
+                json!({"event": "failed", "stage": stage, "error": error})
+            }
             Event::Stopped { stage } => json!({"event": "stopped", "stage": stage}),
             Event::Blocked { stage, by } => json!({"event": "blocked", "stage": stage, "by": by}),
-            Event::Waiting { stage, holder } => json!({"event": "waiting", "stage": stage, "holder": holder}),
-            Event::Warning { stage, text } => json!({"event": "warning", "stage": stage, "text": text}),
+            Event::Waiting { stage, holder } => {
+                json!({"event": "waiting", "stage": stage, "holder": holder})
+            }
+            Event::Warning { stage, text } => {
+                json!({"event": "warning", "stage": stage, "text": text})
+            }
             Event::Said { stage, message } => return self.said(stage, message),
             Event::Cached { .. } | Event::Tick => return None,
         })
@@ -46,22 +59,39 @@ impl Json {
 
     fn said(&mut self, stage: &str, message: &Message) -> Option<Value> {
         match message {
-            Message::Warning(text) => Some(json!({"event": "warning", "stage": stage, "text": text})),
-            Message::Resumed { step, total, finished } => {
+            Message::Warning(text) => {
+                Some(json!({"event": "warning", "stage": stage, "text": text}))
+            }
+            Message::Resumed {
+                step,
+                total,
+                finished,
+            } => {
                 let of = if *finished { "result" } else { "checkpoint" };
-                Some(json!({"event": "resumed", "stage": stage, "step": step, "total": total, "from": of}))
+                Some(
+                    json!({"event": "resumed", "stage": stage, "step": step, "total": total, "from": of}),
+                )
             }
             Message::Metric { name, value } => {
                 Some(json!({"event": "metric", "stage": stage, "name": name, "value": value}))
             }
-            Message::Progress { step, total, values } => {
-                let due = self.last.get(stage).is_none_or(|last| last.elapsed() >= PAUSE);
+            Message::Progress {
+                step,
+                total,
+                values,
+            } => {
+                let due = self
+                    .last
+                    .get(stage)
+                    .is_none_or(|last| last.elapsed() >= PAUSE);
                 if !due && step < total {
                     return None;
                 }
                 self.last.insert(stage.to_owned(), Instant::now());
                 let values: BTreeMap<_, _> = values.iter().copied().collect();
-                Some(json!({"event": "progress", "stage": stage, "step": step, "total": total, "values": values}))
+                Some(
+                    json!({"event": "progress", "stage": stage, "step": step, "total": total, "values": values}),
+                )
             }
         }
     }
@@ -70,8 +100,9 @@ impl Json {
 impl Progress for Json {
     fn event(&mut self, event: &Event) {
         if let Event::Cached { results } = event {
-            let line =
-                |(stage, key): &(&str, Digest)| json!({"event": "cached", "stage": stage, "key": key}).to_string();
+            let line = |(stage, key): &(&str, Digest)| {
+                json!({"event": "cached", "stage": stage, "key": key}).to_string()
+            };
             print(&results.iter().map(line).collect::<Vec<_>>().join("\n"));
         } else if let Some(value) = self.value(event) {
             print(&value);

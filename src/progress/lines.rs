@@ -33,14 +33,21 @@ struct Running {
 
 impl Running {
     fn new(from: u64) -> Self {
-        Self { begun: Instant::now(), from, last: Instant::now() }
+        Self {
+            begun: Instant::now(),
+            from,
+            last: Instant::now(),
+        }
     }
 }
 
 impl Lines {
     /// Lines as many as asked for.
     pub fn new(verbosity: Verbosity) -> Self {
-        Self { verbosity, running: BTreeMap::new() }
+        Self {
+            verbosity,
+            running: BTreeMap::new(),
+        }
     }
 
     /// The line for an event, if it has one.
@@ -48,36 +55,68 @@ impl Lines {
         let keys = self.verbosity == Verbosity::Verbose;
         let detail = |text: String| if keys { text } else { String::new() };
         let (level, line) = match event {
-            Event::Cached { results } if results.len() > NAMED && !keys => {
-                (Verbosity::Normal, format!("{} stages: cached", results.len()))
-            }
+            Event::Cached { results } if results.len() > NAMED && !keys => (
+                Verbosity::Normal,
+                format!("{} stages: cached", results.len()),
+            ),
             Event::Cached { results } => {
-                let line = |(stage, key): &(&str, Digest)| format!("{stage}: cached{}", detail(format!(" {key}")));
-                (Verbosity::Normal, results.iter().map(line).collect::<Vec<_>>().join("\n"))
+                let line = |(stage, key): &(&str, Digest)| {
+                    format!("{stage}: cached{}", detail(format!(" {key}")))
+                };
+                (
+                    Verbosity::Normal,
+                    results.iter().map(line).collect::<Vec<_>>().join("\n"),
+                )
             }
             Event::Fetched { stage, key, bytes } => {
-                let line = format!("{stage}: fetched from the remote, {}{}", size(*bytes), detail(format!(" {key}")));
+                let line = format!(
+                    "{stage}: fetched from the remote, {}{}",
+                    size(*bytes),
+                    detail(format!(" {key}"))
+                );
                 (Verbosity::Normal, line)
             }
             Event::Notice { text } => (Verbosity::Quiet, format!("warning: {text}")),
             Event::Started { stage, key, reason } => {
                 self.running.insert((*stage).to_owned(), Running::new(0));
-                (Verbosity::Normal, format!("{stage}: running ({reason}){}", detail(format!(" {key}"))))
+                (
+                    Verbosity::Normal,
+                    format!("{stage}: running ({reason}){}", detail(format!(" {key}"))),
+                )
             }
-            Event::Finished { stage, seconds, record } => {
+            Event::Finished {
+                stage,
+                seconds,
+                record,
+            } => {
                 self.running.remove(*stage);
-                let outputs = record.outputs.iter().map(|(name, output)| format!(" {name}={}", output.digest));
-                let line = format!("{stage}: done in {}{}", duration(*seconds), detail(outputs.collect()));
+                let outputs = record
+                    .outputs
+                    .iter()
+                    .map(|(name, output)| format!(" {name}={}", output.digest));
+                let line = format!(
+                    "{stage}: done in {}{}",
+                    duration(*seconds),
+                    detail(outputs.collect())
+                );
                 (Verbosity::Normal, line)
             }
             Event::Said { stage, message } => return self.said(stage, message),
-            Event::Failed { stage, error } => (Verbosity::Quiet, format!("{stage}: error: {error}")),
-            Event::Stopped { stage } => (Verbosity::Normal, format!("{stage}: stopped")),
-            Event::Blocked { stage, by } => (Verbosity::Normal, format!("{stage}: not run, since {by} failed")),
-            Event::Waiting { stage, holder } => {
-                (Verbosity::Normal, format!("{stage}: waiting for {holder}, which computes it"))
+            Event::Failed { stage, error } => {
+                (Verbosity::Quiet, format!("{stage}: error: {error}"))
             }
-            Event::Warning { stage, text } => (Verbosity::Quiet, format!("{stage}: warning: {text}")),
+            Event::Stopped { stage } => (Verbosity::Normal, format!("{stage}: stopped")),
+            Event::Blocked { stage, by } => (
+                Verbosity::Normal,
+                format!("{stage}: not run, since {by} failed"),
+            ),
+            Event::Waiting { stage, holder } => (
+                Verbosity::Normal,
+                format!("{stage}: waiting for {holder}, which computes it"),
+            ),
+            Event::Warning { stage, text } => {
+                (Verbosity::Quiet, format!("{stage}: warning: {text}"))
+            }
             Event::Tick => return None,
         };
         (level <= self.verbosity).then_some(line)
@@ -86,23 +125,40 @@ impl Lines {
     fn said(&mut self, stage: &str, message: &Message) -> Option<String> {
         match message {
             Message::Warning(text) => Some(format!("{stage}: warning: {text}")),
-            Message::Resumed { step, total, finished } => {
+            Message::Resumed {
+                step,
+                total,
+                finished,
+            } => {
                 self.running.insert(stage.to_owned(), Running::new(*step));
-                let what = if *finished { "extending its finished result" } else { "going on" };
-                (self.verbosity > Verbosity::Quiet).then(|| format!("{stage}: {what} from step {step} of {total}"))
+                let what = if *finished {
+                    "extending its finished result"
+                } else {
+                    "going on"
+                };
+                (self.verbosity > Verbosity::Quiet)
+                    .then(|| format!("{stage}: {what} from step {step} of {total}"))
             }
             _ if self.verbosity == Verbosity::Quiet => None,
             Message::Metric { name, value } => Some(format!("{stage}: {name} {}", figure(*value))),
-            Message::Progress { step, total, values } => {
+            Message::Progress {
+                step,
+                total,
+                values,
+            } => {
                 let running = self.running.get_mut(stage)?;
                 if running.last.elapsed() < PAUSE {
                     return None;
                 }
                 running.last = Instant::now();
-                let rate = step.saturating_sub(running.from) as f64 / running.begun.elapsed().as_secs_f64();
+                let rate = step.saturating_sub(running.from) as f64
+                    / running.begun.elapsed().as_secs_f64();
                 let left = duration((total - step.min(total)) as f64 / rate.max(1e-9));
                 let figures = figures(values);
-                Some(format!("{stage}: {step}/{total}  {figures}  {} steps/s, {left} left", figure(rate)))
+                Some(format!(
+                    "{stage}: {step}/{total}  {figures}  {} steps/s, {left} left",
+                    figure(rate)
+                ))
             }
         }
     }

@@ -136,7 +136,11 @@ pub fn duration(seconds: f64) -> String {
 
 /// Named figures: `loss 0.0123 psnr 24.1`.
 pub fn figures(values: &[(&'static str, f64)]) -> String {
-    values.iter().map(|(name, value)| format!("{name} {}", figure(*value))).collect::<Vec<_>>().join(" ")
+    values
+        .iter()
+        .map(|(name, value)| format!("{name} {}", figure(*value)))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// A number with four significant digits.

@@ -22,13 +22,19 @@ pub struct AddressError {
 
 impl AddressError {
     pub(super) fn new(address: &str, problem: impl Into<String>) -> Self {
-        Self { address: address.to_owned(), problem: problem.into() }
+        Self {
+            address: address.to_owned(),
+            problem: problem.into(),
+        }
     }
 }
 
 /// What every service's client has in common: [`super::retry`] asks again, the client itself does not.
 fn once() -> RetryConfig {
-    RetryConfig { max_retries: 0, ..RetryConfig::default() }
+    RetryConfig {
+        max_retries: 0,
+        ..RetryConfig::default()
+    }
 }
 
 /// The client for an address, and the folder in it. Nothing is asked of the service.
@@ -39,19 +45,44 @@ pub fn open(address: &str) -> Result<(Box<dyn ObjectStore>, Path), AddressError>
     let url = Url::parse(address).map_err(|error| AddressError::new(address, error.to_string()))?;
     if url.password().is_some() || (!url.username().is_empty() && url.scheme() != "abfss") {
         let hidden = format!("{}://..", url.scheme());
-        return Err(AddressError::new(&hidden, "it holds credentials; put them into the environment"));
+        return Err(AddressError::new(
+            &hidden,
+            "it holds credentials; put them into the environment",
+        ));
     }
-    let root = Path::from_url_path(url.path()).map_err(|error| AddressError::new(address, error.to_string()))?;
+    let root = Path::from_url_path(url.path())
+        .map_err(|error| AddressError::new(address, error.to_string()))?;
     // Only one provider of TLS is built in; a second call, which finds it chosen, changes nothing.
     let _ = rustls::crypto::ring::default_provider().install_default();
     let client: Result<Box<dyn ObjectStore>, object_store::Error> = match url.scheme() {
         "file" => {
-            return folder(address, &url.to_file_path().map_err(|()| AddressError::new(address, "it is no path"))?);
+            return folder(
+                address,
+                &url.to_file_path()
+                    .map_err(|()| AddressError::new(address, "it is no path"))?,
+            );
         }
-        "s3" => AmazonS3Builder::from_env().with_url(address).with_retry(once()).build().map(boxed),
-        "gs" => GoogleCloudStorageBuilder::from_env().with_url(address).with_retry(once()).build().map(boxed),
-        "az" | "abfss" => MicrosoftAzureBuilder::from_env().with_url(address).with_retry(once()).build().map(boxed),
-        other => return Err(AddressError::new(address, format!("there is no `{other}` here"))),
+        "s3" => AmazonS3Builder::from_env()
+            .with_url(address)
+            .with_retry(once())
+            .build()
+            .map(boxed),
+        "gs" => GoogleCloudStorageBuilder::from_env()
+            .with_url(address)
+            .with_retry(once())
+            .build()
+            .map(boxed),
+        "az" | "abfss" => MicrosoftAzureBuilder::from_env()
+            .with_url(address)
+            .with_retry(once())
+            .build()
+            .map(boxed),
+        other => {
+            return Err(AddressError::new(
+                address,
+                format!("there is no `{other}` here"),
+            ));
+        }
     };
     let client = client.map_err(|error| AddressError::new(address, error.to_string()))?;
     Ok((client, root))
@@ -62,7 +93,10 @@ fn boxed<S: ObjectStore>(store: S) -> Box<dyn ObjectStore> {
 }
 
 /// A folder, which the first thing that is written there makes.
-fn folder(address: &str, path: &std::path::Path) -> Result<(Box<dyn ObjectStore>, Path), AddressError> {
+fn folder(
+    address: &str,
+    path: &std::path::Path,
+) -> Result<(Box<dyn ObjectStore>, Path), AddressError> {
     let refused = |problem: String| AddressError::new(address, problem);
     if path.exists() && !path.is_dir() {
         return Err(refused("it is no folder".into()));

@@ -58,7 +58,13 @@ mod tests {
     #[test]
     fn nothing_that_a_server_says_is_repeated() {
         let text = "Server returned non-2xx status code: 403 Forbidden: <Error><StringToSign>AKIA";
-        assert_eq!(first_words(text), "Server returned non-2xx status code: 403 Forbidden");
-        assert_eq!(first_words("connection refused (os error 111)"), "connection refused (os error 111)");
+        assert_eq!(
+            first_words(text),
+            "Server returned non-2xx status code: 403 Forbidden"
+        );
+        assert_eq!(
+            first_words("connection refused (os error 111)"),
+            "connection refused (os error 111)"
+        );
     }
 }

@@ -28,7 +28,9 @@ struct State {
 
 impl Health {
     fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+        self.0
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
     /// Whether it has stopped answering.
@@ -62,10 +64,14 @@ impl Health {
         let mut state = self.state();
         if let Fault::Damaged(what) = fault {
             if state.damaged.insert(*key) {
-                state.notices.push(format!("{name} has a damaged result, which does not count: {what}"));
+                state.notices.push(format!(
+                    "{name} has a damaged result, which does not count: {what}"
+                ));
             }
         } else if !std::mem::replace(&mut state.lost, true) {
-            state.notices.push(format!("{name}: {fault}; going on without it"));
+            state
+                .notices
+                .push(format!("{name}: {fault}; going on without it"));
         }
     }
 
@@ -77,10 +83,14 @@ impl Health {
         }
         if fault.may_pass() {
             state.lost = true;
-            state.notices.push(format!("{name}: {fault}; going on without it"));
+            state
+                .notices
+                .push(format!("{name}: {fault}; going on without it"));
         } else {
             state.closed = true;
-            state.notices.push(format!("{name} takes no results: {fault}; they stay here, for `store push`"));
+            state.notices.push(format!(
+                "{name} takes no results: {fault}; they stay here, for `store push`"
+            ));
         }
     }
 }

@@ -48,10 +48,20 @@ impl Remote {
     /// of it yet.
     pub fn open(address: &str) -> Result<Self, AddressError> {
         let (objects, root) = address::open(address)?;
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build();
         let runtime = runtime.map_err(|error| AddressError::new(address, error.to_string()))?;
         let name = address.trim_end_matches('/').to_owned();
-        Ok(Self { name, objects, root, patience: Patience::default(), runtime, health: Health::default() })
+        Ok(Self {
+            name,
+            objects,
+            root,
+            patience: Patience::default(),
+            runtime,
+            health: Health::default(),
+        })
     }
 
     /// A result that is there with all its blobs; fetches none of them.
@@ -66,17 +76,23 @@ impl Remote {
             return Ok(None);
         }
         let mut local = None;
-        let fetched = self.unless_lost(key, || match self.runtime.block_on(self.bring(store, key)) {
-            Err(Fault::Local(error)) => {
-                local = Some(error);
-                Ok(None)
+        let fetched = self.unless_lost(key, || {
+            match self.runtime.block_on(self.bring(store, key)) {
+                Err(Fault::Local(error)) => {
+                    local = Some(error);
+                    Ok(None)
+                }
+                other => other,
             }
-            other => other,
         });
         local.map_or(Ok(fetched), Err)
     }
 
-    fn unless_lost<T>(&self, key: &Digest, ask: impl FnOnce() -> Result<Option<T>, Fault>) -> Option<T> {
+    fn unless_lost<T>(
+        &self,
+        key: &Digest,
+        ask: impl FnOnce() -> Result<Option<T>, Fault>,
+    ) -> Option<T> {
         if self.health.is_lost() {
             return None;
         }
@@ -89,7 +105,11 @@ impl Remote {
     /// Puts a result of the local store there, unless it is there already.
     pub fn publish(&self, store: &Store, record: &Record) {
         if self.health.takes_results() {
-            let sent = self.runtime.block_on(self.send(store, record, self.health.is_damaged(&record.key)));
+            let sent = self.runtime.block_on(self.send(
+                store,
+                record,
+                self.health.is_damaged(&record.key),
+            ));
             sent.map_or_else(|fault| self.health.write_failed(&self.name, &fault), drop);
         }
     }
@@ -113,14 +133,20 @@ impl Remote {
 
     /// Fetches all results that the local store lacks. The first fault ends it; a damaged result is told of and left
     /// out.
-    pub fn pull(&self, store: &Store, damaged: &mut dyn FnMut(&Digest, &str)) -> Result<Traffic, Fault> {
+    pub fn pull(
+        &self,
+        store: &Store,
+        damaged: &mut dyn FnMut(&Digest, &str),
+    ) -> Result<Traffic, Fault> {
         let mut traffic = Traffic::default();
         for key in self.runtime.block_on(self.keys())? {
             if store.lookup(&key)?.sound().is_some() {
                 continue;
             }
             match self.runtime.block_on(self.bring(store, &key)) {
-                Ok(fetched) => fetched.iter().for_each(|(_, bytes)| traffic.add(true, *bytes)),
+                Ok(fetched) => fetched
+                    .iter()
+                    .for_each(|(_, bytes)| traffic.add(true, *bytes)),
                 Err(Fault::Damaged(what)) => damaged(&key, &what),
                 Err(fault) => return Err(fault),
             }

@@ -26,25 +26,42 @@ const LARGEST_RECORD: u64 = 64 << 20;
 impl Remote {
     fn path(&self, folder: &str, digest: &Digest, extension: &str) -> Path {
         let inside = place(folder, digest, extension);
-        self.root.parts().chain(Path::from(inside).parts()).collect()
+        self.root
+            .parts()
+            .chain(Path::from(inside).parts())
+            .collect()
     }
 
     /// A result that is there with all its blobs; whether their bytes are right is known once they are fetched.
     pub(super) async fn find(&self, key: &Digest) -> Result<Option<Record>, Fault> {
-        let Some(record) = self.record(key).await? else { return Ok(None) };
-        self.each_file(&record, async |name, file| match self.size(&file.blob).await? {
-            Some(bytes) if bytes == file.bytes => Ok(0),
-            Some(_) => Err(Fault::Damaged(format!("blob damaged: {name}"))),
-            None => Err(Fault::Damaged(format!("blob missing: {name}"))),
+        let Some(record) = self.record(key).await? else {
+            return Ok(None);
+        };
+        self.each_file(&record, async |name, file| {
+            match self.size(&file.blob).await? {
+                Some(bytes) if bytes == file.bytes => Ok(0),
+                Some(_) => Err(Fault::Damaged(format!("blob damaged: {name}"))),
+                None => Err(Fault::Damaged(format!("blob missing: {name}"))),
+            }
         })
         .await?;
         Ok(Some(record))
     }
 
     /// Fetches a result into the local store: blobs first, the record last. Answers how many bytes came.
-    pub(super) async fn bring(&self, store: &Store, key: &Digest) -> Result<Option<(Record, u64)>, Fault> {
-        let Some(record) = self.find(key).await? else { return Ok(None) };
-        let bytes = self.each_file(&record, async |name, file| self.bring_blob(store, &name, file).await).await?;
+    pub(super) async fn bring(
+        &self,
+        store: &Store,
+        key: &Digest,
+    ) -> Result<Option<(Record, u64)>, Fault> {
+        let Some(record) = self.find(key).await? else {
+            return Ok(None);
+        };
+        let bytes = self
+            .each_file(&record, async |name, file| {
+                self.bring_blob(store, &name, file).await
+            })
+            .await?;
         let manifest = self.small(&self.path("manifests", key, ".json")).await?;
         if let Some(manifest) = manifest.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
             store.put_manifest(key, &manifest)?;
@@ -58,11 +75,17 @@ impl Remote {
         }
         let path = self.path("cas", &file.blob, "");
         let receiving = store.receiving()?;
-        let mut received = File::options().append(true).open(&receiving).at("write", &receiving)?;
+        let mut received = File::options()
+            .append(true)
+            .open(&receiving)
+            .at("write", &receiving)?;
         let (mut hasher, mut at) = (blake3::Hasher::new(), 0);
         while at < file.bytes {
             let range = at..file.bytes.min(at + PIECE);
-            let piece = self.patience.ask(async || Ok(self.objects.get_range(&path, range.clone()).await?)).await?;
+            let piece = self
+                .patience
+                .ask(async || Ok(self.objects.get_range(&path, range.clone()).await?))
+                .await?;
             hasher.update(&piece);
             received.write_all(&piece).at("write", &receiving)?;
             at = range.end;
@@ -76,23 +99,44 @@ impl Remote {
 
     /// Puts a result there: blobs first, the record last and only if there is none. `replace` puts everything there
     /// whatever there is. Answers whether the record is new, and how many bytes of blobs went.
-    pub(super) async fn send(&self, store: &Store, record: &Record, replace: bool) -> Result<(bool, u64), Fault> {
+    pub(super) async fn send(
+        &self,
+        store: &Store,
+        record: &Record,
+        replace: bool,
+    ) -> Result<(bool, u64), Fault> {
         let sent = self.each_file(record, async |_, file| {
             let there = !replace && self.size(&file.blob).await? == Some(file.bytes);
-            if there { Ok(0) } else { self.send_blob(store, file).await }
+            if there {
+                Ok(0)
+            } else {
+                self.send_blob(store, file).await
+            }
         });
         let bytes = sent.await?;
         if let Some(manifest) = store.manifest(&record.key) {
             let path = self.path("manifests", &record.key, ".json");
-            self.put(&path, serde_json::to_vec_pretty(&manifest), PutMode::Create).await?;
+            self.put(&path, serde_json::to_vec_pretty(&manifest), PutMode::Create)
+                .await?;
         }
-        let mode = if replace { PutMode::Overwrite } else { PutMode::Create };
+        let mode = if replace {
+            PutMode::Overwrite
+        } else {
+            PutMode::Create
+        };
         let path = self.path("results", &record.key, ".json");
-        Ok((self.put(&path, serde_json::to_vec_pretty(record), mode).await?, bytes))
+        Ok((
+            self.put(&path, serde_json::to_vec_pretty(record), mode)
+                .await?,
+            bytes,
+        ))
     }
 
     async fn send_blob(&self, store: &Store, file: &StoredFile) -> Result<u64, Fault> {
-        let (from, to) = (store.blob_path(&file.blob), self.path("cas", &file.blob, ""));
+        let (from, to) = (
+            store.blob_path(&file.blob),
+            self.path("cas", &file.blob, ""),
+        );
         let send = async || match file.bytes {
             0..=PIECE => {
                 let bytes = std::fs::read(&from).at("read", &from)?;
@@ -110,7 +154,10 @@ impl Remote {
         let mut upload = self.objects.put_multipart(to).await?;
         loop {
             let mut piece = Vec::new();
-            Read::by_ref(&mut file).take(PIECE).read_to_end(&mut piece).at("read", from)?;
+            Read::by_ref(&mut file)
+                .take(PIECE)
+                .read_to_end(&mut piece)
+                .at("read", from)?;
             if piece.is_empty() {
                 break;
             }
@@ -125,9 +172,18 @@ impl Remote {
     }
 
     /// Puts a small object there; false if it was there and should stay.
-    async fn put(&self, path: &Path, bytes: serde_json::Result<Vec<u8>>, mode: PutMode) -> Result<bool, Fault> {
+    async fn put(
+        &self,
+        path: &Path,
+        bytes: serde_json::Result<Vec<u8>>,
+        mode: PutMode,
+    ) -> Result<bool, Fault> {
         let bytes = PutPayload::from(bytes.map_err(|error| Fault::Damaged(error.to_string()))?);
-        let put = async || match self.objects.put_opts(path, bytes.clone(), mode.clone().into()).await {
+        let put = async || match self
+            .objects
+            .put_opts(path, bytes.clone(), mode.clone().into())
+            .await
+        {
             Ok(_) => Ok(true),
             Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
             Err(error) => Err(error.into()),
@@ -136,7 +192,9 @@ impl Remote {
     }
 
     async fn record(&self, key: &Digest) -> Result<Option<Record>, Fault> {
-        let Some(bytes) = self.small(&self.path("results", key, ".json")).await? else { return Ok(None) };
+        let Some(bytes) = self.small(&self.path("results", key, ".json")).await? else {
+            return Ok(None);
+        };
         match serde_json::from_slice::<Record>(&bytes) {
             Ok(record) if record.is_of(key) => Ok(Some(record)),
             _ => Err(Fault::Damaged(format!("the record of {key} is not one"))),
@@ -157,16 +215,33 @@ impl Remote {
 
     async fn size(&self, blob: &Digest) -> Result<Option<u64>, Fault> {
         let path = self.path("cas", blob, "");
-        absent(self.patience.ask(async || Ok(self.objects.head(&path).await?.size)).await)
+        absent(
+            self.patience
+                .ask(async || Ok(self.objects.head(&path).await?.size))
+                .await,
+        )
     }
 
     /// The keys of all results that are there, in order.
     pub(super) async fn keys(&self) -> Result<Vec<Digest>, Fault> {
-        let results: Path = self.root.parts().chain(Path::from("results").parts()).collect();
-        let list = async || Ok(self.objects.list(Some(&results)).try_collect::<Vec<_>>().await?);
+        let results: Path = self
+            .root
+            .parts()
+            .chain(Path::from("results").parts())
+            .collect();
+        let list = async || {
+            Ok(self
+                .objects
+                .list(Some(&results))
+                .try_collect::<Vec<_>>()
+                .await?)
+        };
         let found = self.patience.ask(list).await?;
         let key = |path: &Path| path.filename()?.strip_suffix(".json")?.parse().ok();
-        let mut keys: Vec<Digest> = found.iter().filter_map(|object| key(&object.location)).collect();
+        let mut keys: Vec<Digest> = found
+            .iter()
+            .filter_map(|object| key(&object.location))
+            .collect();
         keys.sort_unstable();
         Ok(keys)
     }
@@ -177,8 +252,13 @@ impl Remote {
         record: &Record,
         act: impl AsyncFn(String, &StoredFile) -> Result<u64, Fault>,
     ) -> Result<u64, Fault> {
-        let files = record.files().map(|(output, file)| act(format!("{output}/{}", file.path), file));
-        stream::iter(files).buffer_unordered(AT_ONCE).try_fold(0, async |sum, bytes| Ok(sum + bytes)).await
+        let files = record
+            .files()
+            .map(|(output, file)| act(format!("{output}/{}", file.path), file));
+        stream::iter(files)
+            .buffer_unordered(AT_ONCE)
+            .try_fold(0, async |sum, bytes| Ok(sum + bytes))
+            .await
     }
 }
 

@@ -71,17 +71,40 @@ impl<'p> Board<'p> {
     /// Before the first stage of a run.
     pub fn new(context: &Context<'p>, progress: &'p mut dyn Progress) -> Self {
         let nodes = &context.graph.nodes;
-        let (mut waiting, mut ready, mut readers) = (BTreeMap::new(), BTreeSet::new(), vec![Vec::new(); nodes.len()]);
+        let (mut waiting, mut ready, mut readers) = (
+            BTreeMap::new(),
+            BTreeSet::new(),
+            vec![Vec::new(); nodes.len()],
+        );
         for &at in &context.needed {
-            nodes[at].wires.iter().for_each(|wire| readers[wire.from].push(at));
-            match nodes[at].wires.iter().filter(|wire| !context.given.contains_key(&wire.from)).count() {
+            nodes[at]
+                .wires
+                .iter()
+                .for_each(|wire| readers[wire.from].push(at));
+            match nodes[at]
+                .wires
+                .iter()
+                .filter(|wire| !context.given.contains_key(&wire.from))
+                .count()
+            {
                 0 => drop(ready.insert(at)),
                 missing => drop(waiting.insert(at, missing)),
             }
         }
         let (queued, elsewhere, told, running) = Default::default();
         let (graph, outcome) = (context.graph, Outcome::default());
-        Self { graph, waiting, ready, queued, elsewhere, told, running, readers, outcome, progress }
+        Self {
+            graph,
+            waiting,
+            ready,
+            queued,
+            elsewhere,
+            told,
+            running,
+            readers,
+            outcome,
+            progress,
+        }
     }
 
     /// The next stage whose inputs are all there.
@@ -114,7 +137,11 @@ impl<'p> Board<'p> {
             None => stage.reason.to_string(),
         };
         let name = &self.graph.nodes[at].name;
-        self.progress.event(&Event::Started { stage: name, key: stage.key, reason: &reason });
+        self.progress.event(&Event::Started {
+            stage: name,
+            key: stage.key,
+            reason: &reason,
+        });
         self.running.insert(at, stage);
     }
 
@@ -127,7 +154,10 @@ impl<'p> Board<'p> {
     pub fn wait(&mut self, at: usize, holder: &Holder) {
         self.elsewhere.insert(at);
         if self.told.insert(at) {
-            self.progress.event(&Event::Waiting { stage: &self.graph.nodes[at].name, holder });
+            self.progress.event(&Event::Waiting {
+                stage: &self.graph.nodes[at].name,
+                holder,
+            });
         }
     }
 
@@ -136,8 +166,11 @@ impl<'p> Board<'p> {
         if found.is_empty() {
             return;
         }
-        let name = |(at, record): &(usize, Record)| (self.graph.nodes[*at].name.as_str(), record.key);
-        self.progress.event(&Event::Cached { results: &found.iter().map(name).collect::<Vec<_>>() });
+        let name =
+            |(at, record): &(usize, Record)| (self.graph.nodes[*at].name.as_str(), record.key);
+        self.progress.event(&Event::Cached {
+            results: &found.iter().map(name).collect::<Vec<_>>(),
+        });
         for (at, record) in found {
             self.ready.remove(&at);
             self.done(at, StageRun::cached(record.key), record);
@@ -170,7 +203,15 @@ impl<'p> Board<'p> {
             lost.extend(&self.readers[at]);
             let (stage, by) = (nodes[at].name.as_str(), nodes[failed].name.as_str());
             self.progress.event(&Event::Blocked { stage, by });
-            self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
+            self.outcome.stages.insert(
+                at,
+                StageRun {
+                    end: End::Stopped,
+                    key: None,
+                    reason: None,
+                    seconds: 0.0,
+                },
+            );
         }
     }
 
@@ -182,11 +223,29 @@ impl<'p> Board<'p> {
 
     /// No stage runs any more, and none will.
     pub fn close(mut self, interrupted: bool) -> Outcome {
-        let left = self.waiting.keys().chain(&self.ready).chain(self.queued.keys()).chain(&self.elsewhere);
+        let left = self
+            .waiting
+            .keys()
+            .chain(&self.ready)
+            .chain(self.queued.keys())
+            .chain(&self.elsewhere);
         for &at in left {
-            self.outcome.stages.insert(at, StageRun { end: End::Stopped, key: None, reason: None, seconds: 0.0 });
+            self.outcome.stages.insert(
+                at,
+                StageRun {
+                    end: End::Stopped,
+                    key: None,
+                    reason: None,
+                    seconds: 0.0,
+                },
+            );
         }
-        self.outcome.interrupted = interrupted && self.outcome.stages.values().any(|stage| stage.end == End::Stopped);
+        self.outcome.interrupted = interrupted
+            && self
+                .outcome
+                .stages
+                .values()
+                .any(|stage| stage.end == End::Stopped);
         self.outcome
     }
 }

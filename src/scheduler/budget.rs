@@ -17,9 +17,16 @@ pub struct Budget {
 
 impl Budget {
     /// Whether a stage may begin beside those that run. Alone, any stage may.
-    pub fn admits<'e>(&self, running: impl Iterator<Item = &'e Estimate> + Clone, stage: &Estimate) -> bool {
-        let memory = running.clone().fold(stage.memory, |sum, running| sum.saturating_add(running.memory));
-        let device_taken = self.one_on_device && stage.device && running.clone().any(|running| running.device);
+    pub fn admits<'e>(
+        &self,
+        running: impl Iterator<Item = &'e Estimate> + Clone,
+        stage: &Estimate,
+    ) -> bool {
+        let memory = running.clone().fold(stage.memory, |sum, running| {
+            sum.saturating_add(running.memory)
+        });
+        let device_taken =
+            self.one_on_device && stage.device && running.clone().any(|running| running.device);
         let count = running.count();
         count == 0 || (count < self.threads && memory <= self.memory && !device_taken)
     }
@@ -38,18 +45,27 @@ impl Budget {
 /// limit.
 pub fn memory_limit() -> u64 {
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
-        let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+        let line = text
+            .lines()
+            .find_map(|line| line.strip_prefix("MemTotal:"))?;
         Some(line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? << 10)
     });
-    machine.into_iter().chain(group_limit()).min().unwrap_or(u64::MAX)
+    machine
+        .into_iter()
+        .chain(group_limit())
+        .min()
+        .unwrap_or(u64::MAX)
 }
 
 /// The least limit of our control group (version 2) and of those around it.
 fn group_limit() -> Option<u64> {
     let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
-    let mut group = std::path::Path::new(groups.lines().find_map(|line| line.strip_prefix("0::/"))?);
+    let mut group =
+        std::path::Path::new(groups.lines().find_map(|line| line.strip_prefix("0::/"))?);
     let limit = |group: &std::path::Path| {
-        let file = std::path::Path::new("/sys/fs/cgroup").join(group).join("memory.max");
+        let file = std::path::Path::new("/sys/fs/cgroup")
+            .join(group)
+            .join("memory.max");
         fs::read_to_string(file).ok()?.trim().parse::<u64>().ok()
     };
     let mut least = limit(group);
@@ -65,28 +81,51 @@ mod tests {
     use super::*;
 
     fn stage(memory: u64, device: bool) -> Estimate {
-        Estimate { memory, seconds: 1.0, device }
+        Estimate {
+            memory,
+            seconds: 1.0,
+            device,
+        }
     }
 
     #[test]
     fn stages_run_beside_each_other_within_threads_memory_and_device() {
-        let budget = Budget { threads: 3, memory: 100, one_on_device: true };
+        let budget = Budget {
+            threads: 3,
+            memory: 100,
+            one_on_device: true,
+        };
         let running = [stage(50, true)];
         assert!(budget.admits(running.iter(), &stage(50, false)));
         assert!(!budget.admits(running.iter(), &stage(51, false)));
         assert!(!budget.admits(running.iter(), &stage(1, true)));
-        assert!(Budget { one_on_device: false, ..budget }.admits(running.iter(), &stage(1, true)));
+        assert!(
+            Budget {
+                one_on_device: false,
+                ..budget
+            }
+            .admits(running.iter(), &stage(1, true))
+        );
         let three = [stage(1, false), stage(1, false), stage(1, false)];
         assert!(!budget.admits(three.iter(), &stage(1, false)));
     }
 
     #[test]
     fn what_is_too_large_runs_alone_and_is_complained_of() {
-        let budget = Budget { threads: 3, memory: 100 << 30, one_on_device: false };
+        let budget = Budget {
+            threads: 3,
+            memory: 100 << 30,
+            one_on_device: false,
+        };
         let large = stage(101 << 30, false);
-        assert!(budget.admits([].iter(), &large) && !budget.admits([stage(0, false)].iter(), &large));
+        assert!(
+            budget.admits([].iter(), &large) && !budget.admits([stage(0, false)].iter(), &large)
+        );
         let text = budget.complaint(&large).unwrap();
-        assert_eq!(text, "it may need 101.0 GB of memory, and --memory allows 100.0 GB; it runs alone");
+        assert_eq!(
+            text,
+            "it may need 101.0 GB of memory, and --memory allows 100.0 GB; it runs alone"
+        );
         assert_eq!(budget.complaint(&stage(1, false)), None);
     }
 

@@ -15,22 +15,37 @@ type Part = (u32, u32, Vec<usize>);
 /// Stages that read up to three of those before them; small numbers, so that different sums are often equal when
 /// reduced.
 fn parts() -> impl Strategy<Value = Vec<Part>> {
-    let part = (0u32..6, 2u32..4, prop::collection::vec(any::<prop::sample::Index>(), 0..4));
+    let part = (
+        0u32..6,
+        2u32..4,
+        prop::collection::vec(any::<prop::sample::Index>(), 0..4),
+    );
     prop::collection::vec(part, 2..8).prop_map(|parts| {
         let place = |at: usize, reads: Vec<prop::sample::Index>| match at {
             0 => Vec::new(),
-            _ => reads.into_iter().take(3).map(|read| read.index(at)).collect(),
+            _ => reads
+                .into_iter()
+                .take(3)
+                .map(|read| read.index(at))
+                .collect(),
         };
-        parts.into_iter().enumerate().map(|(at, (number, modulo, reads))| (number, modulo, place(at, reads))).collect()
+        parts
+            .into_iter()
+            .enumerate()
+            .map(|(at, (number, modulo, reads))| (number, modulo, place(at, reads)))
+            .collect()
     })
 }
 
 fn graph_of(parts: &[Part]) -> Graph {
-    let nodes = parts.iter().enumerate().map(|(at, (number, modulo, reads))| {
-        let (_, mut stage) = sum("", *number, reads);
-        stage.modulo = *modulo;
-        node(&format!("s{at}"), stage, reads)
-    });
+    let nodes = parts
+        .iter()
+        .enumerate()
+        .map(|(at, (number, modulo, reads))| {
+            let (_, mut stage) = sum("", *number, reads);
+            stage.modulo = *modulo;
+            node(&format!("s{at}"), stage, reads)
+        });
     graph(nodes.collect())
 }
 

@@ -39,13 +39,19 @@ struct Ear<'d> {
 impl Progress for Ear<'_> {
     fn event(&mut self, event: &Event) {
         match event {
-            Event::Said { stage: "fit", message: Message::Progress { .. } } => {
+            Event::Said {
+                stage: "fit",
+                message: Message::Progress { .. },
+            } => {
                 self.steps += 1;
                 if self.steps == 3 {
                     (self.mishap)();
                 }
             }
-            Event::Said { message: Message::Resumed { step, .. }, .. } => self.heard.push(format!("from step {step}")),
+            Event::Said {
+                message: Message::Resumed { step, .. },
+                ..
+            } => self.heard.push(format!("from step {step}")),
             Event::Warning { stage, text } => self.heard.push(format!("{stage}: {text}")),
             Event::Failed { stage, error } => self.heard.push(format!("{stage}: {error}")),
             _ => {}
@@ -78,9 +84,20 @@ fn run(
         history: History::new(&store, "mishaps"),
         sources: &sources,
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).stack_size(16 << 20).build().unwrap();
-    let (view, cancelled) = (View::new(&folder.join("out"), "mishaps"), AtomicBool::new(false));
-    let mut ear = Ear { mishap, steps: 0, heard: Vec::new() };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .stack_size(16 << 20)
+        .build()
+        .unwrap();
+    let (view, cancelled) = (
+        View::new(&folder.join("out"), "mishaps"),
+        AtomicBool::new(false),
+    );
+    let mut ear = Ear {
+        mishap,
+        steps: 0,
+        heard: Vec::new(),
+    };
     let scheduler = Scheduler {
         context: &context,
         pool: &pool,
@@ -88,7 +105,11 @@ fn run(
         view: &view,
         cancelled: &cancelled,
         checkpoint_every: Duration::ZERO,
-        budget: Budget { threads: 2, memory: u64::MAX, one_on_device: true },
+        budget: Budget {
+            threads: 2,
+            memory: u64::MAX,
+            one_on_device: true,
+        },
     };
     (scheduler.run(&mut ear).unwrap(), ear.heard)
 }
@@ -102,23 +123,32 @@ fn graph(folder: &Path) -> Graph {
 const FIT: usize = 1;
 
 #[test]
-fn a_stage_whose_gpu_is_lost_goes_on_from_its_checkpoint_on_the_cpu_and_its_result_has_a_key_of_its_own() {
+fn a_stage_whose_gpu_is_lost_goes_on_from_its_checkpoint_on_the_cpu_and_its_result_has_a_key_of_its_own()
+ {
     let Some(device) = testing::gpu() else { return };
     let folder = tempfile::tempdir().unwrap();
     let graph = graph(folder.path());
-    let (outcome, heard) = run(folder.path(), &graph, &device, true, &|| testing::lose(&device));
+    let (outcome, heard) = run(folder.path(), &graph, &device, true, &|| {
+        testing::lose(&device)
+    });
     assert_eq!(outcome.stages[&FIT].end, End::Ran, "{heard:?}");
     assert!(heard[0].starts_with("fit: the GPU was lost"), "{heard:?}");
     assert!(heard[1].starts_with("from step "), "{heard:?}");
     let record = &outcome.records[&FIT];
     assert_eq!(record.device, format!("{}, then cpu", device.kind()));
     let store = Store::open(&folder.path().join("store")).unwrap();
-    assert_eq!(store.manifest(&record.key).unwrap().0["device"], record.device);
+    assert_eq!(
+        store.manifest(&record.key).unwrap().0["device"],
+        record.device
+    );
 
     // Who takes such results finds it; who does not, computes anew, on a GPU that is there again.
     let device = testing::gpu().unwrap();
     let (again, _) = run(folder.path(), &graph, &device, true, &|| ());
-    assert_eq!((again.stages[&FIT].end, again.records[&FIT].key), (End::Cached, record.key));
+    assert_eq!(
+        (again.stages[&FIT].end, again.records[&FIT].key),
+        (End::Cached, record.key)
+    );
     let (strict, heard) = run(folder.path(), &graph, &device, false, &|| ());
     assert_eq!(strict.stages[&FIT].end, End::Ran, "{heard:?}");
     assert!(strict.records[&FIT].key != record.key && strict.records[&FIT].device == device.kind());
@@ -133,8 +163,14 @@ fn a_stage_whose_gpu_is_full_fails_with_what_to_lower_or_runs_on_the_cpu() {
     let (outcome, heard) = run(folder.path(), &graph, &device, false, &|| ());
     assert_eq!(outcome.stages[&FIT].end, End::Failed, "{heard:?}");
     let said = "fit: the GPU's memory is full";
-    assert!(heard[0].starts_with(said) && heard[0].contains("`log2_table`"), "{heard:?}");
+    assert!(
+        heard[0].starts_with(said) && heard[0].contains("`log2_table`"),
+        "{heard:?}"
+    );
     let (outcome, heard) = run(folder.path(), &graph, &device, true, &|| ());
     assert_eq!(outcome.stages[&FIT].end, End::Ran, "{heard:?}");
-    assert!(heard[0].starts_with(said) && heard[0].contains("going on on the CPU"), "{heard:?}");
+    assert!(
+        heard[0].starts_with(said) && heard[0].contains("going on on the CPU"),
+        "{heard:?}"
+    );
 }

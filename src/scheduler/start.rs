@@ -30,12 +30,22 @@ impl Scheduler<'_> {
         scope: &'s Scope<'s, '_>,
         sender: &Sender<News>,
     ) -> Result<(), StoreError> {
-        let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else { return Ok(()) };
-        queued.begun_as.iter().for_each(|begun| work.take_over(begun));
-        self.context.store.put_manifest(&queued.key, &queued.manifest)?;
+        let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else {
+            return Ok(());
+        };
+        queued
+            .begun_as
+            .iter()
+            .for_each(|begun| work.take_over(begun));
+        self.context
+            .store
+            .put_manifest(&queued.key, &queued.manifest)?;
         let task = self.task(at, &queued, work, &board.outcome.records)?;
         if let Some(text) = self.budget.complaint(&queued.estimate) {
-            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+            board.progress.event(&Event::Warning {
+                stage: self.name(at),
+                text: &text,
+            });
         }
         let obstacle = extension::obstacle(task.node.stage.extension(), &queued.reason);
         board.begin(at, queued, obstacle);
@@ -51,8 +61,13 @@ impl Scheduler<'_> {
             let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
             Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
         };
-        let estimate = node.stage.estimate(&node.wires.iter().filter_map(bytes).collect());
-        Estimate { device: estimate.device && node.stage.uses_device(), ..estimate }
+        let estimate = node
+            .stage
+            .estimate(&node.wires.iter().filter_map(bytes).collect());
+        Estimate {
+            device: estimate.device && node.stage.uses_device(),
+            ..estimate
+        }
     }
 
     /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has
@@ -81,7 +96,10 @@ impl Scheduler<'_> {
         }
         if let Reason::Broken(breakage) = reason {
             let text = format!("{breakage}; computing it again");
-            board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
+            board.progress.event(&Event::Warning {
+                stage: self.name(at),
+                text: &text,
+            });
             store.discard(&key, breakage)?;
         }
         Ok(Some(work))
@@ -97,33 +115,79 @@ impl Scheduler<'_> {
         let node = &self.context.graph.nodes[at];
         let mut inputs = BTreeMap::new();
         for wire in &node.wires {
-            if let Some(output) = self.result(wire.from, records).and_then(|record| record.outputs.get(wire.output)) {
-                inputs.insert(wire.input.to_owned(), (work.input(wire.input, output)?, output.digest));
+            if let Some(output) = self
+                .result(wire.from, records)
+                .and_then(|record| record.outputs.get(wire.output))
+            {
+                inputs.insert(
+                    wire.input.to_owned(),
+                    (work.input(wire.input, output)?, output.digest),
+                );
             }
         }
         let replace = queued.reason == Reason::Forced;
         let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
         // Who forces a stage wants all of it computed.
-        let earlier = extension.filter(|_| !replace).and_then(|extension| self.context.store.state(&extension));
-        let (key, &Self { cancelled, checkpoint_every, .. }) = (queued.key, self);
+        let earlier = extension
+            .filter(|_| !replace)
+            .and_then(|extension| self.context.store.state(&extension));
+        let (
+            key,
+            &Self {
+                cancelled,
+                checkpoint_every,
+                ..
+            },
+        ) = (queued.key, self);
         let device = device_of(&*node.stage, self.device);
         let (device, kind) = match (queued.begun_as, self.context.fallback) {
             (Some(_), Some(kind)) => (&CPU, kind),
             _ => (device, device.kind()),
         };
-        Ok(Task { node, key, work, inputs, device, kind, cancelled, extension, earlier, checkpoint_every, replace })
+        Ok(Task {
+            node,
+            key,
+            work,
+            inputs,
+            device,
+            kind,
+            cancelled,
+            extension,
+            earlier,
+            checkpoint_every,
+            replace,
+        })
     }
 
     /// The rest of a stage whose GPU has failed, for the CPU, under a key of its own; `None` if the user does not want
     /// that.
-    pub(super) fn fall_back(&self, board: &mut Board, at: usize, ended: &Queued, fault: &GpuError) -> Option<Queued> {
+    pub(super) fn fall_back(
+        &self,
+        board: &mut Board,
+        at: usize,
+        ended: &Queued,
+        fault: &GpuError,
+    ) -> Option<Queued> {
         let inputs = self.inputs(at, &board.outcome.records);
         let manifest = self.context.fallen_manifest(at, &inputs)?;
-        let text = format!("{fault}; going on on the CPU, from the last checkpoint if there is one");
-        board.progress.event(&Event::Warning { stage: self.name(at), text: &text });
-        let estimate = Estimate { device: false, ..self.estimate(at, &board.outcome.records) };
+        let text =
+            format!("{fault}; going on on the CPU, from the last checkpoint if there is one");
+        board.progress.event(&Event::Warning {
+            stage: self.name(at),
+            text: &text,
+        });
+        let estimate = Estimate {
+            device: false,
+            ..self.estimate(at, &board.outcome.records)
+        };
         let (key, reason) = (manifest.key(), ended.reason.clone());
-        Some(Queued { key, manifest, reason, estimate, begun_as: Some(ended.key) })
+        Some(Queued {
+            key,
+            manifest,
+            reason,
+            estimate,
+            begun_as: Some(ended.key),
+        })
     }
 
     /// The life of a stage's thread. Nobody listens any more only when the run is over.
@@ -137,6 +201,10 @@ impl Scheduler<'_> {
         if let (Ok(record), Some(remote)) = (&result, self.context.remote) {
             remote.publish(self.context.store, record);
         }
-        let _ = sender.send(News::Ended(at, Box::new(result), begun.elapsed().as_secs_f64()));
+        let _ = sender.send(News::Ended(
+            at,
+            Box::new(result),
+            begun.elapsed().as_secs_f64(),
+        ));
     }
 }

@@ -31,7 +31,10 @@ impl Progress for Ear<'_> {
     fn event(&mut self, event: &Event) {
         match event {
             Event::Started { stage, reason, .. } => self.started.push(format!("{stage}: {reason}")),
-            Event::Said { .. } => self.stop.iter().for_each(|stop| stop.store(true, Ordering::SeqCst)),
+            Event::Said { .. } => self
+                .stop
+                .iter()
+                .for_each(|stop| stop.store(true, Ordering::SeqCst)),
             _ => {}
         }
     }
@@ -44,17 +47,32 @@ pub(super) struct Done {
 
 impl Done {
     pub(super) fn ends(&self, graph: &Graph, end: End) -> Vec<String> {
-        let of_end = self.outcome.stages.iter().filter(|(_, stage)| stage.end == end);
-        of_end.map(|(&at, _)| graph.nodes[at].name.clone()).collect()
+        let of_end = self
+            .outcome
+            .stages
+            .iter()
+            .filter(|(_, stage)| stage.end == end);
+        of_end
+            .map(|(&at, _)| graph.nodes[at].name.clone())
+            .collect()
     }
 }
 
 pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) -> Done {
     let store = Store::create(&folder.join("store")).unwrap();
     let context = context(&store, graph, forced);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    let (view, cancelled) = (View::new(&folder.join("out"), "test"), AtomicBool::new(false));
-    let mut ear = Ear { started: Vec::new(), stop: stop.then_some(&cancelled) };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .unwrap();
+    let (view, cancelled) = (
+        View::new(&folder.join("out"), "test"),
+        AtomicBool::new(false),
+    );
+    let mut ear = Ear {
+        started: Vec::new(),
+        stop: stop.then_some(&cancelled),
+    };
     let scheduler = Scheduler {
         context: &context,
         pool: &pool,
@@ -62,12 +80,30 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         view: &view,
         cancelled: &cancelled,
         checkpoint_every: Duration::ZERO,
-        budget: Budget { threads: 2, memory: u64::MAX, one_on_device: false },
+        budget: Budget {
+            threads: 2,
+            memory: u64::MAX,
+            one_on_device: false,
+        },
     };
     let outcome = scheduler.run(&mut ear).unwrap();
-    let stages = outcome.stages.iter().map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone())).collect();
-    store.put_run(&Run { pipeline: "test".into(), started: now(), seconds: 0.0, stages }).unwrap();
-    Done { outcome, started: ear.started }
+    let stages = outcome
+        .stages
+        .iter()
+        .map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone()))
+        .collect();
+    store
+        .put_run(&Run {
+            pipeline: "test".into(),
+            started: now(),
+            seconds: 0.0,
+            stages,
+        })
+        .unwrap();
+    Done {
+        outcome,
+        started: ear.started,
+    }
 }
 
 fn context<'a>(store: &'a Store, graph: &'a Graph, forced: &[usize]) -> Context<'a> {
@@ -97,12 +133,22 @@ pub(super) fn plan(folder: &Path, graph: &Graph) -> String {
         Forecast::Run(..) => 'w',
         Forecast::Unless(_) => 's',
     };
-    context(&store, graph, &[]).forecast().unwrap().values().map(letter).collect()
+    context(&store, graph, &[])
+        .forecast()
+        .unwrap()
+        .values()
+        .map(letter)
+        .collect()
 }
 
 /// `a -> b -> d`, `a -> c -> d`.
 fn diamond(change: impl Fn(&str, &mut Sum)) -> (Graph, Vec<Sum>) {
-    let parts: [(&str, u32, &[usize]); 4] = [("a", 1, &[]), ("b", 10, &[0]), ("c", 100, &[0]), ("d", 5, &[1, 2])];
+    let parts: [(&str, u32, &[usize]); 4] = [
+        ("a", 1, &[]),
+        ("b", 10, &[0]),
+        ("c", 100, &[0]),
+        ("d", 5, &[1, 2]),
+    ];
     let stages: Vec<(Node, Sum)> = parts
         .iter()
         .map(|(name, number, reads)| {
@@ -116,7 +162,10 @@ fn diamond(change: impl Fn(&str, &mut Sum)) -> (Graph, Vec<Sum>) {
 }
 
 fn runs(stages: &[Sum]) -> Vec<usize> {
-    stages.iter().map(|stage| stage.runs.load(Ordering::SeqCst)).collect()
+    stages
+        .iter()
+        .map(|stage| stage.runs.load(Ordering::SeqCst))
+        .collect()
 }
 
 #[test]
@@ -139,7 +188,13 @@ fn a_changed_parameter_reruns_what_depends_on_it_and_says_why() {
     let (graph, stages) = diamond(|name, stage| stage.number += u32::from(name == "c"));
     assert_eq!(plan(folder.path(), &graph), "ccws");
     let done = run(folder.path(), &graph, &[], false);
-    assert_eq!(done.started, ["c: params changed: `number` 100 -> 101", "d: input `b` (of c) changed"]);
+    assert_eq!(
+        done.started,
+        [
+            "c: params changed: `number` 100 -> 101",
+            "d: input `b` (of c) changed"
+        ]
+    );
     assert_eq!(runs(&stages), [0, 0, 1, 1]);
 }
 
@@ -191,14 +246,18 @@ fn a_failure_stops_what_depends_on_it_and_nothing_else() {
         (Act::NoRoom, "the disk is full: free some space"),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let (graph, _) = diamond(|name, stage| stage.act = if name == "b" { act } else { Act::Well });
+        let (graph, _) =
+            diamond(|name, stage| stage.act = if name == "b" { act } else { Act::Well });
         let done = run(folder.path(), &graph, &[], false);
         assert_eq!(done.ends(&graph, End::Ran), ["a", "c"]);
         assert_eq!(done.ends(&graph, End::Failed), ["b"]);
         assert_eq!(done.ends(&graph, End::Stopped), ["d"]);
         let text = done.outcome.failures[0].text();
         assert!(text.contains(words), "{text}");
-        assert_eq!(matches!(done.outcome.failures[0], Failure::Bug(_)), act == Act::Panic);
+        assert_eq!(
+            matches!(done.outcome.failures[0], Failure::Bug(_)),
+            act == Act::Panic
+        );
         let (graph, stages) = diamond(|_, _| {});
         run(folder.path(), &graph, &[], false);
         assert_eq!(runs(&stages), [0, 1, 0, 1]);
@@ -208,7 +267,8 @@ fn a_failure_stops_what_depends_on_it_and_nothing_else() {
 #[test]
 fn a_stopped_run_keeps_what_is_whole_and_goes_on_later() {
     let folder = tempfile::tempdir().unwrap();
-    let (graph, _) = diamond(|name, stage| stage.act = if name == "c" { Act::Endless } else { Act::Well });
+    let (graph, _) =
+        diamond(|name, stage| stage.act = if name == "c" { Act::Endless } else { Act::Well });
     let done = run(folder.path(), &graph, &[], true);
     assert!(done.outcome.interrupted && done.outcome.failures.is_empty());
     assert!(done.ends(&graph, End::Stopped).contains(&"c".to_owned()));
@@ -216,7 +276,10 @@ fn a_stopped_run_keeps_what_is_whole_and_goes_on_later() {
     let (graph, stages) = diamond(|_, _| {});
     let done = run(folder.path(), &graph, &[], false);
     assert!(!done.outcome.interrupted);
-    assert_eq!((runs(&stages)[0], runs(&stages)[2], runs(&stages)[3]), (0, 1, 1));
+    assert_eq!(
+        (runs(&stages)[0], runs(&stages)[2], runs(&stages)[3]),
+        (0, 1, 1)
+    );
 }
 
 #[test]
@@ -226,5 +289,13 @@ fn stages_with_one_key_are_computed_once() {
     let (nodes, sums): (Vec<_>, Vec<_>) = stages.into_iter().unzip();
     let done = run(folder.path(), &graph(nodes), &[], false);
     assert_eq!(runs(&sums).iter().sum::<usize>(), 1);
-    assert_eq!(done.outcome.records.values().map(|record| record.key).collect::<BTreeSet<_>>().len(), 1);
+    assert_eq!(
+        done.outcome
+            .records
+            .values()
+            .map(|record| record.key)
+            .collect::<BTreeSet<_>>()
+            .len(),
+        1
+    );
 }

@@ -45,7 +45,10 @@ impl Store {
     /// An empty file in `tmp/` for a blob that comes from elsewhere. It is removed if it is not kept.
     pub fn receiving(&self) -> Result<tempfile::TempPath, StoreError> {
         let folder = self.root.join("tmp");
-        self.disk.stage(&folder, &[]).and_then(tempfile::TempPath::try_from_path).at("write", &folder)
+        self.disk
+            .stage(&folder, &[])
+            .and_then(tempfile::TempPath::try_from_path)
+            .at("write", &folder)
     }
 
     /// Moves a received file into the store.
@@ -66,7 +69,9 @@ impl Store {
                 return Ok(None);
             }
             Ok(_) => Damage::Changed,
-            Err(error) if error.kind() == ErrorKind::PermissionDenied => return Err(error).at("read", &path),
+            Err(error) if error.kind() == ErrorKind::PermissionDenied => {
+                return Err(error).at("read", &path);
+            }
             Err(_) if fs::symlink_metadata(&path).is_err() => Damage::Missing,
             // A folder, or a link that leads nowhere, is in its place; or the disk is failing.
             Err(_) => Damage::Changed,

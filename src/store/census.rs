@@ -46,7 +46,9 @@ pub fn references<'r>(records: impl Iterator<Item = &'r Record>) -> References {
     let mut references = References::new();
     for record in records {
         for (output, file) in record.files() {
-            references.entry(file.blob).or_insert_with(|| (file.bytes, label(record, output, file)));
+            references
+                .entry(file.blob)
+                .or_insert_with(|| (file.bytes, label(record, output, file)));
         }
     }
     references
@@ -61,7 +63,9 @@ pub fn producers(records: &[Record]) -> Producers {
     let mut producers = Producers::new();
     for record in records {
         for (name, output) in &record.outputs {
-            producers.entry(output.digest).or_insert_with(|| format!("{}.{name}", record.stage));
+            producers
+                .entry(output.digest)
+                .or_insert_with(|| format!("{}.{name}", record.stage));
         }
     }
     producers
@@ -76,9 +80,15 @@ impl Store {
     /// All records of results that can be understood, by key. Their blobs are not looked at.
     pub fn records(&self) -> Result<Vec<Record>, StoreError> {
         let (files, _) = self.fanned_entries("results")?;
-        let read =
-            |entry: &Entry| Ok(read_json::<Record>(&entry.path)?.filter(|record| Some(record.key) == entry.digest()));
-        files.par_iter().map(read).filter_map(Result::transpose).collect()
+        let read = |entry: &Entry| {
+            Ok(read_json::<Record>(&entry.path)?
+                .filter(|record| Some(record.key) == entry.digest()))
+        };
+        files
+            .par_iter()
+            .map(read)
+            .filter_map(Result::transpose)
+            .collect()
     }
 
     /// The keys with a manifest that begin with these digits, at least six.
@@ -88,7 +98,9 @@ impl Store {
         }
         let folder = list(&self.root.join("manifests").join(&beginning[..2]))?;
         let keys = folder.iter().filter_map(Entry::digest);
-        Ok(keys.filter(|key| key.to_string().starts_with(beginning)).collect())
+        Ok(keys
+            .filter(|key| key.to_string().starts_with(beginning))
+            .collect())
     }
 
     /// What lies in one of the store's folders, in order; nothing where there is no such folder.
@@ -97,9 +109,14 @@ impl Store {
     }
 
     /// What lies in the folders `00` to `ff` of one of the store's folders, and what lies there in place of them.
-    pub(super) fn fanned_entries(&self, folder: &str) -> Result<(Vec<Entry>, Vec<Entry>), StoreError> {
-        let (folders, strays): (Vec<_>, Vec<_>) =
-            self.entries(folder)?.into_iter().partition(|entry| entry.data.is_dir() && is_fan(&entry.path));
+    pub(super) fn fanned_entries(
+        &self,
+        folder: &str,
+    ) -> Result<(Vec<Entry>, Vec<Entry>), StoreError> {
+        let (folders, strays): (Vec<_>, Vec<_>) = self
+            .entries(folder)?
+            .into_iter()
+            .partition(|entry| entry.data.is_dir() && is_fan(&entry.path));
         let mut files = Vec::new();
         for folder in folders {
             files.extend(list(&folder.path)?);
@@ -109,13 +126,22 @@ impl Store {
 
     /// A path inside the store as people read it.
     pub(super) fn relative(&self, path: &Path) -> String {
-        path.strip_prefix(&self.root).unwrap_or(path).display().to_string()
+        path.strip_prefix(&self.root)
+            .unwrap_or(path)
+            .display()
+            .to_string()
     }
 }
 
 fn is_fan(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    name.len() == 2 && name.bytes().all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
+    let name = path
+        .file_name()
+        .and_then(|name| name.to_str())
+        .unwrap_or_default();
+    name.len() == 2
+        && name
+            .bytes()
+            .all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
 }
 
 fn list(folder: &Path) -> Result<Vec<Entry>, StoreError> {

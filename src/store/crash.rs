@@ -21,14 +21,28 @@ const ENOUGH: usize = 1000;
 
 /// A store on this disk. Those who died in it are known to be dead.
 fn store(disk: Disk, root: &Path) -> Result<Store, StoreError> {
-    let patience = Patience { beat: Duration::from_secs(3600), stale: Duration::ZERO };
-    Ok(Store { patience, ..Store::create_on(disk, root)? })
+    let patience = Patience {
+        beat: Duration::from_secs(3600),
+        stale: Duration::ZERO,
+    };
+    Ok(Store {
+        patience,
+        ..Store::create_on(disk, root)?
+    })
 }
 
 fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Record, StoreError> {
-    let work = store.work(key)?.unwrap_or_else(|holder| panic!("{holder} has the key"));
-    metrics(value).write(&work.outputs().join("m"), &Provenance::default()).unwrap();
-    let facts = Facts { stage: "s".into(), seconds: 1.0, device: "cpu".into() };
+    let work = store
+        .work(key)?
+        .unwrap_or_else(|holder| panic!("{holder} has the key"));
+    metrics(value)
+        .write(&work.outputs().join("m"), &Provenance::default())
+        .unwrap();
+    let facts = Facts {
+        stage: "s".into(),
+        seconds: 1.0,
+        device: "cpu".into(),
+    };
     work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
 }
 
@@ -37,7 +51,12 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
     let store = store(disk, root)?;
     store.put_manifest(&key("k"), &Default::default())?;
     let record = commit(&store, key("k"), 1.0, false)?;
-    let run = Run { pipeline: "p".into(), started: now(), seconds: 1.0, stages: Default::default() };
+    let run = Run {
+        pipeline: "p".into(),
+        started: now(),
+        seconds: 1.0,
+        stages: Default::default(),
+    };
     store.put_run(&run)?;
     Ok(record)
 }
@@ -65,15 +84,22 @@ fn cut_short(fault: fn(usize) -> Fault) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         let done = life(Disk::failing(fault(after)), folder.path());
         match (lookup(folder.path(), key("k")), &done) {
-            (Lookup::Sound(found), _) => assert_eq!(found.outputs, calm.outputs, "after {after} operations"),
+            (Lookup::Sound(found), _) => {
+                assert_eq!(found.outputs, calm.outputs, "after {after} operations")
+            }
             (Lookup::Absent, Err(_)) => {}
             (found, done) => panic!("after {after} operations: {found:?}, {done:?}"),
         }
-        errors.extend(done.err().map(|error| format!("{:?}", miette::Report::new(error))));
+        errors.extend(
+            done.err()
+                .map(|error| format!("{:?}", miette::Report::new(error))),
+        );
         let again = life(Disk::default(), folder.path()).unwrap();
         assert_eq!(again.outputs, calm.outputs, "after {after} operations");
         for left in ["work", "leases"] {
-            let left: Vec<_> = std::fs::read_dir(folder.path().join(left)).unwrap().collect();
+            let left: Vec<_> = std::fs::read_dir(folder.path().join(left))
+                .unwrap()
+                .collect();
             assert!(left.is_empty(), "after {after} operations: {left:?}");
         }
     }
@@ -90,28 +116,59 @@ fn a_commit_is_whole_or_not_there_wherever_the_machine_stops() {
 fn a_full_disk_is_said_to_be_full_and_nothing_is_lost() {
     let errors = cut_short(Fault::full);
     assert!(errors.len() > 10);
-    errors.iter().for_each(|error| assert!(error.contains("the disk is full: free some space"), "{error}"));
+    errors.iter().for_each(|error| {
+        assert!(
+            error.contains("the disk is full: free some space"),
+            "{error}"
+        )
+    });
 }
 
 #[test]
 fn a_store_that_cannot_be_written_is_said_to_be_so_and_nothing_is_lost() {
     let errors = cut_short(Fault::read_only);
-    errors.iter().for_each(|error| assert!(error.contains("choose a folder that can be written"), "{error}"));
+    errors.iter().for_each(|error| {
+        assert!(
+            error.contains("choose a folder that can be written"),
+            "{error}"
+        )
+    });
 }
 
 /// After a loss of power a name may be there and what it names may not, unless what it names was flushed before.
 #[test]
 fn whatever_gets_its_name_was_flushed_before_and_a_record_comes_after_its_blobs() {
     let done = operations();
-    let flushed = |path: &Path, by: usize| done[..by].iter().any(|(what, at)| what == "flush" && at == path);
-    let renames: Vec<usize> = (0..done.len()).filter(|&at| done[at].0 == "rename").collect();
+    let flushed = |path: &Path, by: usize| {
+        done[..by]
+            .iter()
+            .any(|(what, at)| what == "flush" && at == path)
+    };
+    let renames: Vec<usize> = (0..done.len())
+        .filter(|&at| done[at].0 == "rename")
+        .collect();
     assert!(renames.len() >= 5);
-    renames.iter().for_each(|&at| assert!(flushed(&done[at].1, at), "{:?} was not flushed", done[at].1));
-    let blob = renames.iter().find(|&&at| done[at].1.ends_with("out/m/metrics.json")).copied().unwrap();
-    let folder = |at: usize| done[at].0 == "flush" && done[at].1.parent().is_some_and(|path| path.ends_with("cas"));
+    renames
+        .iter()
+        .for_each(|&at| assert!(flushed(&done[at].1, at), "{:?} was not flushed", done[at].1));
+    let blob = renames
+        .iter()
+        .find(|&&at| done[at].1.ends_with("out/m/metrics.json"))
+        .copied()
+        .unwrap();
+    let folder = |at: usize| {
+        done[at].0 == "flush"
+            && done[at]
+                .1
+                .parent()
+                .is_some_and(|path| path.ends_with("cas"))
+    };
     let named = (blob..done.len()).find(|&at| folder(at)).unwrap();
     let record = renames.iter().filter(|&&at| at > blob).min().unwrap();
-    assert!(named < *record, "the record is visible before its blobs are safe");
+    assert!(
+        named < *record,
+        "the record is visible before its blobs are safe"
+    );
 }
 
 /// Something that a run may do to one of a few keys.

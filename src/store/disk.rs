@@ -26,7 +26,9 @@ impl Disk {
     /// Asks whether an operation may be done; `grows` if it takes room.
     #[cfg(test)]
     fn pass(&self, what: &str, path: &Path, grows: bool) -> io::Result<()> {
-        self.fault.as_ref().map_or(Ok(()), |fault| fault.pass(what, path, grows))
+        self.fault
+            .as_ref()
+            .map_or(Ok(()), |fault| fault.pass(what, path, grows))
     }
 
     #[cfg(not(test))]
@@ -48,7 +50,9 @@ impl Disk {
     pub fn stage(&self, folder: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
         self.pass("stage", folder, true)?;
         let mut builder = tempfile::Builder::new();
-        let (mut file, path) = readable_by_all(builder.disable_cleanup(true)).tempfile_in(folder)?.into_parts();
+        let (mut file, path) = readable_by_all(builder.disable_cleanup(true))
+            .tempfile_in(folder)?
+            .into_parts();
         let (begin, end) = bytes.split_at(bytes.len() / 2);
         let written = file
             .write_all(begin)
@@ -75,7 +79,9 @@ impl Disk {
     /// Gives a file another name, unless something has it.
     pub fn rename_new(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("rename", from, false)?;
-        tempfile::TempPath::try_from_path(from)?.persist_noclobber(to).map_err(|error| error.error)
+        tempfile::TempPath::try_from_path(from)?
+            .persist_noclobber(to)
+            .map_err(|error| error.error)
     }
 
     /// A second name for a file. There is none on another file system, for a file that has too many, or for another
@@ -83,9 +89,15 @@ impl Disk {
     pub fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("link", to, true)?;
         match fs::hard_link(from, to) {
-            Err(error) if !matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::NotFound) => {
+            Err(error)
+                if !matches!(
+                    error.kind(),
+                    io::ErrorKind::StorageFull | io::ErrorKind::NotFound
+                ) =>
+            {
                 let half = to.with_extension("half");
-                let copied = reflink_copy::reflink_or_copy(from, &half).and_then(|_| fs::rename(&half, to));
+                let copied =
+                    reflink_copy::reflink_or_copy(from, &half).and_then(|_| fs::rename(&half, to));
                 copied.inspect_err(|_| drop(fs::remove_file(&half)))
             }
             other => other,
@@ -131,13 +143,17 @@ fn absent_is_fine(done: io::Result<()>) -> io::Result<()> {
 
 /// Temporary files are private unless told otherwise, but stores are shared: only the user's own mask shall count.
 #[cfg(unix)]
-fn readable_by_all<'a, 'p, 's>(builder: &'a mut tempfile::Builder<'p, 's>) -> &'a mut tempfile::Builder<'p, 's> {
+fn readable_by_all<'a, 'p, 's>(
+    builder: &'a mut tempfile::Builder<'p, 's>,
+) -> &'a mut tempfile::Builder<'p, 's> {
     use std::os::unix::fs::PermissionsExt;
     builder.permissions(fs::Permissions::from_mode(0o666))
 }
 
 #[cfg(not(unix))]
-fn readable_by_all<'a, 'p, 's>(builder: &'a mut tempfile::Builder<'p, 's>) -> &'a mut tempfile::Builder<'p, 's> {
+fn readable_by_all<'a, 'p, 's>(
+    builder: &'a mut tempfile::Builder<'p, 's>,
+) -> &'a mut tempfile::Builder<'p, 's> {
     builder
 }
 
@@ -160,7 +176,12 @@ mod fault {
 
     impl Fault {
         fn new(after: usize, kind: io::ErrorKind, growing: bool) -> Self {
-            Self { left: Mutex::new(after), kind, growing, done: Arc::default() }
+            Self {
+                left: Mutex::new(after),
+                kind,
+                growing,
+                done: Arc::default(),
+            }
         }
 
         /// What was done, in order: the verb, and on what.
@@ -186,9 +207,14 @@ mod fault {
         pub(super) fn pass(&self, what: &str, path: &Path, grows: bool) -> io::Result<()> {
             let mut left = self.left.lock().unwrap();
             if grows || !self.growing {
-                *left = left.checked_sub(1).ok_or_else(|| io::Error::from(self.kind))?;
+                *left = left
+                    .checked_sub(1)
+                    .ok_or_else(|| io::Error::from(self.kind))?;
             }
-            self.done.lock().unwrap().push((what.to_owned(), path.to_owned()));
+            self.done
+                .lock()
+                .unwrap()
+                .push((what.to_owned(), path.to_owned()));
             Ok(())
         }
     }

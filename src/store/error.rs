@@ -69,7 +69,12 @@ impl StoreError {
     /// `action`, a verb, could not be done to a file.
     pub fn io(action: &'static str, path: &Path, error: io::Error) -> Self {
         let help = advice(error.kind());
-        Self::Io { action, path: path.to_owned(), error, help }
+        Self::Io {
+            action,
+            path: path.to_owned(),
+            error,
+            help,
+        }
     }
 }
 

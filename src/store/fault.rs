@@ -74,7 +74,10 @@ pub enum Remedy {
 impl Fault {
     /// Whether something is lost or wrong; what interrupted runs leave is neither.
     pub fn is_damage(&self) -> bool {
-        !matches!(self, Self::Orphan { .. } | Self::Interrupted | Self::Lease | Self::Temporary | Self::Stray)
+        !matches!(
+            self,
+            Self::Orphan { .. } | Self::Interrupted | Self::Lease | Self::Temporary | Self::Stray
+        )
     }
 }
 
@@ -82,8 +85,12 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Self::Changed => f.write_str("its bytes have changed"),
-            Self::Truncated { bytes, expected } => write!(f, "cut short: {bytes} of {expected} bytes"),
-            Self::Grown { bytes, expected } => write!(f, "grown: {bytes} bytes instead of {expected}"),
+            Self::Truncated { bytes, expected } => {
+                write!(f, "cut short: {bytes} of {expected} bytes")
+            }
+            Self::Grown { bytes, expected } => {
+                write!(f, "grown: {bytes} bytes instead of {expected}")
+            }
             Self::Misnamed { blob } => write!(f, "it is the blob {}", short(blob)),
             Self::Writable => f.write_str("it can be written"),
             Self::Unreadable { problem } => write!(f, "it cannot be read: {problem}"),

@@ -51,7 +51,12 @@ impl Store {
     /// next run computes what is lost. Files under `out` that show something else than sound blobs are named too; runs
     /// show them again.
     pub fn fsck(&self, out: &Path, mend: bool) -> Result<Report, StoreError> {
-        let mut fsck = Fsck { store: self, mend, report: Report::default(), sound: BTreeSet::new() };
+        let mut fsck = Fsck {
+            store: self,
+            mend,
+            report: Report::default(),
+            sound: BTreeSet::new(),
+        };
         let records = fsck.records()?;
         fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
         let records = fsck.whole(records)?;
@@ -60,7 +65,9 @@ impl Store {
         fsck.shown(out, &records)?;
         fsck.leftovers()?;
         fsck.report.results = records.len();
-        fsck.report.findings.sort_by_key(|finding| !finding.fault.is_damage());
+        fsck.report
+            .findings
+            .sort_by_key(|finding| !finding.fault.is_damage());
         Ok(fsck.report)
     }
 
@@ -68,12 +75,20 @@ impl Store {
     pub(super) fn set_aside(&self, path: &Path) -> Result<(), StoreError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let place = |number: u32| {
-            let name = if number == 0 { name.to_string() } else { format!("{name}-{number}") };
+            let name = if number == 0 {
+                name.to_string()
+            } else {
+                format!("{name}-{number}")
+            };
             self.root.join("quarantine").join(name)
         };
-        let free = (0..).map(place).find(|place| fs::symlink_metadata(place).is_err());
+        let free = (0..)
+            .map(place)
+            .find(|place| fs::symlink_metadata(place).is_err());
         match self.disk.rename(path, &free.unwrap_or_else(|| place(0))) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error).at("move to quarantine", path),
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(error).at("move to quarantine", path)
+            }
             _ => Ok(()),
         }
     }
@@ -82,11 +97,21 @@ impl Store {
 impl Fsck<'_> {
     fn note(&mut self, path: &Path, fault: Fault, of: Option<String>, remedy: Remedy) {
         let path = self.store.relative(path);
-        self.report.findings.push(Finding { path, fault, of, remedy });
+        self.report.findings.push(Finding {
+            path,
+            fault,
+            of,
+            remedy,
+        });
     }
 
     /// Names damage and moves it away, unless another process has replaced it meanwhile.
-    fn remove(&mut self, entry: &Entry, fault: Fault, of: Option<String>) -> Result<(), StoreError> {
+    fn remove(
+        &mut self,
+        entry: &Entry,
+        fault: Fault,
+        of: Option<String>,
+    ) -> Result<(), StoreError> {
         let remedy = match self.mend {
             _ if !same_entry(&entry.path, &entry.data) => return Ok(()),
             true => Remedy::Quarantined,
@@ -103,11 +128,25 @@ impl Fsck<'_> {
     fn files(&mut self, folder: &str) -> Result<Vec<Entry>, StoreError> {
         let (files, strays) = self.store.fanned_entries(folder)?;
         for stray in &strays {
-            self.remove(stray, Fault::WrongType { found: stray.wrong_type().unwrap_or("file") }, None)?;
+            self.remove(
+                stray,
+                Fault::WrongType {
+                    found: stray.wrong_type().unwrap_or("file"),
+                },
+                None,
+            )?;
         }
-        let (files, others): (Vec<_>, Vec<_>) = files.into_iter().partition(|entry| entry.wrong_type().is_none());
+        let (files, others): (Vec<_>, Vec<_>) = files
+            .into_iter()
+            .partition(|entry| entry.wrong_type().is_none());
         for other in &others {
-            self.remove(other, Fault::WrongType { found: other.wrong_type().unwrap_or("file") }, None)?;
+            self.remove(
+                other,
+                Fault::WrongType {
+                    found: other.wrong_type().unwrap_or("file"),
+                },
+                None,
+            )?;
         }
         Ok(files)
     }
@@ -117,9 +156,13 @@ impl Fsck<'_> {
         let fault = match fs::read(&entry.path) {
             Ok(bytes) => match serde_json::from_slice(&bytes) {
                 Ok(content) => return Ok(Some(content)),
-                Err(error) => Fault::Garbled { problem: error.to_string() },
+                Err(error) => Fault::Garbled {
+                    problem: error.to_string(),
+                },
             },
-            Err(error) => Fault::Unreadable { problem: error.to_string() },
+            Err(error) => Fault::Unreadable {
+                problem: error.to_string(),
+            },
         };
         self.remove(entry, fault, None)?;
         Ok(None)
@@ -129,11 +172,14 @@ impl Fsck<'_> {
     fn records(&mut self) -> Result<BTreeMap<Digest, (Entry, Record)>, StoreError> {
         let mut records = BTreeMap::new();
         for entry in self.files("results")? {
-            let Some(record) = self.parse::<Record>(&entry)? else { continue };
+            let Some(record) = self.parse::<Record>(&entry)? else {
+                continue;
+            };
             let of = Some(record.stage.clone());
             if entry.path != self.store.result_path(&record.key) {
                 self.remove(&entry, Fault::OtherKey { key: record.key }, of)?;
-            } else if let Some((_, file)) = record.files().find(|(_, file)| !is_inside(&file.path)) {
+            } else if let Some((_, file)) = record.files().find(|(_, file)| !is_inside(&file.path))
+            {
                 let problem = format!("the path {:?} leads out of its folder", file.path);
                 self.remove(&entry, Fault::Garbled { problem }, of)?;
             } else {
@@ -144,12 +190,19 @@ impl Fsck<'_> {
     }
 
     /// The results whose blobs are all sound; those of the others that are there still are damage.
-    fn whole(&mut self, records: BTreeMap<Digest, (Entry, Record)>) -> Result<BTreeMap<Digest, Record>, StoreError> {
+    fn whole(
+        &mut self,
+        records: BTreeMap<Digest, (Entry, Record)>,
+    ) -> Result<BTreeMap<Digest, Record>, StoreError> {
         let mut whole = BTreeMap::new();
         for (key, (entry, record)) in records {
-            let lost = record.files().find(|(_, file)| !self.sound.contains(&file.blob));
+            let lost = record
+                .files()
+                .find(|(_, file)| !self.sound.contains(&file.blob));
             match lost.map(|(output, file)| label(&record, output, file)) {
-                Some(file) => self.remove(&entry, Fault::WithoutBlob { file }, Some(record.stage))?,
+                Some(file) => {
+                    self.remove(&entry, Fault::WithoutBlob { file }, Some(record.stage))?
+                }
                 None => drop(whole.insert(key, record)),
             }
         }
@@ -159,7 +212,9 @@ impl Fsck<'_> {
     fn manifests(&mut self, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
         let mut missing: BTreeSet<&Digest> = records.keys().collect();
         for entry in self.files("manifests")? {
-            let Some(manifest) = self.parse::<Manifest>(&entry)? else { continue };
+            let Some(manifest) = self.parse::<Manifest>(&entry)? else {
+                continue;
+            };
             let key = manifest.key();
             if entry.path == self.store.manifest_path(&key) {
                 missing.remove(&key);
@@ -169,7 +224,12 @@ impl Fsck<'_> {
         }
         for key in missing {
             let of = Some(records[key].stage.clone());
-            self.note(&self.store.result_path(key), Fault::WithoutManifest, of, Remedy::None);
+            self.note(
+                &self.store.result_path(key),
+                Fault::WithoutManifest,
+                of,
+                Remedy::None,
+            );
         }
         Ok(())
     }
@@ -187,11 +247,21 @@ impl Fsck<'_> {
     /// What people see of the last run of each pipeline, where the store still has it.
     fn shown(&mut self, out: &Path, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
         let mut pipelines = BTreeSet::new();
-        for run in self.store.runs(None)?.filter(|run| pipelines.insert(run.pipeline.clone())) {
+        for run in self
+            .store
+            .runs(None)?
+            .filter(|run| pipelines.insert(run.pipeline.clone()))
+        {
             let view = View::new(out, &run.pipeline);
-            for (stage, record) in run.stages.iter().filter_map(|(name, stage)| Some((name, records.get(&stage.key?)?)))
+            for (stage, record) in run
+                .stages
+                .iter()
+                .filter_map(|(name, stage)| Some((name, records.get(&stage.key?)?)))
             {
-                record.outputs.keys().for_each(|output| self.shown_output(&view.output(stage, output)));
+                record
+                    .outputs
+                    .keys()
+                    .for_each(|output| self.shown_output(&view.output(stage, output)));
             }
         }
         Ok(())
@@ -199,8 +269,13 @@ impl Fsck<'_> {
 
     /// A file that shows another sound blob is right as well: that of a run which was killed before it could tell.
     fn shown_output(&mut self, folder: &Path) {
-        for entry in WalkDir::new(folder).sort_by_file_name().into_iter().flatten() {
-            let is_sound = || digest_file(entry.path()).is_ok_and(|(digest, _)| self.sound.contains(&digest));
+        for entry in WalkDir::new(folder)
+            .sort_by_file_name()
+            .into_iter()
+            .flatten()
+        {
+            let is_sound =
+                || digest_file(entry.path()).is_ok_and(|(digest, _)| self.sound.contains(&digest));
             if !entry.file_type().is_dir() && (entry.path_is_symlink() || !is_sound()) {
                 self.note(entry.path(), Fault::Shown, None, Remedy::None);
             }
@@ -209,13 +284,22 @@ impl Fsck<'_> {
 
     /// What interrupted runs leave, and what is not ours: named, but never touched.
     fn leftovers(&mut self) -> Result<(), StoreError> {
-        for (folder, fault) in [("work", Fault::Interrupted), ("leases", Fault::Lease), ("tmp", Fault::Temporary)] {
+        for (folder, fault) in [
+            ("work", Fault::Interrupted),
+            ("leases", Fault::Lease),
+            ("tmp", Fault::Temporary),
+        ] {
             for entry in self.store.entries(folder)? {
                 self.note(&entry.path, fault.clone(), None, Remedy::None);
             }
         }
         for entry in self.store.entries("")? {
-            let name = entry.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let name = entry
+                .path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
             if !super::FOLDERS.contains(&&*name) && !super::FILES.contains(&&*name) {
                 self.note(&entry.path, Fault::Stray, None, Remedy::None);
             }

@@ -99,13 +99,21 @@ impl Store {
     /// What goes by a policy. Changes nothing.
     pub fn garbage(&self, policy: &Policy) -> Result<Garbage, StoreError> {
         let survey = self.survey()?;
-        let (kept, latest) = (survey.of_last_runs(policy.keep_last), survey.of_last_runs(1));
+        let (kept, latest) = (
+            survey.of_last_runs(policy.keep_last),
+            survey.of_last_runs(1),
+        );
         let mut results = self.unused(&survey, &kept, policy);
         if let Some(most) = policy.max_size {
             results.extend(survey.too_large(&results, &latest, most));
         }
         let gone: BTreeSet<Digest> = results.iter().map(|doomed| doomed.key).collect();
-        let stay = sizes(survey.records.values().filter(|record| !gone.contains(&record.key)));
+        let stay = sizes(
+            survey
+                .records
+                .values()
+                .filter(|record| !gone.contains(&record.key)),
+        );
         let had = sizes(survey.records.values());
         let (files, _) = self.fanned_entries("cas")?;
         let goes = |entry: &Entry| match entry.digest() {
@@ -113,9 +121,18 @@ impl Store {
             Some(blob) if had.contains_key(&blob) => true,
             _ => is_older(entry, GRACE),
         };
-        let blobs = files.into_iter().filter(goes).map(|entry| (entry.path, entry.data.len())).collect();
+        let blobs = files
+            .into_iter()
+            .filter(goes)
+            .map(|entry| (entry.path, entry.data.len()))
+            .collect();
         let others = self.others(&survey, &gone, policy)?;
-        Ok(Garbage { results, blobs, others, stays: stay.values().sum() })
+        Ok(Garbage {
+            results,
+            blobs,
+            others,
+            stays: stay.values().sum(),
+        })
     }
 
     /// Removes garbage. No other process may use the store meanwhile: see [`Store::alone`].
@@ -127,17 +144,34 @@ impl Store {
         }
         // The index is only a cache; what it says of results that are gone would stay in it.
         let index = self.root.join("index");
-        garbage.blobs.iter().map(|(path, _)| path).chain(&garbage.others).chain([&index]).try_for_each(|path| {
-            let is_folder = fs::symlink_metadata(path).is_ok_and(|data| data.is_dir());
-            if is_folder { self.disk.remove_folder(path) } else { self.disk.remove_file(path) }.at("remove", path)
-        })
+        garbage
+            .blobs
+            .iter()
+            .map(|(path, _)| path)
+            .chain(&garbage.others)
+            .chain([&index])
+            .try_for_each(|path| {
+                let is_folder = fs::symlink_metadata(path).is_ok_and(|data| data.is_dir());
+                if is_folder {
+                    self.disk.remove_folder(path)
+                } else {
+                    self.disk.remove_file(path)
+                }
+                .at("remove", path)
+            })
     }
 
     /// Whether any process may be computing something, on whatever host.
     pub(super) fn has_leases(&self) -> Result<bool, StoreError> {
         let leases = self.entries("leases")?;
         let is_live = |entry: &Entry| Ok(!is_older(entry, GRACE) && !self.is_stale(&entry.path)?);
-        leases.iter().map(is_live).try_fold(false, |any, live: Result<bool, StoreError>| Ok(any || live?))
+        leases
+            .iter()
+            .map(is_live)
+            .try_fold(
+                false,
+                |any, live: Result<bool, StoreError>| Ok(any || live?),
+            )
     }
 
     fn survey(&self) -> Result<Survey, StoreError> {
@@ -153,26 +187,56 @@ impl Store {
                 used.entry(key).or_insert(at);
             }
         }
-        let pinned = self.pins()?.into_iter().flat_map(|pin| pin.keys.into_values()).collect();
-        let records = self.records()?.into_iter().map(|record| (record.key, record)).collect();
-        Ok(Survey { runs, records, pinned, used })
+        let pinned = self
+            .pins()?
+            .into_iter()
+            .flat_map(|pin| pin.keys.into_values())
+            .collect();
+        let records = self
+            .records()?
+            .into_iter()
+            .map(|record| (record.key, record))
+            .collect();
+        Ok(Survey {
+            runs,
+            records,
+            pinned,
+            used,
+        })
     }
 
     fn unused(&self, survey: &Survey, kept: &BTreeSet<Digest>, policy: &Policy) -> Vec<Doomed> {
         let goes = |key: &&Digest| {
-            let age = survey.age(key).or_else(|| age(&fs::metadata(self.result_path(key)).ok()?));
-            !kept.contains(key) && !survey.pinned.contains(key) && age.unwrap_or_default() >= policy.older_than
+            let age = survey
+                .age(key)
+                .or_else(|| age(&fs::metadata(self.result_path(key)).ok()?));
+            !kept.contains(key)
+                && !survey.pinned.contains(key)
+                && age.unwrap_or_default() >= policy.older_than
         };
-        survey.records.keys().filter(goes).map(|key| survey.doomed(key, Why::Unused)).collect()
+        survey
+            .records
+            .keys()
+            .filter(goes)
+            .map(|key| survey.doomed(key, Why::Unused))
+            .collect()
     }
 
     /// What goes beside results and blobs.
-    fn others(&self, survey: &Survey, gone: &BTreeSet<Digest>, policy: &Policy) -> Result<Vec<PathBuf>, StoreError> {
-        let (mut count, mut others, mut named) = (BTreeMap::new(), Vec::new(), survey.pinned.clone());
+    fn others(
+        &self,
+        survey: &Survey,
+        gone: &BTreeSet<Digest>,
+        policy: &Policy,
+    ) -> Result<Vec<PathBuf>, StoreError> {
+        let (mut count, mut others, mut named) =
+            (BTreeMap::new(), Vec::new(), survey.pinned.clone());
         for (entry, run) in &survey.runs {
             let number: &mut usize = count.entry(&run.pipeline).or_default();
             *number += 1;
-            if *number > policy.keep_last && age(&entry.data).unwrap_or_default() >= policy.older_than {
+            if *number > policy.keep_last
+                && age(&entry.data).unwrap_or_default() >= policy.older_than
+            {
                 others.push(entry.path.clone());
             } else {
                 named.extend(run.stages.values().filter_map(|stage| stage.key));
@@ -180,11 +244,21 @@ impl Store {
         }
         named.extend(survey.records.keys().filter(|key| !gone.contains(key)));
         let (manifests, _) = self.fanned_entries("manifests")?;
-        let unnamed = |entry: &Entry| entry.digest().is_none_or(|key| !named.contains(&key)) && is_older(entry, GRACE);
+        let unnamed = |entry: &Entry| {
+            entry.digest().is_none_or(|key| !named.contains(&key)) && is_older(entry, GRACE)
+        };
         let manifests = manifests.into_iter().filter(unnamed);
         let quarantine = self.entries("quarantine")?.into_iter();
-        let interrupted = self.entries("work")?.into_iter().filter(|entry| is_older(entry, INTERRUPTED));
-        others.extend(manifests.chain(quarantine).chain(interrupted).map(|entry| entry.path));
+        let interrupted = self
+            .entries("work")?
+            .into_iter()
+            .filter(|entry| is_older(entry, INTERRUPTED));
+        others.extend(
+            manifests
+                .chain(quarantine)
+                .chain(interrupted)
+                .map(|entry| entry.path),
+        );
         Ok(others)
     }
 }
@@ -223,13 +297,23 @@ impl Survey {
     /// What goes beyond `unused`, so that no more than `most` bytes stay.
     fn too_large(&self, unused: &[Doomed], latest: &BTreeSet<Digest>, most: u64) -> Vec<Doomed> {
         let gone: BTreeSet<Digest> = unused.iter().map(|doomed| doomed.key).collect();
-        let staying = || self.records.values().filter(|record| !gone.contains(&record.key));
+        let staying = || {
+            self.records
+                .values()
+                .filter(|record| !gone.contains(&record.key))
+        };
         let (mut holders, sizes) = (holders(staying()), sizes(staying()));
         let mut bytes: u64 = sizes.values().sum();
-        let free = |record: &&Record| !latest.contains(&record.key) && !self.pinned.contains(&record.key);
+        let free =
+            |record: &&Record| !latest.contains(&record.key) && !self.pinned.contains(&record.key);
         let mut candidates: Vec<&Record> = staying().filter(free).collect();
         // Runs are counted from the newest on; what no run names was used before all of them.
-        candidates.sort_by_key(|record| (self.used.get(&record.key).copied().unwrap_or(usize::MAX), record.key));
+        candidates.sort_by_key(|record| {
+            (
+                self.used.get(&record.key).copied().unwrap_or(usize::MAX),
+                record.key,
+            )
+        });
         let mut doomed = Vec::new();
         while let Some(record) = candidates.pop().filter(|_| bytes > most) {
             for blob in super::usage::sizes(std::iter::once(record)).into_keys() {

@@ -29,7 +29,9 @@ impl Holder {
         static THIS: LazyLock<Holder> = LazyLock::new(|| {
             let pid = std::process::id();
             Holder {
-                host: read("/proc/sys/kernel/hostname").or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default(),
+                host: read("/proc/sys/kernel/hostname")
+                    .or_else(|| std::env::var("HOSTNAME").ok())
+                    .unwrap_or_default(),
                 pid,
                 boot: boot().unwrap_or_default(),
                 started: started(pid).unwrap_or_default(),
@@ -52,14 +54,20 @@ impl fmt::Display for Holder {
             return f.write_str("another process");
         }
         write!(f, "process {} on {}", self.pid, self.host)?;
-        self.job.iter().try_for_each(|job| write!(f, " (job {job})"))
+        self.job
+            .iter()
+            .try_for_each(|job| write!(f, " (job {job})"))
     }
 }
 
 /// This boot and this space of process numbers.
 fn boot() -> Option<String> {
     let space = fs::read_link("/proc/self/ns/pid").ok()?;
-    Some(format!("{} {}", read("/proc/sys/kernel/random/boot_id")?, space.to_str()?))
+    Some(format!(
+        "{} {}",
+        read("/proc/sys/kernel/random/boot_id")?,
+        space.to_str()?
+    ))
 }
 
 /// When a living process began. Field 22 of its `stat`; the second is a name in parentheses, the third its state.
@@ -71,7 +79,9 @@ fn started(pid: u32) -> Option<String> {
 }
 
 fn read(path: &str) -> Option<String> {
-    fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+    fs::read_to_string(path)
+        .ok()
+        .map(|text| text.trim().to_owned())
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -82,8 +92,15 @@ mod tests {
     fn the_living_are_told_from_the_dead() {
         let me = Holder::this_process().clone();
         assert!(!me.is_dead() && !me.host.is_empty());
-        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        let other = Holder { pid: child.id(), started: started(child.id()).unwrap(), ..me.clone() };
+        let mut child = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .unwrap();
+        let other = Holder {
+            pid: child.id(),
+            started: started(child.id()).unwrap(),
+            ..me.clone()
+        };
         assert!(!other.is_dead());
         child.kill().unwrap();
         // Nobody has asked for its end yet: it is over all the same.
@@ -93,8 +110,22 @@ mod tests {
         assert!(other.is_dead());
         child.wait().unwrap();
         assert!(other.is_dead());
-        assert!(Holder { started: "1".into(), ..me.clone() }.is_dead(), "another with the same number");
-        assert!(!Holder { boot: "elsewhere".into(), ..other }.is_dead(), "who knows");
+        assert!(
+            Holder {
+                started: "1".into(),
+                ..me.clone()
+            }
+            .is_dead(),
+            "another with the same number"
+        );
+        assert!(
+            !Holder {
+                boot: "elsewhere".into(),
+                ..other
+            }
+            .is_dead(),
+            "who knows"
+        );
         assert!(!Holder::default().is_dead());
     }
 }

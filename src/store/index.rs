@@ -74,13 +74,18 @@ pub struct Place {
 impl Index {
     /// The cache in a file, which need not be there.
     pub fn new(path: PathBuf) -> Self {
-        Self { path, ..Self::default() }
+        Self {
+            path,
+            ..Self::default()
+        }
     }
 
     /// The entry of this name.
     pub fn get<T: DeserializeOwned>(&self, kind: Kind, name: &Digest) -> Option<T> {
         let (places, name) = (&self.pages().places, (kind as u8, *name));
-        let at = places.binary_search_by(|place| place.name.cmp(&name)).ok()?;
+        let at = places
+            .binary_search_by(|place| place.name.cmp(&name))
+            .ok()?;
         self.read(&places[at])
     }
 
@@ -120,9 +125,15 @@ impl Index {
         let new = std::mem::take(&mut *new);
         let pages = self.pages();
         if pages.is_garbled || pages.bytes.len() > SHORT.max(SPREAD * pages.needed()) {
-            let old = pages.places.iter().filter(|place| !new.contains_key(&place.name));
+            let old = pages
+                .places
+                .iter()
+                .filter(|place| !new.contains_key(&place.name));
             let old = old.map(|place| (place.name, &pages.bytes[place.range.clone()]));
-            replace(&self.path, &page(old.chain(new.iter().map(|(name, bytes)| (*name, &bytes[..])))));
+            replace(
+                &self.path,
+                &page(old.chain(new.iter().map(|(name, bytes)| (*name, &bytes[..])))),
+            );
         } else if !new.is_empty() {
             let file = File::options().create(true).append(true).open(&self.path);
             // One call, so that the pages of several processes do not mix.
@@ -132,7 +143,8 @@ impl Index {
     }
 
     fn pages(&self) -> &Pages {
-        self.pages.get_or_init(|| Arc::new(Pages::new(fs::read(&self.path).unwrap_or_default())))
+        self.pages
+            .get_or_init(|| Arc::new(Pages::new(fs::read(&self.path).unwrap_or_default())))
     }
 }
 
@@ -153,7 +165,11 @@ impl Pages {
             }
             same
         });
-        Self { bytes, places, is_garbled }
+        Self {
+            bytes,
+            places,
+            is_garbled,
+        }
     }
 
     /// How many bytes the last entries of all names have.
@@ -193,13 +209,19 @@ fn entries(bytes: &[u8], page: Range<usize>, places: &mut Vec<Place>) {
     while let Some((head, _)) = bytes[at..page.end].split_first_chunk::<37>() {
         let [kind, rest @ ..] = head;
         let (name, length) = rest.split_at(32);
-        let (Ok(name), Ok(length)) = (<[u8; 32]>::try_from(name), <[u8; 4]>::try_from(length)) else { return };
+        let (Ok(name), Ok(length)) = (<[u8; 32]>::try_from(name), <[u8; 4]>::try_from(length))
+        else {
+            return;
+        };
         let range = at + 37..at + 37 + u32::from_le_bytes(length) as usize;
         at = range.end;
         if at > page.end {
             return;
         }
-        places.push(Place { name: (*kind, Digest::new(name)), range });
+        places.push(Place {
+            name: (*kind, Digest::new(name)),
+            range,
+        });
     }
 }
 

@@ -32,7 +32,10 @@ pub struct Patience {
 
 impl Default for Patience {
     fn default() -> Self {
-        Self { beat: Duration::from_secs(5), stale: Duration::from_secs(60) }
+        Self {
+            beat: Duration::from_secs(5),
+            stale: Duration::from_secs(60),
+        }
     }
 }
 
@@ -70,7 +73,9 @@ impl Store {
         }
         let lease = Lease::new(self, *key, path)?;
         // Between our look and our mark the older lease may have been taken over, and even given back, by another.
-        let overtaken = self.latest_lease(key)?.is_none_or(|(latest, _)| latest != generation)
+        let overtaken = self
+            .latest_lease(key)?
+            .is_none_or(|(latest, _)| latest != generation)
             || before.as_ref().is_some_and(|(_, path)| !path.exists());
         if overtaken {
             return Ok(Claim::Theirs(Holder::this_process().clone()));
@@ -88,7 +93,9 @@ impl Store {
     /// Who has a key now, as far as that can be said.
     fn holder(&self, key: &Digest) -> Holder {
         let latest = self.latest_lease(key).ok().flatten();
-        latest.and_then(|(_, path)| read_json(&path).ok().flatten()).unwrap_or_default()
+        latest
+            .and_then(|(_, path)| read_json(&path).ok().flatten())
+            .unwrap_or_default()
     }
 
     fn lease_path(&self, key: &Digest, generation: u64) -> PathBuf {
@@ -100,10 +107,20 @@ impl Store {
         let folder = self.root.join("leases");
         let name = key.to_string();
         let generation = |entry: fs::DirEntry| {
-            let generation = entry.file_name().to_str()?.strip_prefix(&name)?.strip_prefix('.')?.parse().ok()?;
+            let generation = entry
+                .file_name()
+                .to_str()?
+                .strip_prefix(&name)?
+                .strip_prefix('.')?
+                .parse()
+                .ok()?;
             Some((generation, entry.path()))
         };
-        Ok(fs::read_dir(&folder).at("read", &folder)?.flatten().filter_map(generation).max())
+        Ok(fs::read_dir(&folder)
+            .at("read", &folder)?
+            .flatten()
+            .filter_map(generation)
+            .max())
     }
 
     /// Whether a lease's holder is dead: the system says so, or nobody has touched it for too long.
@@ -119,8 +136,12 @@ impl Store {
 
     /// For how long we have seen this time on a file, by our own steady clock.
     fn untouched(&self, path: &Path, touched: SystemTime) -> Duration {
-        let Ok(mut seen) = self.seen.lock() else { return Duration::ZERO };
-        let (last, since) = seen.entry(path.to_owned()).or_insert_with(|| (touched, Instant::now()));
+        let Ok(mut seen) = self.seen.lock() else {
+            return Duration::ZERO;
+        };
+        let (last, since) = seen
+            .entry(path.to_owned())
+            .or_insert_with(|| (touched, Instant::now()));
         if *last != touched {
             (*last, *since) = (touched, Instant::now());
         }
@@ -133,7 +154,10 @@ impl<'s> Lease<'s> {
         let file = Arc::new(File::options().write(true).open(&path).at("open", &path)?);
         let lost = Arc::new(AtomicBool::new(false));
         let (stop, stopped) = mpsc::channel();
-        let (beat, lease) = (store.patience.beat, (path.clone(), file.clone(), lost.clone()));
+        let (beat, lease) = (
+            store.patience.beat,
+            (path.clone(), file.clone(), lost.clone()),
+        );
         let heart = std::thread::spawn(move || {
             let (path, file, lost) = lease;
             while stopped.recv_timeout(beat) == Err(RecvTimeoutError::Timeout) {
@@ -142,7 +166,14 @@ impl<'s> Lease<'s> {
                 lost.fetch_or(is_gone(&file, &path), Ordering::Relaxed);
             }
         });
-        Ok(Self { store, key, path, file, lost, heart: Some((stop, heart)) })
+        Ok(Self {
+            store,
+            key,
+            path,
+            file,
+            lost,
+            heart: Some((stop, heart)),
+        })
     }
 
     /// Whether another process was seen to have taken the key over; as new as the last beat.

@@ -26,7 +26,9 @@ impl Store {
             let path = folder.join(&file.path);
             let parent = super::parent(&path);
             self.disk.create_folders(parent).at("create", parent)?;
-            self.disk.link(&self.blob_path(&file.blob), &path).at("write", &path)?;
+            self.disk
+                .link(&self.blob_path(&file.blob), &path)
+                .at("write", &path)?;
         }
         self.disk.create_folders(folder).at("create", folder)
     }
@@ -39,10 +41,17 @@ impl Store {
         }
         let now = SystemTime::now();
         let seen = Shown::new(output, folder);
-        let files = WalkDir::new(folder).into_iter().flatten().filter(|entry| !entry.file_type().is_dir()).count();
+        let files = WalkDir::new(folder)
+            .into_iter()
+            .flatten()
+            .filter(|entry| !entry.file_type().is_dir())
+            .count();
         let shows = folder.is_dir()
             && files == output.files.len()
-            && output.files.iter().all(|file| self.shows_file(file, folder));
+            && output
+                .files
+                .iter()
+                .all(|file| self.shows_file(file, folder));
         if let Some(seen) = seen.filter(|seen| shows && seen.is_settled(now)) {
             self.index.put(Kind::Shown, &name, &seen);
         }
@@ -53,16 +62,20 @@ impl Store {
     /// name, it is enough that the folder still has it and that the blob is as it was.
     fn showed(&self, seen: &Shown, output: &Output, folder: &Path) -> bool {
         let is_same = |(file, before): (&StoredFile, &Signature)| {
-            file.glance.0.as_ref() == Some(before) || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
+            file.glance.0.as_ref() == Some(before)
+                || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
         };
-        seen.blobs.iter().eq(output.files.iter().map(|file| &file.blob))
+        seen.blobs
+            .iter()
+            .eq(output.files.iter().map(|file| &file.blob))
             && Signature::at(folder) == Some(seen.folder)
             && output.files.iter().zip(&seen.files).all(is_same)
     }
 
     fn shows_file(&self, file: &StoredFile, folder: &Path) -> bool {
         let (shown, blob) = (folder.join(&file.path), self.blob_path(&file.blob));
-        same_file(&shown, &blob) || super::blob::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
+        same_file(&shown, &blob)
+            || super::blob::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
     }
 }
 
@@ -79,13 +92,27 @@ impl Shown {
     /// As it is now; `None` if something is missing, or the artifact has folders in its folder.
     fn new(output: &Output, folder: &Path) -> Option<Self> {
         let flat = output.files.iter().all(|file| !file.path.contains('/'));
-        let files = output.files.iter().filter(|_| flat).map(|file| Signature::at(&folder.join(&file.path)));
-        let (files, folder) = (files.collect::<Option<Vec<_>>>()?, Signature::at(folder).filter(|_| flat)?);
-        Some(Self { folder, files, blobs: output.files.iter().map(|file| file.blob).collect() })
+        let files = output
+            .files
+            .iter()
+            .filter(|_| flat)
+            .map(|file| Signature::at(&folder.join(&file.path)));
+        let (files, folder) = (
+            files.collect::<Option<Vec<_>>>()?,
+            Signature::at(folder).filter(|_| flat)?,
+        );
+        Some(Self {
+            folder,
+            files,
+            blobs: output.files.iter().map(|file| file.blob).collect(),
+        })
     }
 
     fn is_settled(&self, now: SystemTime) -> bool {
-        self.files.iter().chain([&self.folder]).all(|signature| signature.is_settled(now))
+        self.files
+            .iter()
+            .chain([&self.folder])
+            .all(|signature| signature.is_settled(now))
     }
 }
 
@@ -99,7 +126,8 @@ fn name(folder: &Path) -> Digest {
 
 /// Whether what lies at a path is still what was seen there; links are not followed.
 pub fn same_entry(path: &Path, seen: &fs::Metadata) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|there| identity(&there) == identity(seen) && there.len() == seen.len())
+    fs::symlink_metadata(path)
+        .is_ok_and(|there| identity(&there) == identity(seen) && there.len() == seen.len())
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

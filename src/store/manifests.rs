@@ -25,7 +25,11 @@ impl Store {
     /// Keeps the manifest of a key.
     pub fn put_manifest(&self, key: &Digest, manifest: &Manifest) -> Result<(), StoreError> {
         let path = self.manifest_path(key);
-        if path.exists() { Ok(()) } else { self.put(&path, &json(&path, manifest)?) }
+        if path.exists() {
+            Ok(())
+        } else {
+            self.put(&path, &json(&path, manifest)?)
+        }
     }
 
     /// Which of these keys have lost their manifest. While a folder is as it was when all of them were there, they
@@ -34,7 +38,10 @@ impl Store {
         let mut keys: Vec<Digest> = keys.collect();
         keys.sort_unstable();
         let folders: Vec<&[Digest]> = keys.chunk_by(|a, b| a.bytes()[0] == b.bytes()[0]).collect();
-        folders.par_iter().flat_map(|keys| self.missing_in_folder(keys)).collect()
+        folders
+            .par_iter()
+            .flat_map(|keys| self.missing_in_folder(keys))
+            .collect()
     }
 
     /// The same, of keys whose manifests lie in one folder.
@@ -46,8 +53,14 @@ impl Store {
         if seen.is_some() && seen == signature {
             return Vec::new();
         }
-        let missing: Vec<Digest> = keys.iter().filter(|key| !self.manifest_path(key).exists()).copied().collect();
-        if let Some(signature) = signature.filter(|signature| missing.is_empty() && signature.is_settled(now)) {
+        let missing: Vec<Digest> = keys
+            .iter()
+            .filter(|key| !self.manifest_path(key).exists())
+            .copied()
+            .collect();
+        if let Some(signature) =
+            signature.filter(|signature| missing.is_empty() && signature.is_settled(now))
+        {
             self.index.put(Kind::Manifests, &name, &signature);
         }
         missing

@@ -21,7 +21,11 @@ impl Store {
         ask: impl FnOnce() -> Result<T, E>,
     ) -> Result<T, E> {
         let now = SystemTime::now();
-        let Some(signatures) = files.iter().map(|path| Signature::at(path)).collect::<Option<Vec<_>>>() else {
+        let Some(signatures) = files
+            .iter()
+            .map(|path| Signature::at(path))
+            .collect::<Option<Vec<_>>>()
+        else {
             return ask();
         };
         let (name, state) = (name(question, files), digest(&signatures));
@@ -47,7 +51,10 @@ impl Store {
 }
 
 fn name(question: &str, files: &[PathBuf]) -> Digest {
-    let whole: Vec<PathBuf> = files.iter().filter_map(|path| std::path::absolute(path).ok()).collect();
+    let whole: Vec<PathBuf> = files
+        .iter()
+        .filter_map(|path| std::path::absolute(path).ok())
+        .collect();
     digest(&(question, whole))
 }
 
@@ -66,7 +73,9 @@ mod tests {
 
     fn ask(root: &Path, files: &[PathBuf], answer: u32) -> u32 {
         let store = Store::create(root).unwrap();
-        let answer = store.while_unchanged("q", files, || Ok::<_, Infallible>(answer)).unwrap();
+        let answer = store
+            .while_unchanged("q", files, || Ok::<_, Infallible>(answer))
+            .unwrap();
         store.keep_index();
         answer
     }
@@ -75,7 +84,12 @@ mod tests {
     fn write(path: &Path, text: &str) {
         fs::write(path, text).unwrap();
         let long_ago = SystemTime::now() - Duration::from_secs(1000);
-        File::options().write(true).open(path).unwrap().set_modified(long_ago).unwrap();
+        File::options()
+            .write(true)
+            .open(path)
+            .unwrap()
+            .set_modified(long_ago)
+            .unwrap();
     }
 
     #[test]
@@ -85,12 +99,24 @@ mod tests {
         files.iter().for_each(|path| write(path, "1"));
         let root = folder.path().join("store");
         assert_eq!(ask(&root, &files, 1), 1);
-        assert_eq!(ask(&root, &files, 2), 2, "the files changed just now: another change would not show");
+        assert_eq!(
+            ask(&root, &files, 2),
+            2,
+            "the files changed just now: another change would not show"
+        );
         std::thread::sleep(Duration::from_millis(2100));
         assert_eq!((ask(&root, &files, 3), ask(&root, &files, 4)), (3, 3));
         write(&files[1], "2");
-        assert_eq!(ask(&root, &files, 5), 5, "its time and size are as before, but not when its inode changed");
-        assert_eq!(ask(&root, &files[..1], 6), 6, "another set of files is another question");
+        assert_eq!(
+            ask(&root, &files, 5),
+            5,
+            "its time and size are as before, but not when its inode changed"
+        );
+        assert_eq!(
+            ask(&root, &files[..1], 6),
+            6,
+            "another set of files is another question"
+        );
         fs::remove_file(&files[0]).unwrap();
         assert_eq!(ask(&root, &files, 7), 7);
     }

@@ -52,14 +52,23 @@ use result::Record;
 const VERSION: &str = "1";
 
 /// The folders of a store.
-const FOLDERS: [&str; 9] = ["cas", "results", "manifests", "work", "leases", "runs", "pins", "quarantine", "tmp"];
+const FOLDERS: [&str; 9] = [
+    "cas",
+    "results",
+    "manifests",
+    "work",
+    "leases",
+    "runs",
+    "pins",
+    "quarantine",
+    "tmp",
+];
 
 /// The files in a store's root.
 const FILES: [&str; 5] = ["CACHEDIR.TAG", "version", "lock", "index", "standing"];
 
 /// What tools that make backups look for.
-const CACHEDIR_TAG: &str =
-    "Signature: 8a477f597d28d172789f06886806bc55\n# Results of srnerf-dag: all can be computed again.\n";
+const CACHEDIR_TAG: &str = "Signature: 8a477f597d28d172789f06886806bc55\n# Results of srnerf-dag: all can be computed again.\n";
 
 /// A file in `tmp/` that is older than this belongs to no living process.
 const LEFT_BEHIND: Duration = Duration::from_secs(3600);
@@ -96,11 +105,24 @@ impl Store {
         let [index, standings] = ["index", "standing"].map(|name| Index::new(root.join(name)));
         let (known, sound, seen) = Default::default();
         let (lock, read_only, patience) = (None, false, Patience::default());
-        let store =
-            Self { root: root.to_owned(), lock, read_only, index, standings, known, sound, disk, patience, seen };
+        let store = Self {
+            root: root.to_owned(),
+            lock,
+            read_only,
+            index,
+            standings,
+            known,
+            sound,
+            disk,
+            patience,
+            seen,
+        };
         match fs::read_to_string(store.root.join("version")) {
             Ok(version) if version.trim() == VERSION => Ok(store),
-            Ok(version) => Err(StoreError::Version { root: store.root, found: version.trim().to_owned() }),
+            Ok(version) => Err(StoreError::Version {
+                root: store.root,
+                found: version.trim().to_owned(),
+            }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(store),
             Err(error) => Err(error).at("read", &store.root.join("version")),
         }
@@ -115,7 +137,9 @@ impl Store {
     fn create_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
         let mut store = Self::open_on(disk, root)?;
         match store.prepare() {
-            Err(error) if error.is_refusal() && root.join("version").exists() => store.read_only = true,
+            Err(error) if error.is_refusal() && root.join("version").exists() => {
+                store.read_only = true
+            }
             prepared => prepared?,
         }
         Ok(store)
@@ -155,11 +179,23 @@ impl Store {
         let file = self.lock_file()?;
         match file.try_lock() {
             Ok(()) => self.lock = Some(file),
-            Err(TryLockError::WouldBlock) => return Err(StoreError::InUse { root: self.root.clone() }),
-            Err(TryLockError::Error(error)) => return Err(error).at("lock", &self.root.join("lock")),
+            Err(TryLockError::WouldBlock) => {
+                return Err(StoreError::InUse {
+                    root: self.root.clone(),
+                });
+            }
+            Err(TryLockError::Error(error)) => {
+                return Err(error).at("lock", &self.root.join("lock"));
+            }
         }
         // Another host's locks may not show here, but its leases do.
-        if self.has_leases()? { Err(StoreError::InUse { root: self.root.clone() }) } else { Ok(()) }
+        if self.has_leases()? {
+            Err(StoreError::InUse {
+                root: self.root.clone(),
+            })
+        } else {
+            Ok(())
+        }
     }
 
     /// Keeps what was found for later processes.
@@ -169,7 +205,11 @@ impl Store {
 
     fn lock_file(&self) -> Result<File, StoreError> {
         let path = self.root.join("lock");
-        File::options().create(true).append(true).open(&path).at("open", &path)
+        File::options()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .at("open", &path)
     }
 
     /// Where a blob lies.
@@ -201,7 +241,9 @@ impl Store {
     fn staged(&self, path: &Path, bytes: &[u8]) -> Result<PathBuf, StoreError> {
         let folder = parent(path);
         self.disk.create_folders(folder).at("create", folder)?;
-        self.disk.stage(&self.root.join("tmp"), bytes).at("write", path)
+        self.disk
+            .stage(&self.root.join("tmp"), bytes)
+            .at("write", path)
     }
 
     /// Makes a folder's new names survive a loss of power.
@@ -218,9 +260,14 @@ impl Store {
     fn sweep(&self) -> Result<(), StoreError> {
         let folder = self.root.join("tmp");
         for entry in fs::read_dir(&folder).at("read", &folder)?.flatten() {
-            let age = entry.metadata().and_then(|data| data.modified()).map(|time| time.elapsed().unwrap_or_default());
+            let age = entry
+                .metadata()
+                .and_then(|data| data.modified())
+                .map(|time| time.elapsed().unwrap_or_default());
             if age.is_ok_and(|age| age > LEFT_BEHIND) {
-                self.disk.remove_file(&entry.path()).at("remove", &entry.path())?;
+                self.disk
+                    .remove_file(&entry.path())
+                    .at("remove", &entry.path())?;
             }
         }
         Ok(())
@@ -241,14 +288,18 @@ pub fn place(folder: &str, digest: &Digest, extension: &str) -> String {
 }
 
 fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, StoreError> {
-    serde_json::to_vec_pretty(value).map_err(io::Error::from).at("write", path)
+    serde_json::to_vec_pretty(value)
+        .map_err(io::Error::from)
+        .at("write", path)
 }
 
 /// A JSON file's content; `None` where there is no such file, or something that is not what it should be.
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, StoreError> {
     match fs::read(path) {
         Ok(bytes) => Ok(serde_json::from_slice(&bytes).ok()),
-        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(error).at("read", path),
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+            Err(error).at("read", path)
+        }
         Err(_) => Ok(None),
     }
 }

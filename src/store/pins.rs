@@ -27,8 +27,15 @@ impl Pin {
     /// A pin of all results of a run, or of some of its stages.
     pub fn new(name: &str, run: &Run, stages: impl Fn(&str) -> bool) -> Self {
         let wanted = run.stages.iter().filter(|(stage, _)| stages(stage));
-        let keys = wanted.filter_map(|(stage, run)| Some((stage.clone(), run.key?))).collect();
-        Self { name: name.to_owned(), pipeline: run.pipeline.clone(), started: run.started.clone(), keys }
+        let keys = wanted
+            .filter_map(|(stage, run)| Some((stage.clone(), run.key?)))
+            .collect();
+        Self {
+            name: name.to_owned(),
+            pipeline: run.pipeline.clone(),
+            started: run.started.clone(),
+            keys,
+        }
     }
 }
 
@@ -39,8 +46,12 @@ impl Store {
         for entry in self.entries("pins")? {
             // One that cannot be understood may stand for anything: nothing is removed then.
             let pin = read_json::<Pin>(&entry.path)?;
-            let garbled =
-                || io::Error::new(io::ErrorKind::InvalidData, "the pin is garbled; remove the file, or pin anew");
+            let garbled = || {
+                io::Error::new(
+                    io::ErrorKind::InvalidData,
+                    "the pin is garbled; remove the file, or pin anew",
+                )
+            };
             pins.push(pin.ok_or_else(garbled).at("understand", &entry.path)?);
         }
         Ok(pins)
@@ -56,7 +67,10 @@ impl Store {
     pub fn remove_pin(&self, name: &str) -> Result<bool, StoreError> {
         let path = self.pin_path(name);
         let there = path.exists();
-        self.disk.remove_file(&path).at("remove", &path).map(|()| there)
+        self.disk
+            .remove_file(&path)
+            .at("remove", &path)
+            .map(|()| there)
     }
 
     fn pin_path(&self, name: &str) -> std::path::PathBuf {

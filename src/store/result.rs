@@ -99,8 +99,16 @@ impl fmt::Display for Breakage {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Self::Record => f.write_str("the record of its result is damaged"),
-            Self::Blob { file, damage: Damage::Missing, .. } => write!(f, "blob missing: {file}"),
-            Self::Blob { file, damage: Damage::Changed, .. } => write!(f, "blob damaged: {file}"),
+            Self::Blob {
+                file,
+                damage: Damage::Missing,
+                ..
+            } => write!(f, "blob missing: {file}"),
+            Self::Blob {
+                file,
+                damage: Damage::Changed,
+                ..
+            } => write!(f, "blob damaged: {file}"),
         }
     }
 }
@@ -121,7 +129,11 @@ struct Seen {
 impl Store {
     /// Looks a key up and reads all blobs of its result through, unless that was done and nothing has changed since.
     pub fn lookup(&self, key: &Digest) -> Result<Lookup, StoreError> {
-        let known = self.known.lock().ok().and_then(|mut known| known.remove(key));
+        let known = self
+            .known
+            .lock()
+            .ok()
+            .and_then(|mut known| known.remove(key));
         if let Some(record) = known.or_else(|| self.unchanged(key)) {
             return Ok(Lookup::Sound(record));
         }
@@ -129,23 +141,45 @@ impl Store {
         let result = Signature::at(&path);
         let Some(record) = read_json::<Record>(&path)? else {
             let there = fs::symlink_metadata(&path).is_ok();
-            return Ok(if there { Lookup::Broken(Breakage::Record) } else { Lookup::Absent });
+            return Ok(if there {
+                Lookup::Broken(Breakage::Record)
+            } else {
+                Lookup::Absent
+            });
         };
         if !record.is_of(key) {
             return Ok(Lookup::Broken(Breakage::Record));
         }
         let files: Vec<_> = record.files().collect();
-        let blobs = files.iter().map(|(_, file)| Signature::at(&self.blob_path(&file.blob))).collect();
+        let blobs = files
+            .iter()
+            .map(|(_, file)| Signature::at(&self.blob_path(&file.blob)))
+            .collect();
         let broken = files.par_iter().map(|(output, file)| {
             let damage = self.check_blob(&file.blob)?;
-            Ok(damage.map(|damage| Breakage::Blob { file: format!("{output}/{}", file.path), blob: file.blob, damage }))
+            Ok(damage.map(|damage| Breakage::Blob {
+                file: format!("{output}/{}", file.path),
+                blob: file.blob,
+                damage,
+            }))
         });
-        let first = broken.collect::<Result<Vec<_>, StoreError>>()?.into_iter().flatten().next();
+        let first = broken
+            .collect::<Result<Vec<_>, StoreError>>()?
+            .into_iter()
+            .flatten()
+            .next();
         if let Some(breakage) = first {
             return Ok(Lookup::Broken(breakage));
         }
         if let (Some(result), Some(blobs)) = (result, blobs) {
-            self.remember(now, Seen { result, blobs, record: record.clone() });
+            self.remember(
+                now,
+                Seen {
+                    result,
+                    blobs,
+                    record: record.clone(),
+                },
+            );
         }
         Ok(Lookup::Sound(record))
     }
@@ -159,10 +193,19 @@ impl Store {
     /// after the other.
     pub fn look_ahead(&self, enough: &AtomicBool) {
         let find = |place: &Place| {
-            let seen = self.index.read(place).filter(|_| !enough.load(Ordering::Relaxed));
-            seen.and_then(|seen| self.confirm(seen)).map(|record| (record.key, record))
+            let seen = self
+                .index
+                .read(place)
+                .filter(|_| !enough.load(Ordering::Relaxed));
+            seen.and_then(|seen| self.confirm(seen))
+                .map(|record| (record.key, record))
         };
-        let found: Vec<_> = self.index.places(Kind::Result).par_iter().filter_map(find).collect();
+        let found: Vec<_> = self
+            .index
+            .places(Kind::Result)
+            .par_iter()
+            .filter_map(find)
+            .collect();
         if let Ok(mut known) = self.known.lock() {
             *known = found.into_iter().collect();
         }
@@ -170,12 +213,24 @@ impl Store {
 
     /// A result that was found sound at an earlier time, if neither its record nor any of its blobs has changed since.
     fn unchanged(&self, key: &Digest) -> Option<Record> {
-        self.confirm(self.index.get(Kind::Result, key)?).filter(|record| record.key == *key)
+        self.confirm(self.index.get(Kind::Result, key)?)
+            .filter(|record| record.key == *key)
     }
 
-    fn confirm(&self, Seen { result, blobs, mut record }: Seen) -> Option<Record> {
+    fn confirm(
+        &self,
+        Seen {
+            result,
+            blobs,
+            mut record,
+        }: Seen,
+    ) -> Option<Record> {
         let mut stamps = blobs.iter();
-        for file in record.outputs.values_mut().flat_map(|output| &mut output.files) {
+        for file in record
+            .outputs
+            .values_mut()
+            .flat_map(|output| &mut output.files)
+        {
             file.glance = Glance(Signature::at(&self.blob_path(&file.blob)));
             if file.glance.0.as_ref() != Some(stamps.next()?) {
                 return None;
@@ -191,18 +246,35 @@ impl Store {
         let now = SystemTime::now();
         for record in records {
             let still = |file: &StoredFile| {
-                Signature::at(&self.blob_path(&file.blob))
-                    .filter(|now| file.glance.0.is_some_and(|before| now.has_content_of(&before)))
+                Signature::at(&self.blob_path(&file.blob)).filter(|now| {
+                    file.glance
+                        .0
+                        .is_some_and(|before| now.has_content_of(&before))
+                })
             };
             let blobs = record.files().map(|(_, file)| still(file)).collect();
-            if let (Some(result), Some(blobs)) = (Signature::at(&self.result_path(&record.key)), blobs) {
-                self.remember(now, Seen { result, blobs, record: record.clone() });
+            if let (Some(result), Some(blobs)) =
+                (Signature::at(&self.result_path(&record.key)), blobs)
+            {
+                self.remember(
+                    now,
+                    Seen {
+                        result,
+                        blobs,
+                        record: record.clone(),
+                    },
+                );
             }
         }
     }
 
     fn remember(&self, now: SystemTime, seen: Seen) {
-        if seen.blobs.iter().chain([&seen.result]).all(|signature| signature.is_settled(now)) {
+        if seen
+            .blobs
+            .iter()
+            .chain([&seen.result])
+            .all(|signature| signature.is_settled(now))
+        {
             self.index.put(Kind::Result, &seen.record.key, &seen);
         }
     }
@@ -214,9 +286,17 @@ impl Store {
         if !folder.exists() {
             return Ok(keys);
         }
-        for entry in walkdir::WalkDir::new(&folder).min_depth(2).sort_by_file_name() {
+        for entry in walkdir::WalkDir::new(&folder)
+            .min_depth(2)
+            .sort_by_file_name()
+        {
             let entry = entry.map_err(std::io::Error::from).at("read", &folder)?;
-            keys.extend(entry.path().file_stem().and_then(|stem| stem.to_str()?.parse::<Digest>().ok()));
+            keys.extend(
+                entry
+                    .path()
+                    .file_stem()
+                    .and_then(|stem| stem.to_str()?.parse::<Digest>().ok()),
+            );
         }
         Ok(keys)
     }
@@ -225,7 +305,11 @@ impl Store {
     pub fn discard(&self, key: &Digest, breakage: &Breakage) -> Result<(), StoreError> {
         self.set_aside(&self.result_path(key))?;
         match breakage {
-            Breakage::Blob { blob, damage: Damage::Changed, .. } => self.set_aside(&self.blob_path(blob)),
+            Breakage::Blob {
+                blob,
+                damage: Damage::Changed,
+                ..
+            } => self.set_aside(&self.blob_path(blob)),
             _ => Ok(()),
         }
     }
@@ -264,11 +348,16 @@ impl Record {
 
     /// All files, with the output that each belongs to.
     pub fn files(&self) -> impl Iterator<Item = (&str, &StoredFile)> {
-        self.outputs.iter().flat_map(|(name, output)| output.files.iter().map(move |file| (name.as_str(), file)))
+        self.outputs
+            .iter()
+            .flat_map(|(name, output)| output.files.iter().map(move |file| (name.as_str(), file)))
     }
 }
 
 /// Whether a path stays inside the folder that it is relative to.
 pub(super) fn is_inside(path: &str) -> bool {
-    !path.is_empty() && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
+    !path.is_empty()
+        && Path::new(path)
+            .components()
+            .all(|part| matches!(part, Component::Normal(_)))
 }

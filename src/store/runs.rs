@@ -39,7 +39,12 @@ pub struct StageRun {
 impl StageRun {
     /// Its result was there.
     pub fn cached(key: Digest) -> Self {
-        Self { end: End::Cached, key: Some(key), reason: None, seconds: 0.0 }
+        Self {
+            end: End::Cached,
+            key: Some(key),
+            reason: None,
+            seconds: 0.0,
+        }
     }
 }
 
@@ -66,9 +71,15 @@ impl Store {
         self.keep_index();
         let folder = self.root.join("runs");
         // On one line: there may be thousands of stages.
-        let bytes = serde_json::to_vec(run).map_err(std::io::Error::from).at("write", &folder)?;
+        let bytes = serde_json::to_vec(run)
+            .map_err(std::io::Error::from)
+            .at("write", &folder)?;
         for number in 0.. {
-            let again = if number == 0 { String::new() } else { format!("-{number}") };
+            let again = if number == 0 {
+                String::new()
+            } else {
+                format!("-{number}")
+            };
             let path = folder.join(format!("{}-{}{again}.json", run.started, run.pipeline));
             if self.put_new(&path, &bytes)? {
                 break;
@@ -87,14 +98,18 @@ impl Store {
         };
         paths.sort_by(|a, b| b.file_stem().cmp(&a.file_stem()));
         let pipeline = pipeline.map(str::to_owned);
-        let runs = paths.into_iter().filter_map(|path| read_json::<Run>(&path).ok().flatten());
+        let runs = paths
+            .into_iter()
+            .filter_map(|path| read_json::<Run>(&path).ok().flatten());
         Ok(runs.filter(move |run| pipeline.as_ref().is_none_or(|name| *name == run.pipeline)))
     }
 }
 
 /// This moment in UTC: `20261122T233100.250Z`.
 pub fn now() -> String {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
     let (seconds, millis) = (since.as_secs(), since.subsec_millis());
     let (year, month, day) = civil(seconds / 86_400);
     let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
@@ -106,11 +121,16 @@ pub fn now() -> String {
 fn civil(days: u64) -> (u64, u64, u64) {
     let days = days + 719_468;
     let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let month = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * month + 2) / 5 + 1;
-    let (month, carry) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    let (month, carry) = if month < 10 {
+        (month + 3, 0)
+    } else {
+        (month - 9, 1)
+    };
     (era * 400 + year_of_era + carry, month, day)
 }
 

@@ -20,8 +20,12 @@ impl Signature {
     #[cfg(unix)]
     pub fn of(data: &Metadata) -> Option<Self> {
         use std::os::unix::fs::MetadataExt;
-        let nanos = |seconds: i64, nanos: i64| seconds.checked_mul(1_000_000_000)?.checked_add(nanos);
-        let (modified, changed) = (nanos(data.mtime(), data.mtime_nsec())?, nanos(data.ctime(), data.ctime_nsec())?);
+        let nanos =
+            |seconds: i64, nanos: i64| seconds.checked_mul(1_000_000_000)?.checked_add(nanos);
+        let (modified, changed) = (
+            nanos(data.mtime(), data.mtime_nsec())?,
+            nanos(data.ctime(), data.ctime_nsec())?,
+        );
         Some(Self(data.ino(), data.len(), modified, changed))
     }
 
@@ -43,7 +47,11 @@ impl Signature {
 
     /// Whether the file was left alone for long enough before `now` that any change after it would show.
     pub fn is_settled(&self, now: SystemTime) -> bool {
-        let now = now.duration_since(UNIX_EPOCH).unwrap_or_default().saturating_sub(RACY).as_nanos();
+        let now = now
+            .duration_since(UNIX_EPOCH)
+            .unwrap_or_default()
+            .saturating_sub(RACY)
+            .as_nanos();
         i64::try_from(now).is_ok_and(|now| self.2 < now && self.3 < now)
     }
 }
@@ -57,9 +65,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         fs::write(&path, "1").unwrap();
-        let Some(signature) = Signature::at(&path) else { return };
+        let Some(signature) = Signature::at(&path) else {
+            return;
+        };
         assert!(!signature.is_settled(SystemTime::now()));
         assert!(signature.is_settled(SystemTime::now() + Duration::from_secs(3)));
-        assert!(!signature.is_settled(SystemTime::now() - Duration::from_secs(3600)), "a clock that was set back");
+        assert!(
+            !signature.is_settled(SystemTime::now() - Duration::from_secs(3600)),
+            "a clock that was set back"
+        );
     }
 }

@@ -38,38 +38,64 @@ impl Store {
     /// The answer that the same question had before, if nothing has changed since of what it rests on.
     pub fn standing(&self, question: &Digest) -> Option<Standing> {
         let Entry { standing, looked } = self.standings.get(Kind::Standing, question)?;
-        let stands = |(path, before): &(String, Signature)| Signature::at(Path::new(path)).as_ref() == Some(before);
+        let stands = |(path, before): &(String, Signature)| {
+            Signature::at(Path::new(path)).as_ref() == Some(before)
+        };
         looked.par_iter().all(stands).then_some(standing)
     }
 
     /// Keeps an answer which was found after `since` and rests on these files and folders. If one of them is gone or
     /// changed so late that what was found may not be what is there now, nothing is kept.
-    pub fn put_standing(&self, question: &Digest, standing: Standing, files: BTreeSet<PathBuf>, since: SystemTime) {
+    pub fn put_standing(
+        &self,
+        question: &Digest,
+        standing: Standing,
+        files: BTreeSet<PathBuf>,
+        since: SystemTime,
+    ) {
         let look = |path: PathBuf| {
             let signature = Signature::at(&path).filter(|signature| signature.is_settled(since))?;
             Some((path.into_os_string().into_string().ok()?, signature))
         };
         if let Some(looked) = files.into_par_iter().map(look).collect() {
-            self.standings.put(Kind::Standing, question, &Entry { standing, looked });
-            self.standings.keep(|path, bytes| drop(self.put(path, bytes)));
+            self.standings
+                .put(Kind::Standing, question, &Entry { standing, looked });
+            self.standings
+                .keep(|path, bytes| drop(self.put(path, bytes)));
         }
     }
 
     /// The files and folders that say of a result that it is there and sound.
     pub fn evidence(&self, record: &Record) -> Vec<PathBuf> {
-        let files = [self.result_path(&record.key), parent(&self.manifest_path(&record.key)).to_owned()];
-        files.into_iter().chain(record.files().map(|(_, file)| self.blob_path(&file.blob))).collect()
+        let files = [
+            self.result_path(&record.key),
+            parent(&self.manifest_path(&record.key)).to_owned(),
+        ];
+        files
+            .into_iter()
+            .chain(record.files().map(|(_, file)| self.blob_path(&file.blob)))
+            .collect()
     }
 
     /// Those that say that it is shown, each output in its folder.
-    pub fn evidence_shown(&self, record: &Record, folder: impl Fn(&str) -> PathBuf) -> Vec<PathBuf> {
+    pub fn evidence_shown(
+        &self,
+        record: &Record,
+        folder: impl Fn(&str) -> PathBuf,
+    ) -> Vec<PathBuf> {
         // An artifact without files is an empty folder.
         let mut files: Vec<PathBuf> = record.outputs.keys().map(|output| folder(output)).collect();
         for (output, file) in record.files() {
             let folder = folder(output);
             let shown = folder.join(&file.path);
             // Between the file and the artifact's folder may lie others.
-            files.extend(shown.ancestors().skip(1).take_while(|path| path.starts_with(&folder)).map(Path::to_owned));
+            files.extend(
+                shown
+                    .ancestors()
+                    .skip(1)
+                    .take_while(|path| path.starts_with(&folder))
+                    .map(Path::to_owned),
+            );
             if Signature::at(&shown) != Signature::at(&self.blob_path(&file.blob)) {
                 files.push(shown);
             }

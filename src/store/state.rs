@@ -14,18 +14,30 @@ use super::error::{At, StoreError};
 impl Store {
     /// The state that the latest result of an extension key has left.
     pub fn state(&self, extension: &Digest) -> Option<PathBuf> {
-        let age =
-            |path: &PathBuf| fs::metadata(path).and_then(|data| data.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
+        let age = |path: &PathBuf| {
+            fs::metadata(path)
+                .and_then(|data| data.modified())
+                .unwrap_or(SystemTime::UNIX_EPOCH)
+        };
         self.states(extension).into_iter().max_by_key(age)
     }
 
     /// Keeps a file as the state of a result, in place of the one before.
-    pub(super) fn put_state(&self, extension: &Digest, key: &Digest, file: &Path) -> Result<(), StoreError> {
+    pub(super) fn put_state(
+        &self,
+        extension: &Digest,
+        key: &Digest,
+        file: &Path,
+    ) -> Result<(), StoreError> {
         let path = self.states_folder(extension).join(key.to_string());
         let folder = super::parent(&path);
         self.disk.create_folders(folder).at("create", folder)?;
         self.disk.rename(file, &path).at("write", &path)?;
-        for other in self.states(extension).iter().filter(|other| **other != path) {
+        for other in self
+            .states(extension)
+            .iter()
+            .filter(|other| **other != path)
+        {
             self.disk.remove_file(other).at("remove", other)?;
         }
         Ok(())
@@ -36,7 +48,12 @@ impl Store {
     }
 
     fn states(&self, extension: &Digest) -> Vec<PathBuf> {
-        fs::read_dir(self.states_folder(extension)).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
+        fs::read_dir(self.states_folder(extension))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path())
+            .collect()
     }
 }
 
@@ -54,7 +71,10 @@ mod tests {
             let file = folder.path().join("checkpoint");
             fs::write(&file, result).unwrap();
             store.put_state(&key("e"), &key(result), &file).unwrap();
-            assert_eq!(fs::read_to_string(store.state(&key("e")).unwrap()).unwrap(), result);
+            assert_eq!(
+                fs::read_to_string(store.state(&key("e")).unwrap()).unwrap(),
+                result
+            );
         }
         assert_eq!(store.states(&key("e")).len(), 1);
         assert_eq!(store.state(&key("other")), None);

@@ -19,16 +19,32 @@ pub fn key(text: &str) -> Digest {
 }
 
 pub fn metrics(value: f64) -> Metrics {
-    let row = Row { mean: [("value".to_owned(), value)].into(), views: Default::default() };
-    Metrics { rows: [("row".to_owned(), row)].into(), definitions: Default::default() }
+    let row = Row {
+        mean: [("value".to_owned(), value)].into(),
+        views: Default::default(),
+    };
+    Metrics {
+        rows: [("row".to_owned(), row)].into(),
+        definitions: Default::default(),
+    }
 }
 
 fn commit(store: &Store, key: Digest, value: f64, stage: &str) -> Record {
     let work = store.work(key).unwrap().unwrap();
-    let provenance = Provenance { stage: stage.into(), ..Provenance::default() };
-    metrics(value).write(&work.outputs().join("m"), &provenance).unwrap();
-    let facts = Facts { stage: stage.into(), seconds: 1.0, device: "cpu".into() };
-    work.commit(&[("m", ArtifactKind::Metrics)], facts, false).unwrap()
+    let provenance = Provenance {
+        stage: stage.into(),
+        ..Provenance::default()
+    };
+    metrics(value)
+        .write(&work.outputs().join("m"), &provenance)
+        .unwrap();
+    let facts = Facts {
+        stage: stage.into(),
+        seconds: 1.0,
+        device: "cpu".into(),
+    };
+    work.commit(&[("m", ArtifactKind::Metrics)], facts, false)
+        .unwrap()
 }
 
 fn blob(store: &Store, record: &Record) -> PathBuf {
@@ -54,7 +70,12 @@ fn a_committed_result_is_found_and_leaves_no_work_behind() {
     assert!(matches!(lookup(folder.path(), key("k")), Lookup::Sound(found) if found == record));
     assert_eq!(fs::read_dir(folder.path().join("work")).unwrap().count(), 0);
     assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
-    assert!(fs::metadata(blob(&store, &record)).unwrap().permissions().readonly());
+    assert!(
+        fs::metadata(blob(&store, &record))
+            .unwrap()
+            .permissions()
+            .readonly()
+    );
 }
 
 /// Its own results need not be read through by the next process; but not what changed since it wrote them, or may have.
@@ -62,28 +83,53 @@ fn a_committed_result_is_found_and_leaves_no_work_behind() {
 fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();
-    let [old, damaged] = [("old", 1.0), ("damaged", 2.0)].map(|(name, value)| commit(&store, key(name), value, "s"));
+    let [old, damaged] =
+        [("old", 1.0), ("damaged", 2.0)].map(|(name, value)| commit(&store, key(name), value, "s"));
     std::thread::sleep(std::time::Duration::from_millis(1000));
-    overwrite(&blob(&store, &damaged), &fs::read(blob(&store, &old)).unwrap());
+    overwrite(
+        &blob(&store, &damaged),
+        &fs::read(blob(&store, &old)).unwrap(),
+    );
     std::thread::sleep(std::time::Duration::from_millis(1100));
     let fresh = commit(&store, key("fresh"), 3.0, "s");
     // A second name is no change.
     fs::hard_link(blob(&store, &old), folder.path().join("shown")).unwrap();
     store.remember_own([&old, &damaged, &fresh].into_iter());
     store.keep_index();
-    assert_eq!(Store::open(folder.path()).unwrap().index.places(Kind::Result).len(), 0, "`old` has just got that name");
+    assert_eq!(
+        Store::open(folder.path())
+            .unwrap()
+            .index
+            .places(Kind::Result)
+            .len(),
+        0,
+        "`old` has just got that name"
+    );
     std::thread::sleep(std::time::Duration::from_millis(2100));
     store.remember_own([&old, &damaged, &fresh].into_iter());
     store.keep_index();
-    assert_eq!(Store::open(folder.path()).unwrap().index.places(Kind::Result).len(), 2);
-    assert!(matches!(lookup(folder.path(), key("damaged")), Lookup::Broken(_)));
+    assert_eq!(
+        Store::open(folder.path())
+            .unwrap()
+            .index
+            .places(Kind::Result)
+            .len(),
+        2
+    );
+    assert!(matches!(
+        lookup(folder.path(), key("damaged")),
+        Lookup::Broken(_)
+    ));
 }
 
 #[test]
 fn equal_content_has_equal_digests_whatever_its_origin() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();
-    let (a, b) = (commit(&store, key("a"), 1.0, "one"), commit(&store, key("b"), 1.0, "two"));
+    let (a, b) = (
+        commit(&store, key("a"), 1.0, "one"),
+        commit(&store, key("b"), 1.0, "two"),
+    );
     assert_eq!(a.outputs["m"].digest, b.outputs["m"].digest);
     assert_ne!(a.outputs["m"].files[0].blob, b.outputs["m"].files[0].blob);
 }
@@ -103,12 +149,26 @@ fn every_damage_is_noticed_and_healed_by_computing_again() {
         &|blob| overwrite(blob, b"something else"),
         &flip,
     ];
-    for (act, damage) in acts.iter().zip([Damage::Missing, Damage::Changed, Damage::Changed, Damage::Changed]) {
+    for (act, damage) in acts.iter().zip([
+        Damage::Missing,
+        Damage::Changed,
+        Damage::Changed,
+        Damage::Changed,
+    ]) {
         let store = Store::create(folder.path()).unwrap();
         act(&blob(&store, &first));
-        let Lookup::Broken(breakage) = store.lookup(&key("k")).unwrap() else { panic!("{damage:?} went unnoticed") };
+        let Lookup::Broken(breakage) = store.lookup(&key("k")).unwrap() else {
+            panic!("{damage:?} went unnoticed")
+        };
         let file = first.outputs["m"].files[0].clone();
-        assert_eq!(breakage, Breakage::Blob { file: "m/metrics.json".into(), blob: file.blob, damage });
+        assert_eq!(
+            breakage,
+            Breakage::Blob {
+                file: "m/metrics.json".into(),
+                blob: file.blob,
+                damage
+            }
+        );
         store.discard(&key("k"), &breakage).unwrap();
         assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
         assert_eq!(commit(&store, key("k"), 1.0, "s").outputs, first.outputs);
@@ -124,12 +184,24 @@ fn a_record_that_cannot_be_understood_is_no_result() {
     let path = store.result_path(&key("k"));
     let mut outside = record.clone();
     outside.outputs.get_mut("m").unwrap().files[0].path = "../../secret".into();
-    let swapped = Record { key: key("other"), ..record };
-    for text in
-        [String::new(), "{".into(), serde_json::to_string(&outside).unwrap(), serde_json::to_string(&swapped).unwrap()]
-    {
+    let swapped = Record {
+        key: key("other"),
+        ..record
+    };
+    for text in [
+        String::new(),
+        "{".into(),
+        serde_json::to_string(&outside).unwrap(),
+        serde_json::to_string(&swapped).unwrap(),
+    ] {
         overwrite(&path, text.as_bytes());
-        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Broken(Breakage::Record)), "{text}");
+        assert!(
+            matches!(
+                lookup(folder.path(), key("k")),
+                Lookup::Broken(Breakage::Record)
+            ),
+            "{text}"
+        );
     }
     store.discard(&key("k"), &Breakage::Record).unwrap();
     assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
@@ -160,7 +232,10 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
         let work = store.work(key("k")).unwrap().unwrap();
         assert!(!lasting.join("run-1").exists());
         assert_eq!(fs::read_dir(work.outputs()).unwrap().count(), 0);
-        assert_eq!(fs::read_to_string(work.scratch().join("checkpoint")).unwrap(), "7");
+        assert_eq!(
+            fs::read_to_string(work.scratch().join("checkpoint")).unwrap(),
+            "7"
+        );
         drop(work);
     }
     commit(&store, key("k"), 1.0, "s");
@@ -170,9 +245,16 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
 #[test]
 fn one_key_is_computed_by_one_process_at_a_time_and_the_first_result_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let (a, b) = (Store::create(folder.path()).unwrap(), Store::create(folder.path()).unwrap());
+    let (a, b) = (
+        Store::create(folder.path()).unwrap(),
+        Store::create(folder.path()).unwrap(),
+    );
     let held = a.work(key("k")).unwrap().unwrap();
-    assert!(b.work(key("k")).unwrap().is_err_and(|holder| holder == *Holder::this_process()));
+    assert!(
+        b.work(key("k"))
+            .unwrap()
+            .is_err_and(|holder| holder == *Holder::this_process())
+    );
     assert!(b.work(key("other")).unwrap().is_ok());
     held.abandon().unwrap();
     let first = commit(&b, key("k"), 1.0, "first");
@@ -184,9 +266,19 @@ fn an_output_that_was_not_written_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();
     let work = store.work(key("k")).unwrap().unwrap();
-    let facts = Facts { stage: "s".into(), seconds: 1.0, device: "cpu".into() };
-    let error = work.commit(&[("m", ArtifactKind::Metrics)], facts, false).unwrap_err().to_string();
-    assert!(error.starts_with("the stage's output `m` cannot be kept"), "{error}");
+    let facts = Facts {
+        stage: "s".into(),
+        seconds: 1.0,
+        device: "cpu".into(),
+    };
+    let error = work
+        .commit(&[("m", ArtifactKind::Metrics)], facts, false)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("the stage's output `m` cannot be kept"),
+        "{error}"
+    );
     assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
 }
 
@@ -197,8 +289,16 @@ fn people_see_what_the_store_has_and_nothing_of_theirs_is_removed() {
     let view = View::new(&folder.path().join("out"), "p");
     let shown = view.output("s", "m").join("metrics.json");
     for value in [1.0, 2.0] {
-        view.show(&store, "s", &commit(&store, key(&value.to_string()), value, "s")).unwrap();
-        assert_eq!(Metrics::read(&view.output("s", "m")).unwrap(), metrics(value));
+        view.show(
+            &store,
+            "s",
+            &commit(&store, key(&value.to_string()), value, "s"),
+        )
+        .unwrap();
+        assert_eq!(
+            Metrics::read(&view.output("s", "m")).unwrap(),
+            metrics(value)
+        );
     }
     // A copy in place of a link is as good; a changed file is not.
     let record = commit(&store, key("2"), 2.0, "s");
@@ -209,7 +309,8 @@ fn people_see_what_the_store_has_and_nothing_of_theirs_is_removed() {
     assert_eq!(Metrics::read(&view.output("s", "m")).unwrap(), metrics(2.0));
     let notes = folder.path().join("out/p/notes");
     fs::create_dir_all(&notes).unwrap();
-    view.retain(&store, ["s".to_owned(), "t".to_owned()].into()).unwrap();
+    view.retain(&store, ["s".to_owned(), "t".to_owned()].into())
+        .unwrap();
     view.retain(&store, ["t".to_owned()].into()).unwrap();
     assert!(notes.exists() && !folder.path().join("out/p/s").exists());
 }
@@ -224,12 +325,18 @@ fn runs_come_newest_first() {
         seconds: 1.0,
         stages: Default::default(),
     };
-    for (pipeline, started) in
-        [("a", "20260101T000000.000Z"), ("b", "20260102T000000.000Z"), ("a", "20260103T000000.000Z")]
-    {
+    for (pipeline, started) in [
+        ("a", "20260101T000000.000Z"),
+        ("b", "20260102T000000.000Z"),
+        ("a", "20260103T000000.000Z"),
+    ] {
         store.put_run(&run(pipeline, started)).unwrap();
     }
-    let started: Vec<String> = store.runs(Some("a")).unwrap().map(|run| run.started).collect();
+    let started: Vec<String> = store
+        .runs(Some("a"))
+        .unwrap()
+        .map(|run| run.started)
+        .collect();
     assert_eq!(started, ["20260103T000000.000Z", "20260101T000000.000Z"]);
     assert_eq!(store.runs(None).unwrap().count(), 3);
     assert_eq!(now().len(), started[0].len());

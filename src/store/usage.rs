@@ -34,43 +34,79 @@ pub struct Usage {
 impl Store {
     /// Measures everything.
     pub fn usage(&self) -> Result<Usage, StoreError> {
-        let records: BTreeMap<Digest, Record> =
-            self.records()?.into_iter().map(|record| (record.key, record)).collect();
+        let records: BTreeMap<Digest, Record> = self
+            .records()?
+            .into_iter()
+            .map(|record| (record.key, record))
+            .collect();
         let mut runs: BTreeMap<String, Vec<(String, Digest)>> = BTreeMap::new();
         for run in self.runs(None)? {
-            let keys = run.stages.into_iter().filter_map(|(stage, run)| Some((stage, run.key?)));
+            let keys = run
+                .stages
+                .into_iter()
+                .filter_map(|(stage, run)| Some((stage, run.key?)));
             runs.entry(run.pipeline).or_insert_with(|| keys.collect());
         }
         let record = |(_, key): &(String, Digest)| records.get(key);
         let named: BTreeSet<Digest> = runs.values().flatten().map(|(_, key)| *key).collect();
-        let unnamed = records.values().filter(|record| !named.contains(&record.key));
+        let unnamed = records
+            .values()
+            .filter(|record| !named.contains(&record.key));
         // A result that several stages use is held by each.
-        let holders = holders(runs.values().flatten().filter_map(record).chain(unnamed.clone()));
+        let holders = holders(
+            runs.values()
+                .flatten()
+                .filter_map(record)
+                .chain(unnamed.clone()),
+        );
         let (mut stages, mut pipelines) = (Vec::new(), BTreeMap::new());
         for (pipeline, keys) in &runs {
             let of = |stage: &(String, Digest)| {
-                (pipeline.clone(), stage.0.clone(), space(record(stage).into_iter(), &holders))
+                (
+                    pipeline.clone(),
+                    stage.0.clone(),
+                    space(record(stage).into_iter(), &holders),
+                )
             };
             stages.extend(keys.iter().map(of));
-            pipelines.insert(pipeline.clone(), space(keys.iter().filter_map(record), &holders));
+            pipelines.insert(
+                pipeline.clone(),
+                space(keys.iter().filter_map(record), &holders),
+            );
         }
         let others = space(unnamed, &holders);
         let rest = self.rest(&records)?;
         let blobs: u64 = sizes(records.values()).values().sum();
         let total = blobs + rest.values().sum::<u64>();
-        Ok(Usage { stages, pipelines, others, rest, total })
+        Ok(Usage {
+            stages,
+            pipelines,
+            others,
+            rest,
+            total,
+        })
     }
 
-    fn rest(&self, records: &BTreeMap<Digest, Record>) -> Result<BTreeMap<&'static str, u64>, StoreError> {
+    fn rest(
+        &self,
+        records: &BTreeMap<Digest, Record>,
+    ) -> Result<BTreeMap<&'static str, u64>, StoreError> {
         let known = sizes(records.values());
         let (blobs, _) = self.fanned_entries("cas")?;
-        let orphans = blobs.iter().filter(|entry| entry.digest().is_none_or(|blob| !known.contains_key(&blob)));
-        let mut rest = BTreeMap::from([("blobs of no result", orphans.map(|entry| entry.data.len()).sum())]);
+        let orphans = blobs
+            .iter()
+            .filter(|entry| entry.digest().is_none_or(|blob| !known.contains_key(&blob)));
+        let mut rest = BTreeMap::from([(
+            "blobs of no result",
+            orphans.map(|entry| entry.data.len()).sum(),
+        )]);
         for (name, folder) in [("interrupted stages", "work"), ("quarantine", "quarantine")] {
             rest.insert(name, size_of(&self.root.join(folder)));
         }
-        let records: u64 =
-            ["results", "manifests", "runs", "pins"].map(|folder| size_of(&self.root.join(folder))).iter().sum();
+        let records: u64 = ["results", "manifests", "runs", "pins"]
+            .map(|folder| size_of(&self.root.join(folder)))
+            .iter()
+            .sum();
         rest.insert("records", records);
         Ok(rest)
     }
@@ -78,7 +114,10 @@ impl Store {
 
 /// The sizes of all blobs of some results.
 pub(super) fn sizes<'r>(records: impl Iterator<Item = &'r Record>) -> BTreeMap<Digest, u64> {
-    records.flat_map(Record::files).map(|(_, file)| (file.blob, file.bytes)).collect()
+    records
+        .flat_map(Record::files)
+        .map(|(_, file)| (file.blob, file.bytes))
+        .collect()
 }
 
 /// How many of some results have each blob.
@@ -92,14 +131,30 @@ pub(super) fn holders<'r>(records: impl Iterator<Item = &'r Record>) -> BTreeMap
     holders
 }
 
-fn space<'r>(records: impl Iterator<Item = &'r Record> + Clone, holders: &BTreeMap<Digest, usize>) -> Space {
+fn space<'r>(
+    records: impl Iterator<Item = &'r Record> + Clone,
+    holders: &BTreeMap<Digest, usize>,
+) -> Space {
     let within = self::holders(records.clone());
     let sizes = sizes(records);
-    let own = sizes.iter().filter(|(blob, _)| within[*blob] == holders[*blob]).map(|(_, bytes)| bytes).sum();
-    Space { bytes: sizes.values().sum(), own }
+    let own = sizes
+        .iter()
+        .filter(|(blob, _)| within[*blob] == holders[*blob])
+        .map(|(_, bytes)| bytes)
+        .sum();
+    Space {
+        bytes: sizes.values().sum(),
+        own,
+    }
 }
 
 fn size_of(folder: &std::path::Path) -> u64 {
-    let files = walkdir::WalkDir::new(folder).into_iter().flatten().filter(|entry| entry.file_type().is_file());
-    files.filter_map(|entry| entry.metadata().ok()).map(|data| data.len()).sum()
+    let files = walkdir::WalkDir::new(folder)
+        .into_iter()
+        .flatten()
+        .filter(|entry| entry.file_type().is_file());
+    files
+        .filter_map(|entry| entry.metadata().ok())
+        .map(|data| data.len())
+        .sum()
 }

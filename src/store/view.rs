@@ -19,7 +19,9 @@ pub struct View {
 impl View {
     /// The folder of a pipeline under `out`.
     pub fn new(out: &Path, pipeline: &str) -> Self {
-        Self { folder: out.join(pipeline) }
+        Self {
+            folder: out.join(pipeline),
+        }
     }
 
     /// Where an output of a stage is shown.
@@ -29,7 +31,10 @@ impl View {
 
     /// Shows a stage's result.
     pub fn show(&self, store: &Store, stage: &str, record: &Record) -> Result<(), StoreError> {
-        record.outputs.iter().try_for_each(|(name, output)| store.show(output, &self.output(stage, name)))
+        record
+            .outputs
+            .iter()
+            .try_for_each(|(name, output)| store.show(output, &self.output(stage, name)))
     }
 
     /// The file that remembers which folders are ours.

@@ -47,8 +47,17 @@ impl Store {
             Claim::Theirs(holder) => return Ok(Err(holder)),
         };
         let folder = self.root.join("work").join(key.to_string());
-        let run = folder.join(format!("run-{:016x}", RandomState::new().build_hasher().finish()));
-        let work = Work { store: self, key, folder, run, lease };
+        let run = folder.join(format!(
+            "run-{:016x}",
+            RandomState::new().build_hasher().finish()
+        ));
+        let work = Work {
+            store: self,
+            key,
+            folder,
+            run,
+            lease,
+        };
         work.sweep()?;
         for folder in [work.outputs(), work.scratch()] {
             self.disk.create_folders(&folder).at("create", &folder)?;
@@ -71,7 +80,12 @@ impl Work<'_> {
     /// Goes on from the checkpoint that a stage left under another key, unless it has one of its own. Where it cannot
     /// be had, the stage begins with its first step.
     pub fn take_over(&self, other: &Digest) {
-        let scratch = self.store.root.join("work").join(other.to_string()).join("scratch");
+        let scratch = self
+            .store
+            .root
+            .join("work")
+            .join(other.to_string())
+            .join("scratch");
         let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
         if !to.exists() {
             let _ = fs::copy(from, to);
@@ -98,7 +112,11 @@ impl Work<'_> {
     /// Keeps the last checkpoint, if there is one, for longer runs to go on from.
     pub fn keep_state(&self, extension: &Digest) -> Result<(), StoreError> {
         let checkpoint = self.scratch().join(stages::keeper::FILE);
-        if checkpoint.exists() { self.store.put_state(extension, &self.key, &checkpoint) } else { Ok(()) }
+        if checkpoint.exists() {
+            self.store.put_state(extension, &self.key, &checkpoint)
+        } else {
+            Ok(())
+        }
     }
 
     /// Removes what runs that were killed, and those that lost their lease, have left or still write to.
@@ -113,16 +131,32 @@ impl Work<'_> {
 
     /// Turns what the stage wrote into a result: blobs, flushed, then the record. `replace` overrules an earlier
     /// result.
-    pub fn commit(self, outputs: &[(&str, ArtifactKind)], facts: Facts, replace: bool) -> Result<Record, StoreError> {
+    pub fn commit(
+        self,
+        outputs: &[(&str, ArtifactKind)],
+        facts: Facts,
+        replace: bool,
+    ) -> Result<Record, StoreError> {
         let mut kept = BTreeMap::new();
         for (name, kind) in outputs {
             kept.insert((*name).to_owned(), self.keep(name, *kind)?);
         }
         for file in kept.values().flat_map(|output| &output.files) {
-            self.store.flush_folder(parent(&self.store.blob_path(&file.blob)))?;
+            self.store
+                .flush_folder(parent(&self.store.blob_path(&file.blob)))?;
         }
-        let Facts { stage, seconds, device } = facts;
-        let record = Record { key: self.key, stage, outputs: kept, seconds, device };
+        let Facts {
+            stage,
+            seconds,
+            device,
+        } = facts;
+        let record = Record {
+            key: self.key,
+            stage,
+            outputs: kept,
+            seconds,
+            device,
+        };
         let record = self.store.put_result(record, replace)?;
         self.store.clear(&self.folder)?;
         Ok(record)
@@ -139,25 +173,42 @@ impl Work<'_> {
 
     fn keep(&self, name: &str, kind: ArtifactKind) -> Result<Output, StoreError> {
         let folder = self.outputs().join(name);
-        let refused = |problem: String| StoreError::Output { output: name.to_owned(), problem };
+        let refused = |problem: String| StoreError::Output {
+            output: name.to_owned(),
+            problem,
+        };
         let digest = semantic_digest(kind, &folder).map_err(|error| refused(error.to_string()))?;
         let mut files = Vec::new();
         for entry in WalkDir::new(&folder).sort_by_file_name() {
             let entry = entry.map_err(|error| refused(error.to_string()))?;
             if !entry.file_type().is_dir() {
-                let path =
-                    relative(entry.path(), &folder).ok_or_else(|| refused("a file's name is not text".into()))?;
+                let path = relative(entry.path(), &folder)
+                    .ok_or_else(|| refused("a file's name is not text".into()))?;
                 let (blob, bytes) = self.store.take_blob(entry.path())?;
                 let glance = Glance(Signature::at(&self.store.blob_path(&blob)));
-                files.push(StoredFile { path, blob, bytes, glance });
+                files.push(StoredFile {
+                    path,
+                    blob,
+                    bytes,
+                    glance,
+                });
             }
         }
-        Ok(Output { kind, digest, files })
+        Ok(Output {
+            kind,
+            digest,
+            files,
+        })
     }
 }
 
 /// A path inside a folder, with `/` on every system.
 fn relative(path: &Path, folder: &Path) -> Option<String> {
-    let parts: Option<Vec<&str>> = path.strip_prefix(folder).ok()?.iter().map(|part| part.to_str()).collect();
+    let parts: Option<Vec<&str>> = path
+        .strip_prefix(folder)
+        .ok()?
+        .iter()
+        .map(|part| part.to_str())
+        .collect();
     parts.map(|parts| parts.join("/"))
 }

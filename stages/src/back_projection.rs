@@ -9,7 +9,17 @@ use compute::resize::{Filter, resize};
 pub fn back_project(image: Array, low: &Array, rounds: u32, range: [f32; 2]) -> Array {
     let (size, reduced) = (image.shape().to_vec(), low.shape().to_vec());
     (0..rounds).fold(image, |image, _| {
-        let missing = sub(low, &resize(&image, reduced[2], reduced[3], Filter::BicubicPil, true));
-        clamp(&add(&image, &resize(&missing, size[2], size[3], Filter::BicubicTorch, false)), range[0], range[1])
+        let missing = sub(
+            low,
+            &resize(&image, reduced[2], reduced[3], Filter::BicubicPil, true),
+        );
+        clamp(
+            &add(
+                &image,
+                &resize(&missing, size[2], size[3], Filter::BicubicTorch, false),
+            ),
+            range[0],
+            range[1],
+        )
     })
 }

@@ -37,7 +37,13 @@ impl Default for Blend {
     /// Measured against the truth, `own_gain` is 1.4 on fern and 1.8 on the still life; `docs/results.md`.
     fn default() -> Self {
         let none = Input::default;
-        Self { images: none(), own: none(), low: none(), own_gain: 1.5, back_projection: 3 }
+        Self {
+            images: none(),
+            own: none(),
+            low: none(),
+            own_gain: 1.5,
+            back_projection: 3,
+        }
     }
 }
 
@@ -79,21 +85,37 @@ impl Moments {
     /// They solve the normal equations [nn no; no oo] (a, b) = (nt, ot). A network trained by squared error gives a
     /// conditional mean, whose product with the truth is its own square: nt = nn. For the field, ot = gain oo.
     fn shares(&self, gain: f64) -> Shares {
-        let Self { images_images: nn, images_own: no, own_own: oo } = *self;
+        let Self {
+            images_images: nn,
+            images_own: no,
+            own_own: oo,
+        } = *self;
         let determinant = nn * oo - no * no;
         // Without detail, or with the same twice, nothing tells the two apart.
         if determinant <= 1e-6 * nn * oo {
             return if oo > 0.0 && nn == 0.0 {
-                Shares { images: 0.0, own: gain }
+                Shares {
+                    images: 0.0,
+                    own: gain,
+                }
             } else {
-                Shares { images: 1.0, own: 0.0 }
+                Shares {
+                    images: 1.0,
+                    own: 0.0,
+                }
             };
         }
         let images = oo * (nn - gain * no) / determinant;
         let own = (gain * nn * oo - no * nn) / determinant;
         match (images < 0.0, own < 0.0) {
-            (true, _) => Shares { images: 0.0, own: gain },
-            (_, true) => Shares { images: 1.0, own: 0.0 },
+            (true, _) => Shares {
+                images: 0.0,
+                own: gain,
+            },
+            (_, true) => Shares {
+                images: 1.0,
+                own: 0.0,
+            },
             _ => Shares { images, own },
         }
     }
@@ -106,7 +128,13 @@ impl Blend {
 
     /// Shapes: `images` and `own` `[1, C, H, W]`, `low` `[1, C, h, w]`, values from 0 to 1.
     fn detail(&self, images: Array, own: Array, low: &Array) -> Detail {
-        let base = resize(low, images.shape()[2], images.shape()[3], Filter::BicubicTorch, false);
+        let base = resize(
+            low,
+            images.shape()[2],
+            images.shape()[3],
+            Filter::BicubicTorch,
+            false,
+        );
         let base = self.project(base, low);
         let images = sub(&self.project(images, low), &base);
         let own = sub(&self.project(own, low), &base);
@@ -115,27 +143,41 @@ impl Blend {
 
     fn sum(&self, detail: &Detail, shares: Shares, low: &Array) -> Array {
         let Detail { base, images, own } = detail;
-        let terms = [(1.0, base), (shares.images as f32, images), (shares.own as f32, own)];
+        let terms = [
+            (1.0, base),
+            (shares.images as f32, images),
+            (shares.own as f32, own),
+        ];
         self.project(scaled_sum(&terms), low)
     }
 
     fn colours(&self, views: &Views, device: &Device) -> (Detail, Array) {
         let array = |view: &View| convert::srgb_array(view, device);
         let low = array(views.low);
-        (self.detail(array(views.images), array(views.own), &low), low)
+        (
+            self.detail(array(views.images), array(views.own), &low),
+            low,
+        )
     }
 
     fn view(&self, views: &Views, shares: Shares, device: &Device) -> View {
         let array = |view: &View| convert::alpha_array(view, device);
         let alpha = match (array(views.images), array(views.own), array(views.low)) {
-            (Some(images), Some(own), Some(low)) => {
-                Some(self.sum(&self.detail(images, own, &low), shares, &low).to_vec())
-            }
+            (Some(images), Some(own), Some(low)) => Some(
+                self.sum(&self.detail(images, own, &low), shares, &low)
+                    .to_vec(),
+            ),
             (images, _, _) => images.map(|alpha| alpha.to_vec()),
         };
         let (detail, low) = self.colours(views, device);
         let rgb = convert::disk_pixels(&self.sum(&detail, shares, &low), alpha.as_deref());
-        View { name: views.images.name.clone(), camera: views.images.camera, rgb, alpha, depth: None }
+        View {
+            name: views.images.name.clone(),
+            camera: views.images.camera,
+            rgb,
+            alpha,
+            depth: None,
+        }
     }
 }
 
@@ -170,7 +212,10 @@ impl Stage for Blend {
 
     fn check(&self) -> Result<(), StageError> {
         if !(self.own_gain >= 0.0 && self.own_gain <= 10.0) {
-            return Err(StageError::parameter("own_gain", format!("is {}; it must be 0 to 10", self.own_gain)));
+            return Err(StageError::parameter(
+                "own_gain",
+                format!("is {}; it must be 0 to 10", self.own_gain),
+            ));
         }
         convert::in_range("back_projection", self.back_projection, 0, 1000)
     }
@@ -184,7 +229,10 @@ impl Stage for Blend {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort { name: "images", kind: ArtifactKind::Images }]
+        vec![OutputPort {
+            name: "images",
+            kind: ArtifactKind::Images,
+        }]
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
@@ -216,7 +264,13 @@ impl Stage for Blend {
             views.push(self.view(set, shares, io.device));
             io.progress(sets.len() + views.len(), 2 * sets.len(), &[])?;
         }
-        io.write("images", &ImageSet { views, bounds: images.bounds })
+        io.write(
+            "images",
+            &ImageSet {
+                views,
+                bounds: images.bounds,
+            },
+        )
     }
 }
 
@@ -232,45 +286,133 @@ mod tests {
     fn detail_that_either_has_is_added_up_on_the_photo() {
         let device = Device::cpu();
         let low = image(&device, 2, |_| 0.5);
-        let checks = |height: f32| move |i: usize| 0.5 + if (i / 8 + i).is_multiple_of(2) { height } else { -height };
-        let blend = Blend { back_projection: 1, ..Blend::default() };
-        let detail = blend.detail(image(&device, 8, checks(0.1)), image(&device, 8, checks(0.2)), &low);
-        let sum = blend.sum(&detail, Shares { images: 0.5, own: 1.0 }, &low).to_vec();
+        let checks = |height: f32| {
+            move |i: usize| {
+                0.5 + if (i / 8 + i).is_multiple_of(2) {
+                    height
+                } else {
+                    -height
+                }
+            }
+        };
+        let blend = Blend {
+            back_projection: 1,
+            ..Blend::default()
+        };
+        let detail = blend.detail(
+            image(&device, 8, checks(0.1)),
+            image(&device, 8, checks(0.2)),
+            &low,
+        );
+        let sum = blend
+            .sum(
+                &detail,
+                Shares {
+                    images: 0.5,
+                    own: 1.0,
+                },
+                &low,
+            )
+            .to_vec();
         let wanted = checks(0.5 * 0.1 + 0.2);
-        assert!(sum.iter().enumerate().all(|(i, x)| (x - wanted(i)).abs() < 0.02), "{sum:?}");
+        assert!(
+            sum.iter()
+                .enumerate()
+                .all(|(i, x)| (x - wanted(i)).abs() < 0.02),
+            "{sum:?}"
+        );
     }
 
     #[test]
     fn what_contradicts_the_photo_is_taken_back() {
         let device = Device::cpu();
         let low = image(&device, 4, |_| 0.5);
-        let blend = Blend { back_projection: 5, ..Blend::default() };
-        let detail = blend.detail(image(&device, 16, |_| 0.7), image(&device, 16, |_| 0.2), &low);
-        let sum = blend.sum(&detail, Shares { images: 1.0, own: 1.0 }, &low).to_vec();
+        let blend = Blend {
+            back_projection: 5,
+            ..Blend::default()
+        };
+        let detail = blend.detail(
+            image(&device, 16, |_| 0.7),
+            image(&device, 16, |_| 0.2),
+            &low,
+        );
+        let sum = blend
+            .sum(
+                &detail,
+                Shares {
+                    images: 1.0,
+                    own: 1.0,
+                },
+                &low,
+            )
+            .to_vec();
         assert!(sum.iter().all(|x| (x - 0.5).abs() < 1e-3), "{sum:?}");
     }
 
     /// Two estimates t = n + e of a truth, each the conditional mean given evidence of its own.
     #[test]
     fn independent_evidence_adds_up_and_the_same_evidence_does_not() {
-        let independent = Moments { images_images: 1.0, images_own: 0.25, own_own: 1.0 };
+        let independent = Moments {
+            images_images: 1.0,
+            images_own: 0.25,
+            own_own: 1.0,
+        };
         let shares = independent.shares(1.0);
-        assert!(shares.images + shares.own > 1.5 && shares.images == shares.own, "{shares:?}");
-        let same = Moments { images_images: 2.0, images_own: 2.0, own_own: 2.0 };
-        assert_eq!(same.shares(1.0), Shares { images: 1.0, own: 0.0 });
+        assert!(
+            shares.images + shares.own > 1.5 && shares.images == shares.own,
+            "{shares:?}"
+        );
+        let same = Moments {
+            images_images: 2.0,
+            images_own: 2.0,
+            own_own: 2.0,
+        };
+        assert_eq!(
+            same.shares(1.0),
+            Shares {
+                images: 1.0,
+                own: 0.0
+            }
+        );
     }
 
     #[test]
     fn a_network_without_detail_leaves_the_field_alone_and_the_other_way_round() {
-        let blind = Moments { images_images: 0.0, images_own: 0.0, own_own: 1.0 };
-        assert_eq!(blind.shares(1.5), Shares { images: 0.0, own: 1.5 });
-        let flat = Moments { images_images: 1.0, images_own: 0.0, own_own: 0.0 };
-        assert_eq!(flat.shares(1.5), Shares { images: 1.0, own: 0.0 });
+        let blind = Moments {
+            images_images: 0.0,
+            images_own: 0.0,
+            own_own: 1.0,
+        };
+        assert_eq!(
+            blind.shares(1.5),
+            Shares {
+                images: 0.0,
+                own: 1.5
+            }
+        );
+        let flat = Moments {
+            images_images: 1.0,
+            images_own: 0.0,
+            own_own: 0.0,
+        };
+        assert_eq!(
+            flat.shares(1.5),
+            Shares {
+                images: 1.0,
+                own: 0.0
+            }
+        );
     }
 
     #[test]
     fn a_gain_below_nothing_is_refused() {
-        let blend = Blend { own_gain: -0.1, ..Blend::default() };
-        assert_eq!(blend.check().unwrap_err().to_string(), "`own_gain` is -0.1; it must be 0 to 10");
+        let blend = Blend {
+            own_gain: -0.1,
+            ..Blend::default()
+        };
+        assert_eq!(
+            blend.check().unwrap_err().to_string(),
+            "`own_gain` is -0.1; it must be 0 to 10"
+        );
     }
 }

@@ -50,8 +50,16 @@ impl Checkpoint {
     }
 
     fn body(&self) -> io::Result<Vec<u8>> {
-        let tensors = self.tensors.iter().map(|(name, (shape, _))| (name.clone(), shape.clone())).collect();
-        let header = serde_json::to_vec(&Header { step: self.step, notes: self.notes.clone(), tensors })?;
+        let tensors = self
+            .tensors
+            .iter()
+            .map(|(name, (shape, _))| (name.clone(), shape.clone()))
+            .collect();
+        let header = serde_json::to_vec(&Header {
+            step: self.step,
+            notes: self.notes.clone(),
+            tensors,
+        })?;
         let mut body = (header.len() as u64).to_le_bytes().to_vec();
         body.extend(header);
         for (_, values) in self.tensors.values() {
@@ -77,16 +85,37 @@ impl Checkpoint {
             return None;
         }
         let (length, rest) = body.split_first_chunk::<8>()?;
-        let (header, mut values) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
-        let Header { step, notes, tensors: shapes } = serde_json::from_slice(header).ok()?;
+        let (header, mut values) =
+            rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+        let Header {
+            step,
+            notes,
+            tensors: shapes,
+        } = serde_json::from_slice(header).ok()?;
         let mut tensors = Tensors::new();
         for (name, shape) in shapes {
-            let count = shape.iter().try_fold(4usize, |bytes, &extent| bytes.checked_mul(extent))?;
+            let count = shape
+                .iter()
+                .try_fold(4usize, |bytes, &extent| bytes.checked_mul(extent))?;
             let (own, behind) = values.split_at_checked(count)?;
             values = behind;
-            tensors.insert(name, (shape, own.as_chunks().0.iter().map(|&four| f32::from_le_bytes(four)).collect()));
+            tensors.insert(
+                name,
+                (
+                    shape,
+                    own.as_chunks()
+                        .0
+                        .iter()
+                        .map(|&four| f32::from_le_bytes(four))
+                        .collect(),
+                ),
+            );
         }
-        values.is_empty().then_some(Self { step, tensors, notes })
+        values.is_empty().then_some(Self {
+            step,
+            tensors,
+            notes,
+        })
     }
 }
 
@@ -99,8 +128,15 @@ mod tests {
     const FILE: &str = "checkpoint";
 
     fn checkpoint(step: u64) -> Checkpoint {
-        let tensors = [("a".to_owned(), (vec![2, 1], vec![0.1, -0.0])), ("b".to_owned(), (vec![0], vec![]))];
-        Checkpoint { step, tensors: tensors.into(), notes: json!({"psnr": 0.1f64 + 0.2, "lines": []}) }
+        let tensors = [
+            ("a".to_owned(), (vec![2, 1], vec![0.1, -0.0])),
+            ("b".to_owned(), (vec![0], vec![])),
+        ];
+        Checkpoint {
+            step,
+            tensors: tensors.into(),
+            notes: json!({"psnr": 0.1f64 + 0.2, "lines": []}),
+        }
     }
 
     #[test]
@@ -131,7 +167,11 @@ mod tests {
 
     #[test]
     fn a_header_that_promises_too_much_is_refused() {
-        for text in [r#"{"step":1,"notes":0,"tensors":[["a",[4611686018427387904,4]]]}"#, r#"{"step":1}"#, ""] {
+        for text in [
+            r#"{"step":1,"notes":0,"tensors":[["a",[4611686018427387904,4]]]}"#,
+            r#"{"step":1}"#,
+            "",
+        ] {
             let body = [&(text.len() as u64).to_le_bytes()[..], text.as_bytes()].concat();
             let bytes = [&MAGIC[..], blake3::hash(&body).as_bytes(), &body].concat();
             assert_eq!(Checkpoint::from_bytes(&bytes), None, "{text}");

@@ -14,6 +14,17 @@ use crate::error::StageError;
 /// # Errors
 /// If the file system says no.
 pub fn write(folder: &Path, train: &ImageSet, test: Option<&ImageSet>) -> Result<(), StageError> {
-    let photos = |images: &ImageSet| images.views.iter().map(convert::view_photo).collect::<Vec<Photo>>();
-    Ok(scene::write_transforms(folder, &photos(train), &test.map(photos).unwrap_or_default(), train.bounds)?)
+    let photos = |images: &ImageSet| {
+        images
+            .views
+            .iter()
+            .map(convert::view_photo)
+            .collect::<Vec<Photo>>()
+    };
+    Ok(scene::write_transforms(
+        folder,
+        &photos(train),
+        &test.map(photos).unwrap_or_default(),
+        train.bounds,
+    )?)
 }

@@ -77,12 +77,24 @@ impl Decode {
         let size = [height as usize, width as usize];
         let refined = convert::latent_array(&parts.latent.tensor, io.device);
         let decoded = prior.vae.decode_latent(&refined, size, self.tile as usize);
-        let (Mode::Residual, Some(residual), Some(image)) = (self.mode, parts.residual, parts.image) else {
+        let (Mode::Residual, Some(residual), Some(image)) =
+            (self.mode, parts.residual, parts.image)
+        else {
             return clamp(&decoded, -1.0, 1.0);
         };
-        let encoded = sub(&refined, &convert::latent_array(&residual.tensor, io.device));
+        let encoded = sub(
+            &refined,
+            &convert::latent_array(&residual.tensor, io.device),
+        );
         let base = prior.vae.decode_latent(&encoded, size, self.tile as usize);
-        clamp(&add(&convert::signed_array(image, io.device), &sub(&decoded, &base)), -1.0, 1.0)
+        clamp(
+            &add(
+                &convert::signed_array(image, io.device),
+                &sub(&decoded, &base),
+            ),
+            -1.0,
+            1.0,
+        )
     }
 
     fn view(&self, prior: &Prior, parts: &Parts, io: &Io) -> View {
@@ -126,13 +138,18 @@ impl Stage for Decode {
         vec![
             InputPort::new("latents", &self.latents, ArtifactKind::Latents),
             InputPort::new("residuals", &self.residuals, ArtifactKind::Residuals).only_if(residual),
-            InputPort::new("images", &self.images, ArtifactKind::Images).only_if(self.takes_images()),
-            InputPort::new("low", &self.low, ArtifactKind::Images).only_if(self.back_projection > 0),
+            InputPort::new("images", &self.images, ArtifactKind::Images)
+                .only_if(self.takes_images()),
+            InputPort::new("low", &self.low, ArtifactKind::Images)
+                .only_if(self.back_projection > 0),
         ]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort { name: "images", kind: ArtifactKind::Images }]
+        vec![OutputPort {
+            name: "images",
+            kind: ArtifactKind::Images,
+        }]
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
@@ -158,21 +175,43 @@ impl Stage for Decode {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let latents: Latents = io.read("latents")?;
         let residual = self.mode == Mode::Residual;
-        let residuals = residual.then(|| io.read::<Residuals>("residuals")).transpose()?;
-        let images = self.takes_images().then(|| io.read::<ImageSet>("images")).transpose()?;
-        let low = (self.back_projection > 0).then(|| io.read::<ImageSet>("low")).transpose()?;
+        let residuals = residual
+            .then(|| io.read::<Residuals>("residuals"))
+            .transpose()?;
+        let images = self
+            .takes_images()
+            .then(|| io.read::<ImageSet>("images"))
+            .transpose()?;
+        let low = (self.back_projection > 0)
+            .then(|| io.read::<ImageSet>("low"))
+            .transpose()?;
         let prior = self.model.load(io)?;
         let mut views = Vec::new();
         for (done, latent) in latents.views.iter().enumerate() {
             let parts = Parts {
                 latent,
-                residual: residuals.as_ref().map(|r| convert::latent_named(&r.0, &latent.name)).transpose()?,
-                image: images.as_ref().map(|i| convert::view_named(i, &latent.name)).transpose()?,
-                low: low.as_ref().map(|i| convert::view_named(i, &latent.name)).transpose()?,
+                residual: residuals
+                    .as_ref()
+                    .map(|r| convert::latent_named(&r.0, &latent.name))
+                    .transpose()?,
+                image: images
+                    .as_ref()
+                    .map(|i| convert::view_named(i, &latent.name))
+                    .transpose()?,
+                low: low
+                    .as_ref()
+                    .map(|i| convert::view_named(i, &latent.name))
+                    .transpose()?,
             };
             views.push(self.view(&prior, &parts, io));
             io.progress(done + 1, latents.views.len(), &[])?;
         }
-        io.write("images", &ImageSet { views, bounds: latents.bounds })
+        io.write(
+            "images",
+            &ImageSet {
+                views,
+                bounds: latents.bounds,
+            },
+        )
     }
 }

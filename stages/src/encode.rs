@@ -24,7 +24,11 @@ pub struct Encode {
 
 impl Default for Encode {
     fn default() -> Self {
-        Self { images: Input::default(), model: Model::default(), tile: 512 }
+        Self {
+            images: Input::default(),
+            model: Model::default(),
+            tile: 512,
+        }
     }
 }
 
@@ -46,7 +50,10 @@ impl Stage for Encode {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort { name: "latents", kind: ArtifactKind::Latents }]
+        vec![OutputPort {
+            name: "latents",
+            kind: ArtifactKind::Latents,
+        }]
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
@@ -74,7 +81,9 @@ impl Stage for Encode {
         let prior = self.model.load(io)?;
         let mut views = Vec::new();
         for (done, view) in images.views.iter().enumerate() {
-            let latent = prior.vae.encode_image(&convert::signed_array(view, io.device), self.tile as usize);
+            let latent = prior
+                .vae
+                .encode_image(&convert::signed_array(view, io.device), self.tile as usize);
             views.push(LatentView {
                 name: view.name.clone(),
                 size: [view.camera.width, view.camera.height],
@@ -84,6 +93,14 @@ impl Stage for Encode {
             io.progress(done + 1, images.views.len(), &[])?;
         }
         let vae = self.model.sources()?[0].digest.to_string();
-        io.write("latents", &Latents { vae, scaling_factor: prior.vae.scaling_factor(), views, bounds: images.bounds })
+        io.write(
+            "latents",
+            &Latents {
+                vae,
+                scaling_factor: prior.vae.scaling_factor(),
+                views,
+                bounds: images.bounds,
+            },
+        )
     }
 }

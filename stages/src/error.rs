@@ -60,6 +60,9 @@ pub enum StageError {
 impl StageError {
     /// A parameter that makes no sense: the field and what is wrong with it.
     pub fn parameter(field: &'static str, problem: impl Into<String>) -> Self {
-        Self::Parameter { field, problem: problem.into() }
+        Self::Parameter {
+            field,
+            problem: problem.into(),
+        }
     }
 }

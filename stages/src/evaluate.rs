@@ -37,7 +37,15 @@ pub struct Evaluate {
 impl Default for Evaluate {
     fn default() -> Self {
         let none = Input::default;
-        Self { field: none(), baseline: none(), truth: none(), low: none(), train: none(), supersample: 2, figures: 3 }
+        Self {
+            field: none(),
+            baseline: none(),
+            truth: none(),
+            low: none(),
+            train: none(),
+            supersample: 2,
+            figures: 3,
+        }
     }
 }
 
@@ -68,40 +76,75 @@ impl Picked {
 
 impl Evaluate {
     fn render(&self, field: &Field, view: &View) -> Picked {
-        let background = if view.alpha.is_some() { [BEHIND; 3] } else { [0.0; 3] };
-        let options = nerf::RenderOptions { supersample: self.supersample, background };
+        let background = if view.alpha.is_some() {
+            [BEHIND; 3]
+        } else {
+            [0.0; 3]
+        };
+        let options = nerf::RenderOptions {
+            supersample: self.supersample,
+            background,
+        };
         let image = nerf::render(field, &convert::camera(&view.camera), &options);
-        Picked { width: image.width as usize, height: image.height as usize, rgb: image.rgb }
+        Picked {
+            width: image.width as usize,
+            height: image.height as usize,
+            rgb: image.rgb,
+        }
     }
 
     /// The field at low resolution, enlarged to the size of `truth` on sRGB values.
     fn bicubic(&self, field: &Field, low: &View, truth: &View, io: &Io) -> Picked {
         let small = self.render(field, low);
-        let planes = (0..3).flat_map(|c| small.rgb.iter().skip(c).step_by(3).copied()).collect();
+        let planes = (0..3)
+            .flat_map(|c| small.rgb.iter().skip(c).step_by(3).copied())
+            .collect();
         let array = io.device.array(&[1, 3, small.height, small.width], planes);
         let (height, width) = (truth.camera.height as usize, truth.camera.width as usize);
         let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
-        Picked { width, height, rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect() }
+        Picked {
+            width,
+            height,
+            rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect(),
+        }
     }
 }
 
 /// Truth and images side by side, each with its PSNR.
 fn figure(truth: &Picked, images: &[(&str, Picked)]) -> Picture {
     let psnr = |image: &Picked| format!("{:.2} dB", metrics::psnr(truth.image(), image.image()));
-    let texts: Vec<_> = images.iter().map(|(name, image)| (name.replace('_', " "), psnr(image))).collect();
-    let mut panels = vec![Panel { label: "truth", note: "", image: truth.image() }];
+    let texts: Vec<_> = images
+        .iter()
+        .map(|(name, image)| (name.replace('_', " "), psnr(image)))
+        .collect();
+    let mut panels = vec![Panel {
+        label: "truth",
+        note: "",
+        image: truth.image(),
+    }];
     for ((label, note), (_, image)) in texts.iter().zip(images) {
-        panels.push(Panel { label, note, image: image.image() });
+        panels.push(Panel {
+            label,
+            note,
+            image: image.image(),
+        });
     }
     let figure = metrics::comparison(&panels);
-    Picture { width: figure.width as u32, height: figure.height as u32, rgb8: figure.rgb8, legend: BTreeMap::new() }
+    Picture {
+        width: figure.width as u32,
+        height: figure.height as u32,
+        rgb8: figure.rgb8,
+        legend: BTreeMap::new(),
+    }
 }
 
 /// Rows of a table: by name, then by view, then by metric.
 type Rows = BTreeMap<String, BTreeMap<String, BTreeMap<String, f64>>>;
 
 fn add(rows: &mut Rows, name: &str, view: &View, values: BTreeMap<String, f64>) {
-    rows.entry(name.to_owned()).or_default().insert(view.name.clone(), values);
+    rows.entry(name.to_owned())
+        .or_default()
+        .insert(view.name.clone(), values);
 }
 
 /// The figures of one image against the truth.
@@ -111,18 +154,31 @@ fn measure(image: &Picked, truth: &Picked, low: &Picked) -> BTreeMap<String, f64
         ("psnr_hr", Some(metrics::psnr(truth, image))),
         ("ssim_hr", metrics::ssim(truth, image)),
         ("niqe_y", metrics::niqe(image).map(|niqe| niqe.value)),
-        ("psnr_lr_consistency", Some(metrics::psnr_lr_consistency(image, low))),
+        (
+            "psnr_lr_consistency",
+            Some(metrics::psnr_lr_consistency(image, low)),
+        ),
     ];
-    values.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
+    values
+        .into_iter()
+        .filter_map(|(name, value)| Some((name.to_owned(), value?)))
+        .collect()
 }
 
 /// What the columns that occur mean.
 fn definitions(rows: &BTreeMap<String, Row>) -> BTreeMap<String, String> {
-    let ours =
-        ("psnr_lr", "PSNR in dB against the low-resolution photos that the field was trained on; higher is better");
+    let ours = (
+        "psnr_lr",
+        "PSNR in dB against the low-resolution photos that the field was trained on; higher is better",
+    );
     let occurs = |name: &str| rows.values().any(|row| row.mean.contains_key(name));
-    let known = metrics::DEFINITIONS.iter().chain([&ours]).filter(|(name, _)| occurs(name));
-    known.map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
+    let known = metrics::DEFINITIONS
+        .iter()
+        .chain([&ours])
+        .filter(|(name, _)| occurs(name));
+    known
+        .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
+        .collect()
 }
 
 /// Adds the means over views to a row.
@@ -132,7 +188,13 @@ fn row(views: BTreeMap<String, BTreeMap<String, f64>>) -> Row {
         let (sum, count) = sums.entry(name.clone()).or_default();
         (*sum, *count) = (*sum + value, *count + 1.0);
     }
-    Row { mean: sums.into_iter().map(|(name, (sum, count))| (name, sum / count)).collect(), views }
+    Row {
+        mean: sums
+            .into_iter()
+            .map(|(name, (sum, count))| (name, sum / count))
+            .collect(),
+        views,
+    }
 }
 
 impl Stage for Evaluate {
@@ -161,8 +223,14 @@ impl Stage for Evaluate {
 
     fn outputs(&self) -> Vec<OutputPort> {
         vec![
-            OutputPort { name: "metrics", kind: ArtifactKind::Metrics },
-            OutputPort { name: "figures", kind: ArtifactKind::Figures },
+            OutputPort {
+                name: "metrics",
+                kind: ArtifactKind::Metrics,
+            },
+            OutputPort {
+                name: "figures",
+                kind: ArtifactKind::Figures,
+            },
         ]
     }
 
@@ -171,11 +239,16 @@ impl Stage for Evaluate {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let (field, baseline) = (convert::field(io.read("field")?)?, convert::field(io.read("baseline")?)?);
+        let (field, baseline) = (
+            convert::field(io.read("field")?)?,
+            convert::field(io.read("baseline")?)?,
+        );
         let (truths, lows, train): (ImageSet, ImageSet, ImageSet) =
             (io.read("truth")?, io.read("low")?, io.read("train")?);
         let mut rows = Rows::new();
-        let mut figures = Figures { images: BTreeMap::new() };
+        let mut figures = Figures {
+            images: BTreeMap::new(),
+        };
         for (done, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
             let truth = Picked::of(view);
@@ -185,19 +258,43 @@ impl Stage for Evaluate {
                 ("sr_nerf", self.render(&field, view)),
             ];
             for (name, image) in &images {
-                add(&mut rows, name, view, measure(image, &truth, &Picked::of(low)));
+                add(
+                    &mut rows,
+                    name,
+                    view,
+                    measure(image, &truth, &Picked::of(low)),
+                );
             }
             if done < self.figures as usize {
-                figures.images.insert(view.name.clone(), figure(&truth, &images));
+                figures
+                    .images
+                    .insert(view.name.clone(), figure(&truth, &images));
             }
             io.progress(done + 1, truths.views.len(), &[])?;
         }
         for view in &train.views {
-            let psnr = metrics::psnr(Picked::of(view).image(), self.render(&baseline, view).image());
-            add(&mut rows, "lr_nerf_on_training_views", view, BTreeMap::from([("psnr_lr".to_owned(), psnr)]));
+            let psnr = metrics::psnr(
+                Picked::of(view).image(),
+                self.render(&baseline, view).image(),
+            );
+            add(
+                &mut rows,
+                "lr_nerf_on_training_views",
+                view,
+                BTreeMap::from([("psnr_lr".to_owned(), psnr)]),
+            );
         }
-        let rows: BTreeMap<_, _> = rows.into_iter().map(|(name, views)| (name, row(views))).collect();
-        io.write("metrics", &Metrics { definitions: definitions(&rows), rows })?;
+        let rows: BTreeMap<_, _> = rows
+            .into_iter()
+            .map(|(name, views)| (name, row(views)))
+            .collect();
+        io.write(
+            "metrics",
+            &Metrics {
+                definitions: definitions(&rows),
+                rows,
+            },
+        )?;
         io.write("figures", &figures)
     }
 }

@@ -12,7 +12,8 @@ pub fn tree(folder: &Path) -> Option<Vec<PathBuf>> {
     while let Some(path) = found.get(next).cloned() {
         next += 1;
         // A link to a folder further up would never end; one to a file is followed by whoever reads it.
-        let is_folder = std::fs::symlink_metadata(&path).ok()?.is_dir() || (next == 1 && path.is_dir());
+        let is_folder =
+            std::fs::symlink_metadata(&path).ok()?.is_dir() || (next == 1 && path.is_dir());
         if is_folder {
             for entry in std::fs::read_dir(&path).ok()? {
                 found.push(entry.ok()?.path());
@@ -38,7 +39,9 @@ mod tests {
         std::fs::create_dir(folder.path().join("a")).unwrap();
         std::fs::write(folder.path().join("a/x"), "1").unwrap();
         std::fs::write(folder.path().join("b"), "2").unwrap();
-        let names: Vec<PathBuf> = ["", "a", "a/x", "b"].map(|name| folder.path().join(name)).into();
+        let names: Vec<PathBuf> = ["", "a", "a/x", "b"]
+            .map(|name| folder.path().join(name))
+            .into();
         assert_eq!(tree(folder.path()), Some(names));
         assert_eq!(tree(&folder.path().join("none")), None);
     }

@@ -32,7 +32,11 @@ pub struct Film {
 
 impl Default for Film {
     fn default() -> Self {
-        Self { images: Input::default(), rate: 20.0, background: 1.0 }
+        Self {
+            images: Input::default(),
+            rate: 20.0,
+            background: 1.0,
+        }
     }
 }
 
@@ -41,22 +45,37 @@ type Shown<'a> = (&'static str, Box<dyn Fn(&View) -> Option<Picture> + 'a>);
 
 impl Film {
     fn frames(&self, images: &ImageSet, shown: &dyn Fn(&View) -> Option<Picture>) -> Figures {
-        let pictures = images.views.iter().filter_map(|view| Some((view.name.clone(), shown(view)?)));
-        Figures { images: pictures.collect() }
+        let pictures = images
+            .views
+            .iter()
+            .filter_map(|view| Some((view.name.clone(), shown(view)?)));
+        Figures {
+            images: pictures.collect(),
+        }
     }
 
     /// The pictures one after the other, for ever.
     fn clip(&self, figures: &Figures) -> Result<Vec<u8>, StageError> {
-        let failed = |error: image::ImageError| StageError::Mismatch(format!("no GIF can be made: {error}"));
+        let failed =
+            |error: image::ImageError| StageError::Mismatch(format!("no GIF can be made: {error}"));
         let mut bytes = Vec::new();
         let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
         encoder.set_repeat(Repeat::Infinite).map_err(failed)?;
         for picture in figures.images.values() {
-            let pixels = picture.rgb8.chunks_exact(3).flat_map(|rgb| [rgb[0], rgb[1], rgb[2], 255]).collect();
+            let pixels = picture
+                .rgb8
+                .chunks_exact(3)
+                .flat_map(|rgb| [rgb[0], rgb[1], rgb[2], 255])
+                .collect();
             let image = RgbaImage::from_raw(picture.width, picture.height, pixels);
-            let image = image.ok_or_else(|| StageError::Mismatch("a picture is not whole".into()))?;
-            let delay = Delay::from_saturating_duration(std::time::Duration::from_secs_f64(1.0 / self.rate));
-            encoder.encode_frame(Frame::from_parts(image, 0, 0, delay)).map_err(failed)?;
+            let image =
+                image.ok_or_else(|| StageError::Mismatch("a picture is not whole".into()))?;
+            let delay = Delay::from_saturating_duration(std::time::Duration::from_secs_f64(
+                1.0 / self.rate,
+            ));
+            encoder
+                .encode_frame(Frame::from_parts(image, 0, 0, delay))
+                .map_err(failed)?;
         }
         drop(encoder);
         Ok(bytes)
@@ -69,7 +88,10 @@ fn picture(view: &View, values: impl Iterator<Item = f32>, legend: &[(&str, Stri
         width: view.camera.width,
         height: view.camera.height,
         rgb8: values.map(byte).collect(),
-        legend: legend.iter().map(|(keyword, text)| ((*keyword).to_owned(), text.clone())).collect(),
+        legend: legend
+            .iter()
+            .map(|(keyword, text)| ((*keyword).to_owned(), text.clone()))
+            .collect(),
     }
 }
 
@@ -89,11 +111,18 @@ fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
     let of_view = |view: &View| -> Vec<f32> {
         let alpha = |i: usize| view.alpha.as_ref().map_or(1.0, |alpha| alpha[i]);
         let depth = view.depth.iter().flatten().enumerate();
-        depth.filter(|(i, depth)| alpha(*i) >= OPAQUE && depth.is_finite()).map(|(_, depth)| *depth).collect()
+        depth
+            .filter(|(i, depth)| alpha(*i) >= OPAQUE && depth.is_finite())
+            .map(|(_, depth)| *depth)
+            .collect()
     };
     let mut depths: Vec<f32> = images.views.iter().flat_map(of_view).collect();
     depths.sort_by(f32::total_cmp);
-    let at = |part: f64| depths.get((part * depths.len().saturating_sub(1) as f64) as usize).copied();
+    let at = |part: f64| {
+        depths
+            .get((part * depths.len().saturating_sub(1) as f64) as usize)
+            .copied()
+    };
     let [low, high] = [at(RANGE[0])?, at(RANGE[1])?];
     Some([low, if high > low { high } else { low + 1.0 }])
 }
@@ -109,10 +138,16 @@ impl Stage for Film {
 
     fn check(&self) -> Result<(), StageError> {
         if !(0.1..=100.0).contains(&self.rate) {
-            return Err(StageError::parameter("rate", format!("is {}; it must be 0.1 to 100", self.rate)));
+            return Err(StageError::parameter(
+                "rate",
+                format!("is {}; it must be 0.1 to 100", self.rate),
+            ));
         }
         if !(0.0..=1.0).contains(&self.background) {
-            return Err(StageError::parameter("background", format!("is {}; it must be 0 to 1", self.background)));
+            return Err(StageError::parameter(
+                "background",
+                format!("is {}; it must be 0 to 1", self.background),
+            ));
         }
         Ok(())
     }
@@ -122,8 +157,18 @@ impl Stage for Film {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        let figures = ["color", "depth", "opacity"].map(|name| OutputPort { name, kind: ArtifactKind::Figures });
-        [&[OutputPort { name: "film", kind: ArtifactKind::Film }], &figures[..]].concat()
+        let figures = ["color", "depth", "opacity"].map(|name| OutputPort {
+            name,
+            kind: ArtifactKind::Figures,
+        });
+        [
+            &[OutputPort {
+                name: "film",
+                kind: ArtifactKind::Film,
+            }],
+            &figures[..],
+        ]
+        .concat()
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -131,9 +176,31 @@ impl Stage for Film {
         let range = depth_range(&images);
         let background = self.background as f32;
         let shown: [Shown; 3] = [
-            ("color", Box::new(|view| Some(picture(view, convert::srgb_before(view, background).into_iter(), &[])))),
-            ("depth", Box::new(|view| Some(mapped(view, view.depth.as_ref()?, range?, "depth along the view axis")))),
-            ("opacity", Box::new(|view| Some(mapped(view, view.alpha.as_ref()?, [0.0, 1.0], "opacity")))),
+            (
+                "color",
+                Box::new(|view| {
+                    Some(picture(
+                        view,
+                        convert::srgb_before(view, background).into_iter(),
+                        &[],
+                    ))
+                }),
+            ),
+            (
+                "depth",
+                Box::new(|view| {
+                    Some(mapped(
+                        view,
+                        view.depth.as_ref()?,
+                        range?,
+                        "depth along the view axis",
+                    ))
+                }),
+            ),
+            (
+                "opacity",
+                Box::new(|view| Some(mapped(view, view.alpha.as_ref()?, [0.0, 1.0], "opacity"))),
+            ),
         ];
         let mut clips = BTreeMap::new();
         for (done, (name, show)) in shown.iter().enumerate() {

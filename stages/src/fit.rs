@@ -60,7 +60,9 @@ impl Stage for Fit {
     fn check(&self) -> Result<(), StageError> {
         convert::in_range("supersample", self.supersample, 1, 16)?;
         training::check(self.steps, self.samples, self.rate, self.final_rate)?;
-        self.field.check().map_err(|problem| StageError::parameter("field", problem))
+        self.field
+            .check()
+            .map_err(|problem| StageError::parameter("field", problem))
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -69,8 +71,14 @@ impl Stage for Fit {
 
     fn outputs(&self) -> Vec<OutputPort> {
         vec![
-            OutputPort { name: "field", kind: ArtifactKind::Field },
-            OutputPort { name: "log", kind: ArtifactKind::Log },
+            OutputPort {
+                name: "field",
+                kind: ArtifactKind::Field,
+            },
+            OutputPort {
+                name: "log",
+                kind: ArtifactKind::Log,
+            },
         ]
     }
 
@@ -89,15 +97,34 @@ impl Stage for Fit {
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images: ImageSet = io.read("images")?;
-        let views: Vec<_> = images.views.iter().map(|view| convert::train_view(view, 1.0, self.supersample)).collect();
+        let views: Vec<_> = images
+            .views
+            .iter()
+            .map(|view| convert::train_view(view, 1.0, self.supersample))
+            .collect();
         let bounds = images.bounds.map(|corner| corner.map(|x| x as f32));
         let cameras: Vec<_> = views.iter().map(|view: &TrainView| &view.camera).collect();
         let space = Space::of(self.space, bounds, &cameras).ok_or_else(|| {
-            StageError::parameter("space", "is Perspective, but the cameras do not look the same way")
+            StageError::parameter(
+                "space",
+                "is Perspective, but the cameras do not look the same way",
+            )
         })?;
         let field = Field::in_space(&self.field, space, io.seed);
-        let Self { steps, samples, rate, final_rate, .. } = *self;
-        let options = TrainOptions { steps, samples, rate, final_rate, ..Default::default() };
+        let Self {
+            steps,
+            samples,
+            rate,
+            final_rate,
+            ..
+        } = *self;
+        let options = TrainOptions {
+            steps,
+            samples,
+            rate,
+            final_rate,
+            ..Default::default()
+        };
         training::train(field, views, &options, io)
     }
 }

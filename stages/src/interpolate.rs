@@ -76,8 +76,13 @@ impl Interpolate {
         };
         let (h, w) = (camera.height as usize, camera.width as usize);
         let enlarged = |image: &Array| resize(image, h, w, filter, true);
-        let alpha = convert::alpha_array(view, device)
-            .map(|alpha| enlarged(&alpha).to_vec().iter().map(|x| x.clamp(0.0, 1.0)).collect::<Vec<_>>());
+        let alpha = convert::alpha_array(view, device).map(|alpha| {
+            enlarged(&alpha)
+                .to_vec()
+                .iter()
+                .map(|x| x.clamp(0.0, 1.0))
+                .collect::<Vec<_>>()
+        });
         let low = match self.values {
             Values::Srgb => convert::srgb_array(view, device),
             Values::Linear => convert::linear_array(view, device),
@@ -87,12 +92,24 @@ impl Interpolate {
             _ => enlarged(&low),
         };
         let rgb = match self.values {
-            Values::Srgb => {
-                convert::disk_pixels(&back_project(image, &low, self.back_projection, [0.0, 1.0]), alpha.as_deref())
-            }
-            Values::Linear => convert::pixels(&back_project(image, &low, self.back_projection, [f32::MIN, f32::MAX])),
+            Values::Srgb => convert::disk_pixels(
+                &back_project(image, &low, self.back_projection, [0.0, 1.0]),
+                alpha.as_deref(),
+            ),
+            Values::Linear => convert::pixels(&back_project(
+                image,
+                &low,
+                self.back_projection,
+                [f32::MIN, f32::MAX],
+            )),
         };
-        View { name: view.name.clone(), camera: convert::disk_camera(&camera), rgb, alpha, depth: None }
+        View {
+            name: view.name.clone(),
+            camera: convert::disk_camera(&camera),
+            rgb,
+            alpha,
+            depth: None,
+        }
     }
 
     fn learned(&self) -> Option<&Learned> {
@@ -120,9 +137,14 @@ impl Stage for Interpolate {
             ));
         }
         convert::in_range("back_projection", self.back_projection, 0, 1000)?;
-        let Some(learned) = self.learned() else { return Ok(()) };
+        let Some(learned) = self.learned() else {
+            return Ok(());
+        };
         if self.values == Values::Linear {
-            return Err(StageError::parameter("values", "is Linear; a learned filter takes Srgb"));
+            return Err(StageError::parameter(
+                "values",
+                "is Linear; a learned filter takes Srgb",
+            ));
         }
         learned.check()
     }
@@ -132,7 +154,10 @@ impl Stage for Interpolate {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort { name: "images", kind: ArtifactKind::Images }]
+        vec![OutputPort {
+            name: "images",
+            kind: ArtifactKind::Images,
+        }]
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
@@ -144,7 +169,11 @@ impl Stage for Interpolate {
     }
 
     fn locations(&self) -> &'static [&'static str] {
-        if self.learned().is_some() { &["filter.model"] } else { &[] }
+        if self.learned().is_some() {
+            &["filter.model"]
+        } else {
+            &[]
+        }
     }
 
     fn uses_device(&self) -> bool {
@@ -152,19 +181,30 @@ impl Stage for Interpolate {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        let Some(learned) = self.learned() else { return Estimate::reading(inputs) };
+        let Some(learned) = self.learned() else {
+            return Estimate::reading(inputs);
+        };
         let (memory, seconds) = learned.cost(inputs.values().sum());
         Estimate::reading(inputs).computing(memory, seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images: ImageSet = io.read("images")?;
-        let network = self.learned().map(|learned| learned.load(io.device)).transpose()?;
+        let network = self
+            .learned()
+            .map(|learned| learned.load(io.device))
+            .transpose()?;
         let mut views = Vec::new();
         for (done, view) in images.views.iter().enumerate() {
             views.push(self.enlarge(view, network.as_ref(), io.device));
             io.progress(done + 1, images.views.len(), &[])?;
         }
-        io.write("images", &ImageSet { views, bounds: images.bounds })
+        io.write(
+            "images",
+            &ImageSet {
+                views,
+                bounds: images.bounds,
+            },
+        )
     }
 }

@@ -34,7 +34,14 @@ pub struct Keeper<'a> {
 impl<'a> Keeper<'a> {
     /// Before the first step of `total`.
     pub fn new(io: &'a Io<'a>, total: u64) -> Self {
-        Self { io, total, kept: 0, since: Instant::now(), pause: io.checkpoint_every, complained: false }
+        Self {
+            io,
+            total,
+            kept: 0,
+            since: Instant::now(),
+            pause: io.checkpoint_every,
+            complained: false,
+        }
     }
 
     /// Goes on from an interrupted run, or from a finished result of fewer steps, if there is one that `rebuild` can
@@ -52,7 +59,11 @@ impl<'a> Keeper<'a> {
                 Ok(None) => {}
                 Ok(Some((step, state))) => {
                     self.kept = step;
-                    (self.io.messages)(Message::Resumed { step, total: self.total, finished });
+                    (self.io.messages)(Message::Resumed {
+                        step,
+                        total: self.total,
+                        finished,
+                    });
                     return Ok(Some(state));
                 }
                 Err(problem) => self.set_aside(path, finished, &problem)?,
@@ -63,8 +74,13 @@ impl<'a> Keeper<'a> {
 
     /// Removes what was being written when an earlier run was killed. What cannot be removed is in nobody's way.
     fn sweep(&self) {
-        let entries = fs::read_dir(&self.io.scratch).into_iter().flatten().flatten();
-        for entry in entries.filter(|entry| entry.file_name() != FILE && entry.file_name() != DAMAGED) {
+        let entries = fs::read_dir(&self.io.scratch)
+            .into_iter()
+            .flatten()
+            .flatten();
+        for entry in
+            entries.filter(|entry| entry.file_name() != FILE && entry.file_name() != DAMAGED)
+        {
             let _ = fs::remove_file(entry.path());
         }
     }
@@ -75,17 +91,25 @@ impl<'a> Keeper<'a> {
         rebuild: &mut impl FnMut(&Checkpoint) -> Result<T, String>,
     ) -> Result<Option<(u64, T)>, String> {
         let checkpoint = Checkpoint::read(path).map_err(|error| error.to_string())?;
-        let Some(checkpoint) = checkpoint.filter(|checkpoint| checkpoint.step <= self.total) else { return Ok(None) };
+        let Some(checkpoint) = checkpoint.filter(|checkpoint| checkpoint.step <= self.total) else {
+            return Ok(None);
+        };
         rebuild(&checkpoint).map(|state| Some((checkpoint.step, state)))
     }
 
     /// A finished result's state belongs to someone else, and stays.
     fn set_aside(&self, path: &Path, finished: bool, problem: &str) -> Result<(), StageError> {
-        self.io.warn(format!("the checkpoint {} cannot be used: {problem}; starting afresh", path.display()));
+        self.io.warn(format!(
+            "the checkpoint {} cannot be used: {problem}; starting afresh",
+            path.display()
+        ));
         if finished {
             return Ok(());
         }
-        let file = |error: io::Error| StageError::File { path: path.to_owned(), problem: error.to_string() };
+        let file = |error: io::Error| StageError::File {
+            path: path.to_owned(),
+            problem: error.to_string(),
+        };
         fs::rename(path, path.with_file_name(DAMAGED)).map_err(file)
     }
 
@@ -113,12 +137,18 @@ impl<'a> Keeper<'a> {
             Err(error) => {
                 self.complained = true;
                 let scratch = self.io.scratch.display();
-                self.io.warn(format!("cannot keep a checkpoint in {scratch}: {error}; going on without"));
+                self.io.warn(format!(
+                    "cannot keep a checkpoint in {scratch}: {error}; going on without"
+                ));
             }
         }
         self.since = Instant::now();
         let every = self.io.checkpoint_every;
-        self.pause = if every.is_zero() { every } else { every.max(begun.elapsed() * LEAST_WORK) };
+        self.pause = if every.is_zero() {
+            every
+        } else {
+            every.max(begun.elapsed() * LEAST_WORK)
+        };
     }
 }
 
@@ -135,11 +165,20 @@ mod tests {
     use super::*;
 
     fn checkpoint(step: u64) -> Checkpoint {
-        Checkpoint { step, tensors: BTreeMap::new(), notes: json!(null) }
+        Checkpoint {
+            step,
+            tensors: BTreeMap::new(),
+            notes: json!(null),
+        }
     }
 
     /// A stage's surroundings, with the folder as scratch.
-    fn with_io(scratch: &Path, earlier: Option<PathBuf>, stopped: bool, act: impl FnOnce(&Io)) -> Vec<Message> {
+    fn with_io(
+        scratch: &Path,
+        earlier: Option<PathBuf>,
+        stopped: bool,
+        act: impl FnOnce(&Io),
+    ) -> Vec<Message> {
         let said = Mutex::new(Vec::new());
         act(&Io {
             seed: 0,
@@ -162,14 +201,26 @@ mod tests {
         with_io(folder.path(), None, true, |io| {
             let mut keeper = Keeper::new(io, 9);
             assert_eq!(keeper.resume(|found| Ok(found.step)).unwrap(), None);
-            assert!(matches!(keeper.after(3, &[], || checkpoint(3)), Err(StageError::Cancelled)));
+            assert!(matches!(
+                keeper.after(3, &[], || checkpoint(3)),
+                Err(StageError::Cancelled)
+            ));
         });
         let said = with_io(folder.path(), None, false, |io| {
             let mut keeper = Keeper::new(io, 9);
             assert_eq!(keeper.resume(|found| Ok(found.step)).unwrap(), Some(3));
-            keeper.after(4, &[], || panic!("it is not time for a checkpoint")).unwrap();
+            keeper
+                .after(4, &[], || panic!("it is not time for a checkpoint"))
+                .unwrap();
         });
-        assert_eq!(said[0], Message::Resumed { step: 3, total: 9, finished: false });
+        assert_eq!(
+            said[0],
+            Message::Resumed {
+                step: 3,
+                total: 9,
+                finished: false
+            }
+        );
     }
 
     #[test]
@@ -177,10 +228,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join(FILE), "v1").unwrap();
         let said = with_io(folder.path(), None, false, |io| {
-            assert_eq!(Keeper::new(io, 9).resume(|found| Ok(found.step)).unwrap(), None);
+            assert_eq!(
+                Keeper::new(io, 9).resume(|found| Ok(found.step)).unwrap(),
+                None
+            );
         });
-        let Message::Warning(text) = &said[0] else { panic!("{said:?}") };
-        assert!(text.contains("checkpoint cannot be used: its content is damaged; starting afresh"), "{text}");
+        let Message::Warning(text) = &said[0] else {
+            panic!("{said:?}")
+        };
+        assert!(
+            text.contains("checkpoint cannot be used: its content is damaged; starting afresh"),
+            "{text}"
+        );
         assert!(folder.path().join(DAMAGED).exists() && !folder.path().join(FILE).exists());
     }
 
@@ -191,7 +250,13 @@ mod tests {
         checkpoint(5).write(&earlier).unwrap();
         for (total, found) in [(5, Some(5)), (9, Some(5)), (4, None)] {
             with_io(&scratch, Some(earlier.clone()), false, |io| {
-                assert_eq!(Keeper::new(io, total).resume(|found| Ok(found.step)).unwrap(), found, "{total}");
+                assert_eq!(
+                    Keeper::new(io, total)
+                        .resume(|found| Ok(found.step))
+                        .unwrap(),
+                    found,
+                    "{total}"
+                );
             });
         }
     }
@@ -204,7 +269,9 @@ mod tests {
             (1..4).for_each(|step| keeper.keep(step, || checkpoint(step)));
         });
         assert_eq!(said.len(), 1);
-        let Message::Warning(text) = &said[0] else { panic!("{said:?}") };
+        let Message::Warning(text) = &said[0] else {
+            panic!("{said:?}")
+        };
         assert!(text.contains("cannot keep a checkpoint in"), "{text}");
     }
 }

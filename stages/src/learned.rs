@@ -37,7 +37,11 @@ pub enum Network {
 
 impl Default for Learned {
     fn default() -> Self {
-        Self { model: Network::default(), ensemble: false, tile: 256 }
+        Self {
+            model: Network::default(),
+            ensemble: false,
+            tile: 256,
+        }
     }
 }
 
@@ -60,7 +64,10 @@ impl Learned {
     /// `image [1, 3, H, W]`, from 0 to 1, at another size: enlarged by the network as often as it takes, at least once,
     /// and resized if that is not the size yet.
     pub fn resize(&self, network: &Upsampler, image: &Array, [height, width]: [usize; 2]) -> Array {
-        let options = Options { tile: self.tile as usize, ensemble: self.ensemble };
+        let options = Options {
+            tile: self.tile as usize,
+            ensemble: self.ensemble,
+        };
         let enlarge = |image: &Array| clamp(&network.enlarge(image, options), 0.0, 1.0);
         let mut image = enlarge(image);
         while network.scale() > 1 && (image.shape()[2] < height || image.shape()[3] < width) {
@@ -68,13 +75,20 @@ impl Learned {
         }
         match image.shape()[2..] == [height, width] {
             true => image,
-            false => clamp(&resize(&image, height, width, Filter::BicubicTorch, true), 0.0, 1.0),
+            false => clamp(
+                &resize(&image, height, width, Filter::BicubicTorch, true),
+                0.0,
+                1.0,
+            ),
         }
     }
 
     /// The digest of its weights, for the key.
     pub fn sources(&self) -> Result<Vec<Source>, StageError> {
-        Ok(vec![Source { name: "model".into(), digest: Digest::new(self.source().digest()?) }])
+        Ok(vec![Source {
+            name: "model".into(),
+            digest: Digest::new(self.source().digest()?),
+        }])
     }
 
     /// The files that it consists of, beside this program.
@@ -89,7 +103,10 @@ impl Learned {
         let each = if bytes > 8 << 20 { LARGE } else { SMALL };
         let ways = if self.ensemble { 8.0 } else { 1.0 };
         let operations = ways * bytes as f64 * images as f64 / 6.0;
-        (2 * bytes + each * u64::from(self.tile) * u64::from(self.tile), operations / 4e10)
+        (
+            2 * bytes + each * u64::from(self.tile) * u64::from(self.tile),
+            operations / 4e10,
+        )
     }
 
     fn source(&self) -> UpsamplerSource {
@@ -106,7 +123,12 @@ mod tests {
     use crate::back_projection::back_project;
 
     fn image() -> Array {
-        Device::cpu().array(&[1, 3, 9, 12], (0..324).map(|i| 0.5 + 0.4 * (i as f32 * 0.7).sin()).collect())
+        Device::cpu().array(
+            &[1, 3, 9, 12],
+            (0..324)
+                .map(|i| 0.5 + 0.4 * (i as f32 * 0.7).sin())
+                .collect(),
+        )
     }
 
     #[test]
@@ -126,10 +148,20 @@ mod tests {
         let large = learned.resize(&learned.load(&Device::cpu()).unwrap(), &image, [36, 48]);
         let error = |large: &Array| {
             let reduced = resize(large, 9, 12, Filter::BicubicPil, true);
-            reduced.to_vec().iter().zip(image.to_vec()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+            reduced
+                .to_vec()
+                .iter()
+                .zip(image.to_vec())
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f32::max)
         };
         let rounds = |count| back_project(large.clone(), &image, count, [0.0, 1.0]);
         assert_eq!(rounds(0).to_vec(), large.to_vec());
-        assert!(error(&rounds(5)) < 0.3 * error(&large), "{} and {}", error(&rounds(5)), error(&large));
+        assert!(
+            error(&rounds(5)) < 0.3 * error(&large),
+            "{} and {}",
+            error(&rounds(5)),
+            error(&large)
+        );
     }
 }

@@ -33,4 +33,7 @@ pub mod sync;
 pub use error::StageError;
 pub use merge::Merge;
 pub use registry::{AnyStage, KINDS};
-pub use stage::{Determinism, Estimate, Extension, Input, InputPort, Io, Message, OutputPort, Sizes, Source, Stage};
+pub use stage::{
+    Determinism, Estimate, Extension, Input, InputPort, Io, Message, OutputPort, Sizes, Source,
+    Stage,
+};

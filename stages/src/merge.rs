@@ -24,7 +24,11 @@ pub struct Merge {
 impl Merge {
     /// The stage that joins these outputs of so many shards.
     pub fn new(outputs: Vec<OutputPort>, shards: usize) -> Self {
-        Self { outputs, shards, nowhere: Input::default() }
+        Self {
+            outputs,
+            shards,
+            nowhere: Input::default(),
+        }
     }
 
     /// Its parameters as text.
@@ -35,13 +39,20 @@ impl Merge {
 
     /// Its inputs: name, which shard (from 0), and which of that shard's outputs.
     pub fn wires(&self) -> Vec<(&'static str, usize, &'static str)> {
-        let shards = |port: &OutputPort| (0..self.shards).map(|shard| (shard, *port)).collect::<Vec<_>>();
+        let shards = |port: &OutputPort| {
+            (0..self.shards)
+                .map(|shard| (shard, *port))
+                .collect::<Vec<_>>()
+        };
         let all = self.outputs.iter().flat_map(shards);
-        all.map(|(shard, port)| (input(port.name, shard), shard, port.name)).collect()
+        all.map(|(shard, port)| (input(port.name, shard), shard, port.name))
+            .collect()
     }
 
     fn join<A: Joined>(&self, output: &'static str, io: &Io) -> Result<(), StageError> {
-        let parts = (0..self.shards).map(|shard| io.read(input(output, shard))).collect::<Result<Vec<A>, _>>()?;
+        let parts = (0..self.shards)
+            .map(|shard| io.read(input(output, shard)))
+            .collect::<Result<Vec<A>, _>>()?;
         io.write(output, &A::join(parts)?)
     }
 }
@@ -51,7 +62,9 @@ impl Merge {
 fn input(output: &str, shard: usize) -> &'static str {
     static NAMES: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
     let name = format!("{output}.{}", shard + 1);
-    let mut names = NAMES.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut names = NAMES
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
     if let Some(known) = names.get(name.as_str()) {
         return known;
     }
@@ -74,7 +87,12 @@ impl Stage for Merge {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        let kind = |output: &str| self.outputs.iter().find(|port| port.name == output).map(|port| port.kind);
+        let kind = |output: &str| {
+            self.outputs
+                .iter()
+                .find(|port| port.name == output)
+                .map(|port| port.kind)
+        };
         let port = |(name, _, output)| Some(InputPort::new(name, &self.nowhere, kind(output)?));
         self.wires().into_iter().filter_map(port).collect()
     }
@@ -94,7 +112,11 @@ impl Stage for Merge {
                 ArtifactKind::Latents => self.join::<Latents>(port.name, io)?,
                 ArtifactKind::Residuals => self.join::<Residuals>(port.name, io)?,
                 ArtifactKind::Log => self.join::<Log>(port.name, io)?,
-                kind => return Err(StageError::Mismatch(format!("{kind} of several shards cannot be joined"))),
+                kind => {
+                    return Err(StageError::Mismatch(format!(
+                        "{kind} of several shards cannot be joined"
+                    )));
+                }
             }
         }
         Ok(())
@@ -109,7 +131,9 @@ trait Joined: Artifact {
 /// The first part, and the others behind it; an error where there is none.
 fn first<A>(parts: Vec<A>) -> Result<(A, impl Iterator<Item = A>), StageError> {
     let mut parts = parts.into_iter();
-    let first = parts.next().ok_or_else(|| StageError::Mismatch("there are no shards to join".into()))?;
+    let first = parts
+        .next()
+        .ok_or_else(|| StageError::Mismatch("there are no shards to join".into()))?;
     Ok((first, parts))
 }
 
@@ -133,7 +157,9 @@ impl Joined for Latents {
 
 impl Joined for Residuals {
     fn join(parts: Vec<Self>) -> Result<Self, StageError> {
-        Ok(Self(Latents::join(parts.into_iter().map(|Self(latents)| latents).collect())?))
+        Ok(Self(Latents::join(
+            parts.into_iter().map(|Self(latents)| latents).collect(),
+        )?))
     }
 }
 
@@ -147,6 +173,8 @@ impl Joined for Log {
             };
             log.lines.into_iter().map(mark)
         };
-        Ok(Self { lines: parts.into_iter().enumerate().flat_map(marked).collect() })
+        Ok(Self {
+            lines: parts.into_iter().enumerate().flat_map(marked).collect(),
+        })
     }
 }

@@ -48,16 +48,28 @@ impl Model {
 
     /// The digest of its weights and configuration, for the key.
     pub fn sources(&self) -> Result<Vec<Source>, StageError> {
-        Ok(vec![Source { name: "model".into(), digest: Digest::new(self.source().digest()?) }])
+        Ok(vec![Source {
+            name: "model".into(),
+            digest: Digest::new(self.source().digest()?),
+        }])
     }
 
     /// Bytes of memory for its weights and for what lies between its layers, roughly.
     pub fn memory(&self) -> u64 {
-        let Self::Folder(folder) = self else { return 512 << 20 };
+        let Self::Folder(folder) = self else {
+            return 512 << 20;
+        };
         let parts = ["unet", "vae", "text_encoder"].map(|part| folder.join(part));
         let files = parts.iter().flat_map(std::fs::read_dir).flatten().flatten();
-        let weights = files.filter(|file| file.path().extension().is_some_and(|end| end == "safetensors"));
-        (4 << 30) + 2 * weights.filter_map(|file| Some(file.metadata().ok()?.len())).sum::<u64>()
+        let weights = files.filter(|file| {
+            file.path()
+                .extension()
+                .is_some_and(|end| end == "safetensors")
+        });
+        (4 << 30)
+            + 2 * weights
+                .filter_map(|file| Some(file.metadata().ok()?.len()))
+                .sum::<u64>()
     }
 
     /// The files that it consists of, beside this program.

@@ -6,7 +6,9 @@ use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residua
 use compute::Device;
 use compute::elementwise::add;
 use diffusion::guidance::{Guidance, Loss, Timesteps};
-use diffusion::optimize::{Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents};
+use diffusion::optimize::{
+    Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -101,7 +103,11 @@ impl Optimize {
 fn view(latent: &LatentView, low: &ImageSet, device: &Device) -> Result<ViewLatents, StageError> {
     let photo = convert::view_named(low, &latent.name)?;
     let size = |side: u32| side as usize;
-    let low = convert::signed_array(photo, device).reshape(&[3, size(photo.camera.height), size(photo.camera.width)]);
+    let low = convert::signed_array(photo, device).reshape(&[
+        3,
+        size(photo.camera.height),
+        size(photo.camera.width),
+    ]);
     let matrix = latent.camera.camera_to_world;
     Ok(ViewLatents {
         name: latent.name.clone(),
@@ -112,9 +118,23 @@ fn view(latent: &LatentView, low: &ImageSet, device: &Device) -> Result<ViewLate
 }
 
 /// The latents with other tensors.
-fn with_tensors(latents: &Latents, tensors: impl Iterator<Item = artifacts_schema::Tensor>) -> Latents {
-    let views = latents.views.iter().zip(tensors).map(|(view, tensor)| LatentView { tensor, ..view.clone() }).collect();
-    Latents { views, ..latents.clone() }
+fn with_tensors(
+    latents: &Latents,
+    tensors: impl Iterator<Item = artifacts_schema::Tensor>,
+) -> Latents {
+    let views = latents
+        .views
+        .iter()
+        .zip(tensors)
+        .map(|(view, tensor)| LatentView {
+            tensor,
+            ..view.clone()
+        })
+        .collect();
+    Latents {
+        views,
+        ..latents.clone()
+    }
 }
 
 impl Stage for Optimize {
@@ -141,13 +161,25 @@ impl Stage for Optimize {
 
     fn outputs(&self) -> Vec<OutputPort> {
         let mut ports = vec![
-            OutputPort { name: "latents", kind: ArtifactKind::Latents },
-            OutputPort { name: "residuals", kind: ArtifactKind::Residuals },
-            OutputPort { name: "log", kind: ArtifactKind::Log },
+            OutputPort {
+                name: "latents",
+                kind: ArtifactKind::Latents,
+            },
+            OutputPort {
+                name: "residuals",
+                kind: ArtifactKind::Residuals,
+            },
+            OutputPort {
+                name: "log",
+                kind: ArtifactKind::Log,
+            },
         ];
         // There is one LoRA for each part, and none that would stand for all of them.
         if matches!(self.guidance, Guidance::Vsd(_)) && (self.shards == 1 || self.shard > 0) {
-            ports.push(OutputPort { name: "lora", kind: ArtifactKind::Lora });
+            ports.push(OutputPort {
+                name: "lora",
+                kind: ArtifactKind::Lora,
+            });
         }
         ports
     }
@@ -165,12 +197,19 @@ impl Stage for Optimize {
     }
 
     fn shards(&self) -> Vec<AnyStage> {
-        shard::parts(self.shards, self.shard, |shard| AnyStage::Optimize(Self { shard, ..self.clone() }))
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Optimize(Self {
+                shard,
+                ..self.clone()
+            })
+        })
     }
 
     fn extension(&self) -> Extension {
         match self.guidance.timesteps() {
-            Timesteps::Annealed { .. } => Extension::Impossible("steps", "its timesteps fall over all steps"),
+            Timesteps::Annealed { .. } => {
+                Extension::Impossible("steps", "its timesteps fall over all steps")
+            }
             Timesteps::Uniform { .. } => Extension::Possible("steps"),
         }
     }
@@ -191,14 +230,19 @@ impl Stage for Optimize {
         latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
         options.steps = share(&options, all, latents.views.len());
         let prior = self.model.load_in(io, self.precision)?;
-        let views: Vec<_> = latents.views.iter().map(|v| view(v, &low, io.device)).collect::<Result<_, _>>()?;
+        let views: Vec<_> = latents
+            .views
+            .iter()
+            .map(|v| view(v, &low, io.device))
+            .collect::<Result<_, _>>()?;
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
         let begin = || Optimization::new(&denoiser, &views, &options, io.seed).map_err(refused);
         let mut keeper = Keeper::new(io, u64::from(options.steps) + u64::from(options.warm_up()));
         let resumed = keeper.resume(|checkpoint| {
             let begun = begin().map_err(|error| error.to_string())?;
             let state = convert::optimization_state(checkpoint, begun.state(), io.device)?;
-            let log: Vec<StepLog> = Vec::deserialize(&checkpoint.notes["log"]).map_err(|error| error.to_string())?;
+            let log: Vec<StepLog> =
+                Vec::deserialize(&checkpoint.notes["log"]).map_err(|error| error.to_string())?;
             Ok((begun.resume(state).map_err(|error| error.to_string())?, log))
         })?;
         let (mut optimization, mut log) = match resumed {
@@ -210,7 +254,9 @@ impl Stage for Optimize {
             check_finite(&step)?;
             log.push(step);
             let state = optimization.state();
-            keeper.after(state.step, &figures(&step), || convert::optimization_checkpoint(state, &log))?;
+            keeper.after(state.step, &figures(&step), || {
+                convert::optimization_checkpoint(state, &log)
+            })?;
         }
         if matches!(self.extension(), Extension::Possible(_)) {
             let state = optimization.state();
@@ -230,38 +276,72 @@ fn share(options: &Options, all: usize, part: usize) -> u32 {
 /// A LoRA whose loss is not a number any more ends the stage, before its state is kept.
 fn check_finite(log: &StepLog) -> Result<(), StageError> {
     if log.lora_loss.is_some_and(|loss| !loss.is_finite()) {
-        return Err(StageError::Diverged { step: log.step + 1, rate: "guidance.lora_rate" });
+        return Err(StageError::Diverged {
+            step: log.step + 1,
+            rate: "guidance.lora_rate",
+        });
     }
     Ok(())
 }
 
 fn refused(error: OptimizeError) -> StageError {
     match error {
-        OptimizeError::Diverged { step } => StageError::Diverged { step: step + 1, rate: "guidance.rate" },
+        OptimizeError::Diverged { step } => StageError::Diverged {
+            step: step + 1,
+            rate: "guidance.rate",
+        },
         other => StageError::Mismatch(other.to_string()),
     }
 }
 
 /// What people watch.
 fn figures(log: &StepLog) -> Vec<(&'static str, f64)> {
-    let guidance = log.guidance.iter().flat_map(|g| [("loss", g.loss), ("residual", g.residual)]);
-    guidance.chain(log.lora_loss.map(|loss| ("lora", loss))).collect()
+    let guidance = log
+        .guidance
+        .iter()
+        .flat_map(|g| [("loss", g.loss), ("residual", g.residual)]);
+    guidance
+        .chain(log.lora_loss.map(|loss| ("lora", loss)))
+        .collect()
 }
 
-fn write(latents: &Latents, views: &[ViewLatents], optimized: Optimized, io: &Io) -> Result<(), StageError> {
+fn write(
+    latents: &Latents,
+    views: &[ViewLatents],
+    optimized: Optimized,
+    io: &Io,
+) -> Result<(), StageError> {
     let batched = |array: &compute::Array| {
         let shape: Vec<usize> = [1].iter().chain(array.shape()).copied().collect();
         convert::tensor(&array.reshape(&shape))
     };
     let residuals = optimized.residuals.iter();
-    let refined = with_tensors(latents, residuals.clone().zip(views).map(|(h, view)| batched(&add(&view.latent, h))));
+    let refined = with_tensors(
+        latents,
+        residuals
+            .clone()
+            .zip(views)
+            .map(|(h, view)| batched(&add(&view.latent, h))),
+    );
     io.write("latents", &refined)?;
-    io.write("residuals", &Residuals(with_tensors(latents, residuals.map(batched))))?;
+    io.write(
+        "residuals",
+        &Residuals(with_tensors(latents, residuals.map(batched))),
+    )?;
     if let Some(lora) = &optimized.lora {
         io.write("lora", &convert::lora(lora))?;
     }
-    let lines = optimized.log.iter().map(serde_json::to_value).collect::<Result<_, _>>();
-    io.write("log", &Log { lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))? })
+    let lines = optimized
+        .log
+        .iter()
+        .map(serde_json::to_value)
+        .collect::<Result<_, _>>();
+    io.write(
+        "log",
+        &Log {
+            lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))?,
+        },
+    )
 }
 
 #[cfg(test)]
@@ -270,10 +350,18 @@ mod tests {
 
     #[test]
     fn a_part_moves_its_views_as_often_as_the_whole_would() {
-        let options = |steps, batch| Options { steps, batch, ..Options::default() };
+        let options = |steps, batch| Options {
+            steps,
+            batch,
+            ..Options::default()
+        };
         assert_eq!(share(&options(60, 4), 21, 21), 60);
         assert_eq!(share(&options(60, 4), 21, 7), 20);
-        assert_eq!(share(&options(60, 16), 21, 7), 46, "60 * 16/21 moves of each view, all 7 at once");
+        assert_eq!(
+            share(&options(60, 16), 21, 7),
+            46,
+            "60 * 16/21 moves of each view, all 7 at once"
+        );
         assert_eq!(share(&options(60, 99), 21, 7), 60);
         assert_eq!(share(&options(1, 1), 21, 7), 1);
     }

@@ -12,7 +12,11 @@ use crate::surface::Surface;
 /// If `out` takes no more.
 pub fn write(surface: &Surface, points: bool, out: &mut impl Write) -> io::Result<()> {
     let triangles: &[[u32; 3]] = if points { &[] } else { &surface.triangles };
-    write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}\n", surface.vertices.len())?;
+    write!(
+        out,
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
+        surface.vertices.len()
+    )?;
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         writeln!(out, "property float {name}")?;
     }
@@ -20,18 +24,28 @@ pub fn write(surface: &Surface, points: bool, out: &mut impl Write) -> io::Resul
         writeln!(out, "property uchar {name}")?;
     }
     if !points {
-        write!(out, "element face {}\nproperty list uchar int vertex_indices\n", triangles.len())?;
+        write!(
+            out,
+            "element face {}\nproperty list uchar int vertex_indices\n",
+            triangles.len()
+        )?;
     }
     out.write_all(b"end_header\n")?;
     for vertex in &surface.vertices {
         for value in vertex.position.iter().chain(&vertex.normal) {
             out.write_all(&value.to_le_bytes())?;
         }
-        out.write_all(&vertex.color.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8))?;
+        out.write_all(
+            &vertex
+                .color
+                .map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8),
+        )?;
     }
     for triangle in triangles {
         out.write_all(&[3])?;
-        triangle.iter().try_for_each(|vertex| out.write_all(&vertex.to_le_bytes()))?;
+        triangle
+            .iter()
+            .try_for_each(|vertex| out.write_all(&vertex.to_le_bytes()))?;
     }
     Ok(())
 }
@@ -43,12 +57,25 @@ mod tests {
 
     #[test]
     fn a_triangle_takes_as_many_bytes_as_its_header_says() {
-        let vertex = |x| Vertex { position: [x, 0.5, -1.0], normal: [0.0, 0.0, 1.0], color: [1.0, 0.5, -0.1] };
-        let surface = Surface { vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(), triangles: vec![[0, 1, 2]] };
+        let vertex = |x| Vertex {
+            position: [x, 0.5, -1.0],
+            normal: [0.0, 0.0, 1.0],
+            color: [1.0, 0.5, -0.1],
+        };
+        let surface = Surface {
+            vertices: [0.0, 1.0, 2.0].map(vertex).to_vec(),
+            triangles: vec![[0, 1, 2]],
+        };
         let mut bytes = Vec::new();
         write(&surface, false, &mut bytes).unwrap();
-        let header = bytes.windows(11).position(|part| part == b"end_header\n").unwrap() + 11;
-        assert!(bytes.starts_with(b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"));
+        let header = bytes
+            .windows(11)
+            .position(|part| part == b"end_header\n")
+            .unwrap()
+            + 11;
+        assert!(bytes.starts_with(
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
+        ));
         assert_eq!(bytes.len() - header, 3 * (6 * 4 + 3) + 1 + 3 * 4);
         assert_eq!(bytes[header + 27..header + 31], 1f32.to_le_bytes());
         assert_eq!(bytes[header + 24..header + 27], [255, 128, 0]);

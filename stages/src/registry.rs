@@ -92,7 +92,14 @@ mod tests {
         for kind in KINDS {
             let stage = AnyStage::from_parameters(kind, json!({})).unwrap();
             let parameters = stage.parameters().unwrap();
-            assert!(stage.stage().inputs().iter().all(|port| parameters[port.name].is_string()), "{kind}");
+            assert!(
+                stage
+                    .stage()
+                    .inputs()
+                    .iter()
+                    .all(|port| parameters[port.name].is_string()),
+                "{kind}"
+            );
             let outputs = stage.stage().outputs();
             let names: BTreeSet<_> = outputs.iter().map(|port| port.name).collect();
             assert!(!names.is_empty() && names.len() == outputs.len(), "{kind}");
@@ -101,7 +108,13 @@ mod tests {
 
     #[test]
     fn a_wrong_field_is_named_by_its_path() {
-        let wrong = AnyStage::from_parameters("Optimize", json!({ "guidance": { "Vsd": { "lora_every": "often" } } }));
-        assert_eq!(wrong.err().map(|error| error.path().to_string()).as_deref(), Some("guidance.Vsd.lora_every"));
+        let wrong = AnyStage::from_parameters(
+            "Optimize",
+            json!({ "guidance": { "Vsd": { "lora_every": "often" } } }),
+        );
+        assert_eq!(
+            wrong.err().map(|error| error.path().to_string()).as_deref(),
+            Some("guidance.Vsd.lora_every")
+        );
     }
 }

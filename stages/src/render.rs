@@ -70,24 +70,49 @@ fn default_turns() -> f64 {
 impl Default for Render {
     fn default() -> Self {
         let none = Input::default;
-        Self { field: none(), cameras: none(), path: None, scale: 1.0, supersample: 1, shards: 1, shard: 0 }
+        Self {
+            field: none(),
+            cameras: none(),
+            path: None,
+            scale: 1.0,
+            supersample: 1,
+            shards: 1,
+            shard: 0,
+        }
     }
 }
 
 impl Render {
     /// What to render, by name.
     fn views(&self, cameras: &ImageSet) -> Result<Vec<(String, Camera)>, StageError> {
-        let own: Vec<Camera> = cameras.views.iter().map(|view| convert::camera(&view.camera)).collect();
+        let own: Vec<Camera> = cameras
+            .views
+            .iter()
+            .map(|view| convert::camera(&view.camera))
+            .collect();
         if own.is_empty() {
-            return Err(StageError::Mismatch("there are no cameras to render from".into()));
+            return Err(StageError::Mismatch(
+                "there are no cameras to render from".into(),
+            ));
         }
         let path = match &self.path {
-            None => return Ok(cameras.views.iter().map(|view| view.name.clone()).zip(own).collect()),
+            None => {
+                return Ok(cameras
+                    .views
+                    .iter()
+                    .map(|view| view.name.clone())
+                    .zip(own)
+                    .collect());
+            }
             Some(CameraPath::Spiral { frames, turns }) => scene::spiral(&own, *frames, *turns),
             Some(CameraPath::Circle { frames }) => scene::circle(&own, *frames),
             Some(CameraPath::File { path }) => scene::path_from_file(path, &own)?,
         };
-        Ok(path.into_iter().enumerate().map(|(i, camera)| (format!("frame_{i:04}"), camera)).collect())
+        Ok(path
+            .into_iter()
+            .enumerate()
+            .map(|(i, camera)| (format!("frame_{i:04}"), camera))
+            .collect())
     }
 }
 
@@ -109,7 +134,10 @@ impl Stage for Render {
         }
         match &self.path {
             Some(CameraPath::Spiral { turns, .. }) if !(*turns > 0.0 && *turns <= 1000.0) => {
-                return Err(StageError::parameter("path.turns", format!("is {turns}; it must be above 0")));
+                return Err(StageError::parameter(
+                    "path.turns",
+                    format!("is {turns}; it must be above 0"),
+                ));
             }
             Some(CameraPath::Spiral { frames, .. } | CameraPath::Circle { frames }) => {
                 convert::in_range("path.frames", *frames, 1, 100_000)?;
@@ -121,8 +149,13 @@ impl Stage for Render {
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        let Some(CameraPath::File { path }) = &self.path else { return Ok(Vec::new()) };
-        Ok(vec![Source { name: "poses".into(), digest: Digest::new(scene::path_digest(path)?) }])
+        let Some(CameraPath::File { path }) = &self.path else {
+            return Ok(Vec::new());
+        };
+        Ok(vec![Source {
+            name: "poses".into(),
+            digest: Digest::new(scene::path_digest(path)?),
+        }])
     }
 
     fn locations(&self) -> &'static [&'static str] {
@@ -137,11 +170,19 @@ impl Stage for Render {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort { name: "images", kind: ArtifactKind::Images }]
+        vec![OutputPort {
+            name: "images",
+            kind: ArtifactKind::Images,
+        }]
     }
 
     fn shards(&self) -> Vec<AnyStage> {
-        shard::parts(self.shards, self.shard, |shard| AnyStage::Render(Self { shard, ..self.clone() }))
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Render(Self {
+                shard,
+                ..self.clone()
+            })
+        })
     }
 
     fn uses_device(&self) -> bool {
@@ -155,7 +196,10 @@ impl Stage for Render {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read::<Field>("field")?)?;
         let cameras: ImageSet = io.read("cameras")?;
-        let options = nerf::RenderOptions { supersample: self.supersample, ..Default::default() };
+        let options = nerf::RenderOptions {
+            supersample: self.supersample,
+            ..Default::default()
+        };
         // Renders of an opaque scene's own views are opaque; a path may lead the camera past what the scene has.
         let alpha = self.path.is_some() || cameras.views.iter().any(|view| view.alpha.is_some());
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
@@ -163,9 +207,20 @@ impl Stage for Render {
         let mut views = Vec::new();
         for (done, (name, camera)) in path.iter().enumerate() {
             let camera = convert::scaled(camera, self.scale);
-            views.push(convert::rendered_view(name, &camera, renderer.render(&camera, &options), alpha));
+            views.push(convert::rendered_view(
+                name,
+                &camera,
+                renderer.render(&camera, &options),
+                alpha,
+            ));
             io.progress(done + 1, path.len(), &[])?;
         }
-        io.write("images", &ImageSet { views, bounds: cameras.bounds })
+        io.write(
+            "images",
+            &ImageSet {
+                views,
+                bounds: cameras.bounds,
+            },
+        )
     }
 }

@@ -122,16 +122,28 @@ impl Default for Scene {
             size: default_size(),
             samples: default_samples(),
         };
-        Self { source, downscale: 4, filter: Reducer::Bicubic, holdout: 8 }
+        Self {
+            source,
+            downscale: 4,
+            filter: Reducer::Bicubic,
+            holdout: 8,
+        }
     }
 }
 
 impl Origin {
     fn transforms(&self) -> TransformsOptions {
         match self {
-            Origin::Transforms { size, bounds, test_every, .. } => {
-                TransformsOptions { size: *size, bounds: *bounds, test_every: *test_every }
-            }
+            Origin::Transforms {
+                size,
+                bounds,
+                test_every,
+                ..
+            } => TransformsOptions {
+                size: *size,
+                bounds: *bounds,
+                test_every: *test_every,
+            },
             _ => TransformsOptions::default(),
         }
     }
@@ -140,13 +152,26 @@ impl Origin {
 impl Scene {
     fn read(&self, seed: u64) -> Result<SceneData, StageError> {
         match &self.source {
-            Origin::Procedural { world, views, size, samples } => {
-                let draw = if world == "object" { scene::object } else { scene::still_life };
+            Origin::Procedural {
+                world,
+                views,
+                size,
+                samples,
+            } => {
+                let draw = if world == "object" {
+                    scene::object
+                } else {
+                    scene::still_life
+                };
                 Ok(draw(*views, *size, *samples, seed))
             }
             Origin::Llff { path, images, size } => Ok(scene::llff(path, images.as_deref(), *size)?),
-            Origin::Colmap { path, images, size } => Ok(scene::colmap(path, images.as_deref(), *size)?),
-            Origin::Transforms { path, .. } => Ok(scene::transforms(path, &self.source.transforms())?),
+            Origin::Colmap { path, images, size } => {
+                Ok(scene::colmap(path, images.as_deref(), *size)?)
+            }
+            Origin::Transforms { path, .. } => {
+                Ok(scene::transforms(path, &self.source.transforms())?)
+            }
         }
     }
 
@@ -155,7 +180,10 @@ impl Scene {
             Reducer::Bicubic => Reduction::Bicubic,
             Reducer::Area => Reduction::Area,
         };
-        Ok(photos.iter().map(|photo| scene::downscale(photo, self.downscale, filter)).collect::<Result<_, _>>()?)
+        Ok(photos
+            .iter()
+            .map(|photo| scene::downscale(photo, self.downscale, filter))
+            .collect::<Result<_, _>>()?)
     }
 }
 
@@ -172,7 +200,12 @@ impl Stage for Scene {
         convert::in_range("downscale", self.downscale, 1, 64)?;
         convert::in_range("holdout", self.holdout, 2, 1_000_000)?;
         let size = match &self.source {
-            Origin::Procedural { world, views, samples, size } => {
+            Origin::Procedural {
+                world,
+                views,
+                samples,
+                size,
+            } => {
                 if !WORLDS.contains(&world.as_str()) {
                     let problem = format!("is `{world}`; the worlds are: {}", WORLDS.join(", "));
                     return Err(StageError::parameter("source.world", problem));
@@ -181,7 +214,9 @@ impl Stage for Scene {
                 convert::in_range("source.samples", *samples, 1, 64)?;
                 Some(*size)
             }
-            Origin::Transforms { test_every, size, .. } => {
+            Origin::Transforms {
+                test_every, size, ..
+            } => {
                 convert::in_range("source.test_every", *test_every, 1, 1_000_000)?;
                 *size
             }
@@ -197,17 +232,31 @@ impl Stage for Scene {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        ["train", "test", "test_low"].map(|name| OutputPort { name, kind: ArtifactKind::Images }).to_vec()
+        ["train", "test", "test_low"]
+            .map(|name| OutputPort {
+                name,
+                kind: ArtifactKind::Images,
+            })
+            .to_vec()
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         let digest = match &self.source {
             Origin::Procedural { .. } => return Ok(Vec::new()),
-            Origin::Llff { path, images, size } => scene::llff_digest(path, images.as_deref(), *size)?,
-            Origin::Colmap { path, images, size } => scene::colmap_digest(path, images.as_deref(), *size)?,
-            Origin::Transforms { path, .. } => scene::transforms_digest(path, &self.source.transforms())?,
+            Origin::Llff { path, images, size } => {
+                scene::llff_digest(path, images.as_deref(), *size)?
+            }
+            Origin::Colmap { path, images, size } => {
+                scene::colmap_digest(path, images.as_deref(), *size)?
+            }
+            Origin::Transforms { path, .. } => {
+                scene::transforms_digest(path, &self.source.transforms())?
+            }
         };
-        Ok(vec![Source { name: "photos and poses".into(), digest: Digest::new(digest) }])
+        Ok(vec![Source {
+            name: "photos and poses".into(),
+            digest: Digest::new(digest),
+        }])
     }
 
     fn source_files(&self) -> Option<Vec<PathBuf>> {
@@ -217,7 +266,9 @@ impl Stage for Scene {
             Origin::Transforms { .. } => None,
             // Another folder of photos may lie beside that of the poses.
             Origin::Llff { path, images, .. } | Origin::Colmap { path, images, .. } => {
-                let photos = images.as_ref().map_or(Some(Vec::new()), |images| files::tree(&path.join(images)))?;
+                let photos = images
+                    .as_ref()
+                    .map_or(Some(Vec::new()), |images| files::tree(&path.join(images)))?;
                 Some([files::tree(path)?, photos].concat())
             }
         }
@@ -237,9 +288,14 @@ impl Stage for Scene {
             false => (data.photos, data.test),
         };
         if train.is_empty() || test.is_empty() {
-            return Err(StageError::Mismatch("the scene has too few photos to hold any out".into()));
+            return Err(StageError::Mismatch(
+                "the scene has too few photos to hold any out".into(),
+            ));
         }
-        let set = |photos: &[Photo]| ImageSet { views: photos.iter().map(convert::photo_view).collect(), bounds };
+        let set = |photos: &[Photo]| ImageSet {
+            views: photos.iter().map(convert::photo_view).collect(),
+            bounds,
+        };
         io.write("train", &set(&self.reduce(&train)?))?;
         io.write("test", &set(&test))?;
         io.write("test_low", &set(&self.reduce(&test)?))?;

@@ -22,16 +22,26 @@ impl Shard {
     pub fn new(shards: u32, shard: u32) -> Self {
         match shard {
             0 => Self { index: 0, of: 1 },
-            _ => Self { index: shard as usize - 1, of: shards as usize },
+            _ => Self {
+                index: shard as usize - 1,
+                of: shards as usize,
+            },
         }
     }
 
     /// This part of the views; an error if it has none.
     pub fn take<V>(&self, views: Vec<V>) -> Result<Vec<V>, StageError> {
         let all = views.len();
-        let taken: Vec<V> = views.into_iter().skip(self.index).step_by(self.of).collect();
+        let taken: Vec<V> = views
+            .into_iter()
+            .skip(self.index)
+            .step_by(self.of)
+            .collect();
         match (taken.len(), self.of) {
-            (0, 2..) => Err(StageError::Mismatch(format!("`shards` is {}, but there are only {all} views", self.of))),
+            (0, 2..) => Err(StageError::Mismatch(format!(
+                "`shards` is {}, but there are only {all} views",
+                self.of
+            ))),
             _ => Ok(taken),
         }
     }
@@ -45,7 +55,11 @@ pub fn check(shards: u32, shard: u32) -> Result<(), StageError> {
 
 /// The stages that compute the parts; none where the stage is computed as a whole, or is a part itself.
 pub fn parts(shards: u32, shard: u32, part: impl Fn(u32) -> AnyStage) -> Vec<AnyStage> {
-    if shards > 1 && shard == 0 { (1..=shards).map(part).collect() } else { Vec::new() }
+    if shards > 1 && shard == 0 {
+        (1..=shards).map(part).collect()
+    } else {
+        Vec::new()
+    }
 }
 
 #[cfg(test)]
@@ -55,14 +69,20 @@ mod tests {
     #[test]
     fn parts_are_all_views_each_once() {
         let part = |shard| Shard::new(3, shard).take((0..7).collect()).unwrap();
-        assert_eq!((part(1), part(2), part(3)), (vec![0, 3, 6], vec![1, 4], vec![2, 5]));
+        assert_eq!(
+            (part(1), part(2), part(3)),
+            (vec![0, 3, 6], vec![1, 4], vec![2, 5])
+        );
         assert_eq!(part(0), (0..7).collect::<Vec<_>>());
     }
 
     #[test]
     fn a_part_without_views_is_refused() {
         let error = Shard::new(9, 9).take(vec![0; 7]).unwrap_err();
-        assert_eq!(error.to_string(), "`shards` is 9, but there are only 7 views");
+        assert_eq!(
+            error.to_string(),
+            "`shards` is 9, but there are only 7 views"
+        );
         assert!(check(3, 4).is_err() && check(0, 0).is_err() && check(3, 3).is_ok());
     }
 }

@@ -35,7 +35,12 @@ pub struct InputPort<'a> {
 impl<'a> InputPort<'a> {
     /// An input that the stage uses.
     pub fn new(name: &'static str, reference: &'a Input, kind: ArtifactKind) -> Self {
-        Self { name, reference, kind, used: true }
+        Self {
+            name,
+            reference,
+            kind,
+            used: true,
+        }
     }
 
     /// The same, used only on a condition.
@@ -98,12 +103,20 @@ impl Estimate {
     /// Of a stage that reads all of its inputs and does little with them.
     pub fn reading(inputs: &Sizes) -> Self {
         let bytes: u64 = inputs.values().sum();
-        Self { memory: (64 << 20) + 6 * bytes, seconds: 1.0 + bytes as f64 / 1e7, device: false }
+        Self {
+            memory: (64 << 20) + 6 * bytes,
+            seconds: 1.0 + bytes as f64 / 1e7,
+            device: false,
+        }
     }
 
     /// The same, if it computes on the device as well, in so many more bytes and seconds.
     pub fn computing(self, memory: u64, seconds: f64) -> Self {
-        Self { memory: self.memory + memory, seconds: self.seconds + seconds, device: true }
+        Self {
+            memory: self.memory + memory,
+            seconds: self.seconds + seconds,
+            device: true,
+        }
     }
 }
 
@@ -228,7 +241,10 @@ impl Io<'_> {
 
     /// The folder of the input of this name.
     pub fn input(&self, name: &str) -> Result<&Path, StageError> {
-        self.inputs.get(name).map(PathBuf::as_path).ok_or_else(|| StageError::MissingInput(name.to_owned()))
+        self.inputs
+            .get(name)
+            .map(PathBuf::as_path)
+            .ok_or_else(|| StageError::MissingInput(name.to_owned()))
     }
 
     /// Writes the output artifact of this name.
@@ -237,14 +253,26 @@ impl Io<'_> {
     }
 
     /// Reports progress; an error when the run is being stopped.
-    pub fn progress(&self, step: usize, total: usize, values: &[(&'static str, f64)]) -> Result<(), StageError> {
-        (self.messages)(Message::Progress { step: step as u64, total: total as u64, values: values.to_vec() });
+    pub fn progress(
+        &self,
+        step: usize,
+        total: usize,
+        values: &[(&'static str, f64)],
+    ) -> Result<(), StageError> {
+        (self.messages)(Message::Progress {
+            step: step as u64,
+            total: total as u64,
+            values: values.to_vec(),
+        });
         self.check_cancelled()
     }
 
     /// Reports a result worth a line of its own.
     pub fn metric(&self, name: impl Into<String>, value: f64) {
-        (self.messages)(Message::Metric { name: name.into(), value });
+        (self.messages)(Message::Metric {
+            name: name.into(),
+            value,
+        });
     }
 
     /// Reports something that the user might not expect.
@@ -254,6 +282,10 @@ impl Io<'_> {
 
     /// An error when the run is being stopped.
     pub fn check_cancelled(&self) -> Result<(), StageError> {
-        if (self.cancelled)() { Err(StageError::Cancelled) } else { Ok(()) }
+        if (self.cancelled)() {
+            Err(StageError::Cancelled)
+        } else {
+            Ok(())
+        }
     }
 }

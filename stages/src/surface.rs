@@ -28,8 +28,20 @@ pub struct Vertex {
 }
 
 /// The corners of a cell and the pairs of them that are its edges: bit 0 is x, bit 1 is y, bit 2 is z.
-const EDGES: [(usize, usize); 12] =
-    [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
+const EDGES: [(usize, usize); 12] = [
+    (0, 1),
+    (2, 3),
+    (4, 5),
+    (6, 7),
+    (0, 2),
+    (1, 3),
+    (4, 6),
+    (5, 7),
+    (0, 4),
+    (1, 5),
+    (2, 6),
+    (3, 7),
+];
 /// Densities below are as good as none; the logarithm wants a bound.
 const NOTHING: f32 = 1e-6;
 /// Points per request to the field; fixed, to bound the memory of a task.
@@ -56,7 +68,9 @@ impl Grid {
     /// The values at the eight corners of the cell whose lowest corner has this index.
     fn corners(&self, lowest: usize) -> [f32; 8] {
         let [nx, ny, _] = self.size;
-        std::array::from_fn(|i| self.values[lowest + (i & 1) + (i >> 1 & 1) * nx + (i >> 2) * nx * ny])
+        std::array::from_fn(|i| {
+            self.values[lowest + (i & 1) + (i >> 1 & 1) * nx + (i >> 2) * nx * ny]
+        })
     }
 }
 
@@ -67,7 +81,9 @@ pub fn usual_level(field: &Field) -> f32 {
 
 fn longest_side(field: &Field) -> f32 {
     let [low, high] = field.bounds();
-    (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max)
+    (0..3)
+        .map(|axis| high[axis] - low[axis])
+        .fold(0.0, f32::max)
 }
 
 /// The surface on which the field's density is `level` (per world length), on a grid with `resolution` cells along the
@@ -80,12 +96,22 @@ pub fn surface(field: &Field, resolution: u32, level: f32) -> Surface {
         .par_chunks(CHUNK)
         .flat_map_iter(|places| {
             let points: Vec<_> = places.iter().map(|(position, _)| *position).collect();
-            let inwards: Vec<_> = places.iter().map(|(_, normal)| normal.map(|part| -part)).collect();
+            let inwards: Vec<_> = places
+                .iter()
+                .map(|(_, normal)| normal.map(|part| -part))
+                .collect();
             field.colors(&points, &inwards)
         })
         .collect();
-    let vertex = |((position, normal), color)| Vertex { position, normal, color };
-    Surface { vertices: places.into_iter().zip(colors).map(vertex).collect(), triangles }
+    let vertex = |((position, normal), color)| Vertex {
+        position,
+        normal,
+        color,
+    };
+    Surface {
+        vertices: places.into_iter().zip(colors).map(vertex).collect(),
+        triangles,
+    }
 }
 
 /// Logarithms of the density over the level: positive inside. They change more evenly through a surface than densities
@@ -95,18 +121,28 @@ fn sample(field: &Field, resolution: u32, level: f32) -> Grid {
     let step = longest_side(field) / resolution as f32;
     let size = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / step).ceil() as usize + 3);
     let low = low.map(|corner| corner - 0.5 * step);
-    let mut grid = Grid { size, low, step, values: Vec::new() };
+    let mut grid = Grid {
+        size,
+        low,
+        step,
+        values: Vec::new(),
+    };
     let count = size.iter().product::<usize>();
     let chunk = |chunk: usize| {
         let range = chunk * CHUNK..count.min((chunk + 1) * CHUNK);
-        let points: Vec<_> = range.map(|i| grid.point(grid.place(i).map(|part| part as f32))).collect();
+        let points: Vec<_> = range
+            .map(|i| grid.point(grid.place(i).map(|part| part as f32)))
+            .collect();
         field
             .visible_densities(&points)
             .into_iter()
             .map(|density| (density.max(NOTHING) / level).ln())
             .collect::<Vec<_>>()
     };
-    grid.values = (0..count.div_ceil(CHUNK)).into_par_iter().flat_map_iter(chunk).collect();
+    grid.values = (0..count.div_ceil(CHUNK))
+        .into_par_iter()
+        .flat_map_iter(chunk)
+        .collect();
     grid
 }
 
@@ -149,10 +185,24 @@ fn crossing(corners: &[f32; 8]) -> Option<[f32; 3]> {
 
 /// The direction in which a cell's values fall.
 fn outwards(corners: &[f32; 8]) -> [f32; 3] {
-    let fall = |axis: usize| -> f32 { (0..8).map(|i| if i >> axis & 1 == 0 { corners[i] } else { -corners[i] }).sum() };
+    let fall = |axis: usize| -> f32 {
+        (0..8)
+            .map(|i| {
+                if i >> axis & 1 == 0 {
+                    corners[i]
+                } else {
+                    -corners[i]
+                }
+            })
+            .sum()
+    };
     let fall = [fall(0), fall(1), fall(2)];
     let length = fall.iter().map(|part| part * part).sum::<f32>().sqrt();
-    if length > 0.0 { fall.map(|part| part / length) } else { [0.0, 0.0, 1.0] }
+    if length > 0.0 {
+        fall.map(|part| part / length)
+    } else {
+        [0.0, 0.0, 1.0]
+    }
 }
 
 /// Two triangles for each crossed edge of the grid, between the vertices of the four cells around it.
@@ -166,14 +216,22 @@ fn triangles(grid: &Grid, owners: &[u32]) -> Vec<[u32; 3]> {
             if place[axis] + 1 == grid.size[axis] || place[u] == 0 || place[v] == 0 {
                 continue;
             }
-            let (here, there) = (grid.values[index] > 0.0, grid.values[index + strides[axis]] > 0.0);
-            let around = [0, strides[u], strides[u] + strides[v], strides[v]].map(|back| owners[index - back]);
+            let (here, there) = (
+                grid.values[index] > 0.0,
+                grid.values[index + strides[axis]] > 0.0,
+            );
+            let around = [0, strides[u], strides[u] + strides[v], strides[v]]
+                .map(|back| owners[index - back]);
             if here == there || around.contains(&u32::MAX) {
                 continue;
             }
             let [a, b, c, d] = around;
             // As seen from the end of the axis the cells run a, b, c, d counter-clockwise: outside if inside is here.
-            let faces = if here { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] };
+            let faces = if here {
+                [[a, b, c], [a, c, d]]
+            } else {
+                [[a, c, b], [a, d, c]]
+            };
             triangles.extend(faces);
         }
     }
@@ -187,7 +245,12 @@ mod tests {
     /// A ball of radius 0.3 around the middle of a unit cube.
     fn ball() -> Grid {
         let size = [24, 25, 26];
-        let mut grid = Grid { size, low: [0.0; 3], step: 1.0 / 24.0, values: Vec::new() };
+        let mut grid = Grid {
+            size,
+            low: [0.0; 3],
+            step: 1.0 / 24.0,
+            values: Vec::new(),
+        };
         let distance = |p: [f32; 3]| p.iter().map(|x| (x - 0.5) * (x - 0.5)).sum::<f32>().sqrt();
         let value = |i| 0.3 - distance(grid.point(grid.place(i).map(|part| part as f32)));
         grid.values = (0..size.iter().product()).map(value).collect();
@@ -206,7 +269,10 @@ mod tests {
             let out = position.map(|x| x - 0.5);
             let radius = out.iter().map(|x| x * x).sum::<f32>().sqrt();
             let cosine: f32 = out.iter().zip(normal).map(|(a, b)| a * b).sum::<f32>() / radius;
-            assert!((radius - 0.3).abs() < 0.01 && cosine > 0.98, "{position:?} {normal:?}");
+            assert!(
+                (radius - 0.3).abs() < 0.01 && cosine > 0.98,
+                "{position:?} {normal:?}"
+            );
         }
         // By the divergence theorem: the volume is the sum of a . (b x c) / 6 over triangles that face outwards.
         let corner = |i: u32| vertices[i as usize].0;
@@ -214,7 +280,12 @@ mod tests {
             .iter()
             .map(|[a, b, c]| {
                 let normal = cross(corner(*b), corner(*c));
-                corner(*a).iter().zip(normal).map(|(a, n)| a * n).sum::<f32>() / 6.0
+                corner(*a)
+                    .iter()
+                    .zip(normal)
+                    .map(|(a, n)| a * n)
+                    .sum::<f32>()
+                    / 6.0
             })
             .sum();
         assert!((volume / 0.1131 - 1.0).abs() < 0.03, "{volume}");
@@ -224,10 +295,20 @@ mod tests {
     fn a_closed_surface_has_every_edge_twice_once_each_way() {
         let grid = ball();
         let (_, owners) = vertices(&grid);
-        let mut edges: Vec<[u32; 2]> =
-            triangles(&grid, &owners).iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
+        let mut edges: Vec<[u32; 2]> = triangles(&grid, &owners)
+            .iter()
+            .flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]])
+            .collect();
         edges.sort_unstable();
-        assert!(edges.windows(2).all(|pair| pair[0] != pair[1]), "no edge twice the same way");
-        assert!(edges.iter().all(|[a, b]| edges.binary_search(&[*b, *a]).is_ok()), "each comes back");
+        assert!(
+            edges.windows(2).all(|pair| pair[0] != pair[1]),
+            "no edge twice the same way"
+        );
+        assert!(
+            edges
+                .iter()
+                .all(|[a, b]| edges.binary_search(&[*b, *a]).is_ok()),
+            "each comes back"
+        );
     }
 }

@@ -64,7 +64,10 @@ impl Stage for Sync {
 
     fn check(&self) -> Result<(), StageError> {
         if !(self.low_weight >= 0.0 && self.low_weight <= 1000.0) {
-            return Err(StageError::parameter("low_weight", format!("is {}; it must be 0 to 1000", self.low_weight)));
+            return Err(StageError::parameter(
+                "low_weight",
+                format!("is {}; it must be 0 to 1000", self.low_weight),
+            ));
         }
         convert::in_range("low_supersample", self.low_supersample, 1, 16)?;
         training::check(self.steps, self.samples, self.rate, self.final_rate)
@@ -80,8 +83,14 @@ impl Stage for Sync {
 
     fn outputs(&self) -> Vec<OutputPort> {
         vec![
-            OutputPort { name: "field", kind: ArtifactKind::Field },
-            OutputPort { name: "log", kind: ArtifactKind::Log },
+            OutputPort {
+                name: "field",
+                kind: ArtifactKind::Field,
+            },
+            OutputPort {
+                name: "log",
+                kind: ArtifactKind::Log,
+            },
         ]
     }
 
@@ -94,20 +103,45 @@ impl Stage for Sync {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        training::estimate(inputs, inputs.get("field").copied().unwrap_or(16 << 20), self.steps, self.samples)
+        training::estimate(
+            inputs,
+            inputs.get("field").copied().unwrap_or(16 << 20),
+            self.steps,
+            self.samples,
+        )
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read("field")?)?;
         let images: ImageSet = io.read("images")?;
-        let mut views: Vec<_> = images.views.iter().map(|view| convert::train_view(view, 1.0, 1)).collect();
+        let mut views: Vec<_> = images
+            .views
+            .iter()
+            .map(|view| convert::train_view(view, 1.0, 1))
+            .collect();
         if self.low_weight > 0.0 {
             let low: ImageSet = io.read("low")?;
             let weight = self.low_weight as f32;
-            views.extend(low.views.iter().map(|view| convert::train_view(view, weight, self.low_supersample)));
+            views.extend(
+                low.views
+                    .iter()
+                    .map(|view| convert::train_view(view, weight, self.low_supersample)),
+            );
         }
-        let Self { steps, samples, rate, final_rate, .. } = *self;
-        let options = TrainOptions { steps, samples, rate, final_rate, ..Default::default() };
+        let Self {
+            steps,
+            samples,
+            rate,
+            final_rate,
+            ..
+        } = *self;
+        let options = TrainOptions {
+            steps,
+            samples,
+            rate,
+            final_rate,
+            ..Default::default()
+        };
         training::train(field, views, &options, io)
     }
 }

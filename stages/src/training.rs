@@ -21,7 +21,10 @@ pub fn check(steps: u32, samples: u32, rate: f64, final_rate: f64) -> Result<(),
     convert::in_range("samples", samples, 256, 1 << 24)?;
     for (field, value) in [("rate", rate), ("final_rate", final_rate)] {
         if !(value > 0.0 && value <= 1.0) {
-            return Err(StageError::parameter(field, format!("is {value}; it must be above 0 and at most 1")));
+            return Err(StageError::parameter(
+                field,
+                format!("is {value}; it must be above 0 and at most 1"),
+            ));
         }
     }
     Ok(())
@@ -46,16 +49,33 @@ pub fn estimate(inputs: &Sizes, table: u64, steps: u32, samples: u32) -> Estimat
 }
 
 /// Trains `field` on `views` and writes the outputs `field` and `log`. Goes on from a checkpoint where there is one.
-pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &Io) -> Result<(), StageError> {
+pub fn train(
+    field: Field,
+    views: Vec<TrainView>,
+    options: &TrainOptions,
+    io: &Io,
+) -> Result<(), StageError> {
     let mut keeper = Keeper::new(io, options.steps.into());
     let (config, bounds) = (field.config().clone(), field.bounds());
     let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
-        let training = Training::from_state(io.device, &config, bounds, views.clone(), options, io.seed, tensors);
+        let training = Training::from_state(
+            io.device,
+            &config,
+            bounds,
+            views.clone(),
+            options,
+            io.seed,
+            tensors,
+        );
         Ok((training.map_err(|error| error.to_string())?, diary))
     })?;
-    let (mut training, mut diary) =
-        resumed.unwrap_or_else(|| (Training::new(io.device, field, views, options, io.seed), Diary::default()));
+    let (mut training, mut diary) = resumed.unwrap_or_else(|| {
+        (
+            Training::new(io.device, field, views, options, io.seed),
+            Diary::default(),
+        )
+    });
     let (begun, before) = (training.steps_taken(), io.device.counts());
     while training.steps_taken() < options.steps {
         let stats = training.step();
@@ -64,7 +84,9 @@ pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &I
             return Err(StageError::Diverged { step, rate: "rate" });
         }
         diary.note(training.steps_taken(), &stats);
-        keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || checkpoint(&mut training, &diary))?;
+        keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || {
+            checkpoint(&mut training, &diary)
+        })?;
     }
     if matches!(extension(options.final_rate), Extension::Possible(_)) {
         keeper.keep(options.steps.into(), || checkpoint(&mut training, &diary));
@@ -77,15 +99,29 @@ pub fn train(field: Field, views: Vec<TrainView>, options: &TrainOptions, io: &I
 
 /// What a GPU was given to do in each of so many steps.
 fn tell_counts(io: &Io, before: Option<Counts>, steps: u32) {
-    let Some(done) = io.device.counts().zip(before).map(|(after, before)| after - before) else { return };
+    let Some(done) = io
+        .device
+        .counts()
+        .zip(before)
+        .map(|(after, before)| after - before)
+    else {
+        return;
+    };
     let per_step = |count: u64| count as f64 / f64::from(steps.max(1));
     io.metric("dispatches per step", per_step(done.dispatches));
     io.metric("bytes through device memory per step", per_step(done.bytes));
-    io.metric("floating-point operations per step", per_step(done.operations));
+    io.metric(
+        "floating-point operations per step",
+        per_step(done.operations),
+    );
 }
 
 fn checkpoint(training: &mut Training, diary: &Diary) -> Checkpoint {
-    Checkpoint { step: training.steps_taken().into(), tensors: training.state(), notes: json!(diary) }
+    Checkpoint {
+        step: training.steps_taken().into(),
+        tensors: training.state(),
+        notes: json!(diary),
+    }
 }
 
 /// What the log will say of the steps so far.

@@ -27,8 +27,15 @@ fn training() -> Space {
 }
 
 fn run(folder: &str, more: &[&str]) -> Vec<String> {
-    let (store, out) = (format!("--store={folder}/store"), format!("--out={folder}/out"));
-    ["run", "training.ron", "--json", &store, &out].iter().chain(more).map(ToString::to_string).collect()
+    let (store, out) = (
+        format!("--store={folder}/store"),
+        format!("--out={folder}/out"),
+    );
+    ["run", "training.ron", "--json", &store, &out]
+        .iter()
+        .chain(more)
+        .map(ToString::to_string)
+        .collect()
 }
 
 fn text(arguments: &[String]) -> Vec<&str> {
@@ -39,12 +46,20 @@ fn text(arguments: &[String]) -> Vec<&str> {
 pub fn checkpoint(space: &Space, store: &str) -> PathBuf {
     let begun = Instant::now();
     loop {
-        let folders = fs::read_dir(space.path(store).join("work")).into_iter().flatten().flatten();
-        let found = folders.map(|entry| entry.path().join("scratch/checkpoint")).find(|path| path.exists());
+        let folders = fs::read_dir(space.path(store).join("work"))
+            .into_iter()
+            .flatten()
+            .flatten();
+        let found = folders
+            .map(|entry| entry.path().join("scratch/checkpoint"))
+            .find(|path| path.exists());
         if let Some(found) = found {
             return found;
         }
-        assert!(begun.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
+        assert!(
+            begun.elapsed() < Duration::from_secs(60),
+            "no checkpoint in a minute"
+        );
         std::thread::sleep(Duration::from_millis(2));
     }
 }
@@ -58,11 +73,20 @@ fn cut_off(space: &Space, folder: &str, name: &str) -> Said {
 }
 
 pub fn resumed(said: &Said) -> Vec<(String, u64, String)> {
-    let events = said.out.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let events = said
+        .out
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap());
     let word = |value: &Value| value.as_str().unwrap().to_owned();
     events
         .filter(|event| event["event"] == "resumed")
-        .map(|event| (word(&event["stage"]), event["step"].as_u64().unwrap(), word(&event["from"])))
+        .map(|event| {
+            (
+                word(&event["stage"]),
+                event["step"].as_u64().unwrap(),
+                word(&event["from"]),
+            )
+        })
         .collect()
 }
 
@@ -73,19 +97,40 @@ fn a_training_that_is_killed_goes_on_with_the_same_bits_for_any_number_of_thread
     let calm = space.files("calm/out");
     for (threads, every) in [("1", "1h"), ("7", "0")] {
         let folder = format!("threads{threads}");
-        space.ok(&text(&run(&folder, &["--threads", threads, "--checkpoint-every", every])));
-        assert!(space.files(&format!("{folder}/out")) == calm, "{threads} threads");
+        space.ok(&text(&run(
+            &folder,
+            &["--threads", threads, "--checkpoint-every", every],
+        )));
+        assert!(
+            space.files(&format!("{folder}/out")) == calm,
+            "{threads} threads"
+        );
     }
     for name in ["-KILL", "-TERM", "-INT", "-USR1"] {
         let folder = format!("cut{name}");
         let said = cut_off(&space, &folder, name);
-        assert_eq!(said.code, if name == "-KILL" { -1 } else { 75 }, "{name}: {}", said.err);
+        assert_eq!(
+            said.code,
+            if name == "-KILL" { -1 } else { 75 },
+            "{name}: {}",
+            said.err
+        );
         let said = space.ok(&text(&run(&folder, &["--threads=7"])));
         let (stage, step, from) = resumed(&said).remove(0);
-        assert_eq!((stage.as_str(), from.as_str()), ("fit", "checkpoint"), "{name}");
+        assert_eq!(
+            (stage.as_str(), from.as_str()),
+            ("fit", "checkpoint"),
+            "{name}"
+        );
         assert!((1..=120).contains(&step), "{name}: {step}");
         assert!(space.files(&format!("{folder}/out")) == calm, "{name}");
-        assert!(fs::read_dir(space.path(&folder).join("store/work")).unwrap().next().is_none(), "{name}");
+        assert!(
+            fs::read_dir(space.path(&folder).join("store/work"))
+                .unwrap()
+                .next()
+                .is_none(),
+            "{name}"
+        );
     }
 }
 
@@ -108,7 +153,8 @@ fn a_damaged_checkpoint_is_named_and_the_stage_starts_afresh() {
         damage(&checkpoint(&space, &format!("{folder}/store")));
         let said = space.ok(&text(&run(&folder, &[])));
         assert!(
-            said.out.contains("checkpoint cannot be used: its content is damaged; starting afresh"),
+            said.out
+                .contains("checkpoint cannot be used: its content is damaged; starting afresh"),
             "{}",
             said.out
         );
@@ -121,9 +167,15 @@ fn a_damaged_checkpoint_is_named_and_the_stage_starts_afresh() {
 fn people_are_told_from_which_step_a_stage_goes_on() {
     let space = training();
     cut_off(&space, "cut", "-TERM");
-    let arguments = run("cut", &["--target=fit"]).into_iter().filter(|argument| argument != "--json");
+    let arguments = run("cut", &["--target=fit"])
+        .into_iter()
+        .filter(|argument| argument != "--json");
     let said = space.ok(&text(&arguments.collect::<Vec<_>>()));
-    assert!(said.err.contains("fit: going on from step "), "{}", said.err);
+    assert!(
+        said.err.contains("fit: going on from step "),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -133,11 +185,21 @@ fn more_steps_go_on_from_a_finished_result_where_they_can() {
     space.ok(&text(&run("straight", &more)));
     space.ok(&text(&run("grown", &["--set=fit.final_rate=1"])));
     let said = space.ok(&text(&run("grown", &more)));
-    assert_eq!(resumed(&said), [("fit".to_owned(), 120, "result".to_owned())]);
+    assert_eq!(
+        resumed(&said),
+        [("fit".to_owned(), 120, "result".to_owned())]
+    );
     assert!(space.files("straight/out") == space.files("grown/out"));
     assert_eq!(space.files("grown/store/states").len(), 1);
-    let said = space.ok(&text(&run("grown", &[&more[..], &["--force=fit"]].concat())));
-    assert_eq!(resumed(&said), [], "who forces a stage wants all of it computed");
+    let said = space.ok(&text(&run(
+        "grown",
+        &[&more[..], &["--force=fit"]].concat(),
+    )));
+    assert_eq!(
+        resumed(&said),
+        [],
+        "who forces a stage wants all of it computed"
+    );
 }
 
 #[test]
@@ -147,7 +209,10 @@ fn a_synchronisation_goes_on_from_a_finished_one() {
     space.ok(&text(&run("straight", &grown("--set=sync.steps=35"))));
     space.ok(&text(&run("grown", &grown("--set=sync.steps=20"))));
     let said = space.ok(&text(&run("grown", &grown("--set=sync.steps=35"))));
-    assert_eq!(resumed(&said), [("sync".to_owned(), 20, "result".to_owned())]);
+    assert_eq!(
+        resumed(&said),
+        [("sync".to_owned(), 20, "result".to_owned())]
+    );
     assert!(space.files("straight/out") == space.files("grown/out"));
 }
 
@@ -156,22 +221,40 @@ fn an_optimisation_goes_on_from_a_finished_one_unless_its_timesteps_fall() {
     let space = Space::new();
     let (smoke, target) = (pipeline("smoke"), "--target=i3ds.1.optimize");
     let run = |folder: &str, rule: &str, steps: u32| {
-        let (store, out) = (format!("--store={folder}/store"), format!("--out={folder}/out"));
-        let (rule, steps) =
-            (format!("--set=i3ds.optimize.guidance={rule}"), format!("--set=i3ds.optimize.steps={steps}"));
+        let (store, out) = (
+            format!("--store={folder}/store"),
+            format!("--out={folder}/out"),
+        );
+        let (rule, steps) = (
+            format!("--set=i3ds.optimize.guidance={rule}"),
+            format!("--set=i3ds.optimize.steps={steps}"),
+        );
         let warm_up = |set: &&&str| !set.contains("warm_up");
         let short: Vec<&str> = SHORT.iter().filter(warm_up).copied().collect();
-        space.ok(&[&["run", &smoke, "--json", target, &store, &out], &short[..], &[&rule, &steps]].concat())
+        space.ok(&[
+            &["run", &smoke, "--json", target, &store, &out],
+            &short[..],
+            &[&rule, &steps],
+        ]
+        .concat())
     };
     let vsd = "Vsd(lora_every: 3, warm_up: 1, timesteps: Uniform(min: 0.02, max: 0.98))";
     run("straight", vsd, 7);
     run("grown", vsd, 4);
     // The step before the first moves the LoRA alone.
-    assert_eq!(resumed(&run("grown", vsd, 7)), [("i3ds.1.optimize".to_owned(), 5, "result".to_owned())]);
+    assert_eq!(
+        resumed(&run("grown", vsd, 7)),
+        [("i3ds.1.optimize".to_owned(), 5, "result".to_owned())]
+    );
     assert!(space.files("straight/out") == space.files("grown/out"));
     run("grown", "Rsd()", 4);
     let said = run("grown", "Rsd()", 7);
-    assert!(said.out.contains("from the first step, since its timesteps fall over all steps"), "{}", said.out);
+    assert!(
+        said.out
+            .contains("from the first step, since its timesteps fall over all steps"),
+        "{}",
+        said.out
+    );
     assert_eq!(resumed(&said), []);
 }
 
@@ -179,9 +262,13 @@ fn an_optimisation_goes_on_from_a_finished_one_unless_its_timesteps_fall() {
 fn where_a_step_depends_on_their_number_more_steps_begin_at_the_first_and_it_is_said_why() {
     let space = training();
     space.ok(&text(&run("grown", &["--target=fit"])));
-    let said = space.ok(&text(&run("grown", &["--target=fit", "--set=fit.steps=170"])));
+    let said = space.ok(&text(&run(
+        "grown",
+        &["--target=fit", "--set=fit.steps=170"],
+    )));
     assert!(
-        said.out.contains("`steps` 120 -> 170; from the first step, since the learning rate falls"),
+        said.out
+            .contains("`steps` 120 -> 170; from the first step, since the learning rate falls"),
         "{}",
         said.out
     );

@@ -35,25 +35,51 @@ fn processes_on_one_store_compute_each_key_once() {
         }
         let computed = computed(&space);
         assert_eq!(computed.len(), 11);
-        assert!(computed.values().all(|&times| times == 1), "{processes} processes: {computed:?}");
-        assert_eq!(fs::read_dir(space.path(".srnerf/leases")).unwrap().count(), 0);
+        assert!(
+            computed.values().all(|&times| times == 1),
+            "{processes} processes: {computed:?}"
+        );
+        assert_eq!(
+            fs::read_dir(space.path(".srnerf/leases")).unwrap().count(),
+            0
+        );
     }
 }
 
 /// A command on a host of its own, as far as it can tell: with another name, and numbers of processes that say nothing
 /// elsewhere. `None` where the system lets nobody pretend that.
 fn on_host(space: &Space, name: &str, arguments: &[&str]) -> Option<Child> {
-    let apart = ["--user", "--map-root-user", "--uts", "--pid", "--fork", "--mount-proc"];
+    let apart = [
+        "--user",
+        "--map-root-user",
+        "--uts",
+        "--pid",
+        "--fork",
+        "--mount-proc",
+    ];
     let unshare = || {
         let mut command = Command::new("unshare");
-        command.args(apart).current_dir(space.path(".")).stdin(Stdio::null());
+        command
+            .args(apart)
+            .current_dir(space.path("."))
+            .stdin(Stdio::null());
         command
     };
-    let can = unshare().args(["hostname", name]).output().is_ok_and(|output| output.status.success());
+    let can = unshare()
+        .args(["hostname", name])
+        .output()
+        .is_ok_and(|output| output.status.success());
     let said = || fs::File::create(space.path(name)).unwrap();
     let script = "hostname \"$0\" && exec \"$@\"";
     let program = env!("CARGO_BIN_EXE_srnerf-dag");
-    can.then(|| unshare().args(["sh", "-c", script, name, program]).args(arguments).stdout(said()).spawn().unwrap())
+    can.then(|| {
+        unshare()
+            .args(["sh", "-c", script, name, program])
+            .args(arguments)
+            .stdout(said())
+            .spawn()
+            .unwrap()
+    })
 }
 
 #[test]
@@ -71,9 +97,19 @@ fn hosts_on_one_folder_compute_each_key_once() {
         assert_eq!(Space::wait(child).code, 0);
     }
     let waited = fs::read_to_string(space.path("south")).unwrap();
-    assert!(waited.contains("\"event\":\"waiting\"") && waited.contains("\"host\":\"north\""), "{waited}");
-    assert!(computed(&space).values().all(|&times| times == 1), "{:?}", computed(&space));
-    assert_eq!(fs::read_dir(space.path(".srnerf/leases")).unwrap().count(), 0);
+    assert!(
+        waited.contains("\"event\":\"waiting\"") && waited.contains("\"host\":\"north\""),
+        "{waited}"
+    );
+    assert!(
+        computed(&space).values().all(|&times| times == 1),
+        "{:?}",
+        computed(&space)
+    );
+    assert_eq!(
+        fs::read_dir(space.path(".srnerf/leases")).unwrap().count(),
+        0
+    );
 }
 
 #[test]
@@ -84,11 +120,20 @@ fn the_work_of_a_process_that_is_killed_is_taken_over() {
     let first = space.spawn(&run);
     checkpoint(&space, ".srnerf");
     signal(&first, "-STOP");
-    let second = space.command(&run).stdout(fs::File::create(space.path("said")).unwrap()).spawn().unwrap();
-    let waiting = |said: &str| said.contains("\"event\":\"waiting\"") && said.contains(&format!("{}", first.id()));
+    let second = space
+        .command(&run)
+        .stdout(fs::File::create(space.path("said")).unwrap())
+        .spawn()
+        .unwrap();
+    let waiting = |said: &str| {
+        said.contains("\"event\":\"waiting\"") && said.contains(&format!("{}", first.id()))
+    };
     let begun = Instant::now();
     while !waiting(&fs::read_to_string(space.path("said")).unwrap()) {
-        assert!(begun.elapsed() < Duration::from_secs(60), "the second process waits for nobody");
+        assert!(
+            begun.elapsed() < Duration::from_secs(60),
+            "the second process waits for nobody"
+        );
         std::thread::sleep(Duration::from_millis(5));
     }
     signal(&first, "-KILL");

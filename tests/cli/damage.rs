@@ -9,12 +9,25 @@ use serde_json::json;
 use crate::space::{Said, Space, signal};
 
 /// As `tiny.ron`, but with enough to draw that there is time to be killed.
-const SLOW: [&str; 4] = ["run", "tiny.ron", "--set", "scene.source=Procedural(views: 6, size: (192, 144), samples: 4)"];
+const SLOW: [&str; 4] = [
+    "run",
+    "tiny.ron",
+    "--set",
+    "scene.source=Procedural(views: 6, size: (192, 144), samples: 4)",
+];
 
 fn slow(space: &Space, folder: &str) -> Said {
-    space
-        .ok(&[&SLOW[..], &["--json", "--store", &format!("{folder}/store"), "--out", &format!("{folder}/out")]]
-            .concat())
+    space.ok(&[
+        &SLOW[..],
+        &[
+            "--json",
+            "--store",
+            &format!("{folder}/store"),
+            "--out",
+            &format!("{folder}/out"),
+        ],
+    ]
+    .concat())
 }
 
 #[test]
@@ -31,7 +44,10 @@ fn killed_at_any_moment_a_run_loses_nothing_and_ends_as_if_undisturbed() {
     slow(&space, "wild");
     assert!(space.files("calm/out") == space.files("wild/out"));
     assert_eq!(
-        fs::read_dir(space.path("wild/store/work")).unwrap().filter(|e| e.as_ref().unwrap().path().is_dir()).count(),
+        fs::read_dir(space.path("wild/store/work"))
+            .unwrap()
+            .filter(|e| e.as_ref().unwrap().path().is_dir())
+            .count(),
         0
     );
 }
@@ -44,7 +60,12 @@ fn a_stopped_run_says_so_and_goes_on_later() {
     signal(&child, "-TERM");
     let said = Space::wait(child);
     assert_eq!(said.code, 75, "{}", said.err);
-    assert!(said.err.contains("interrupted; the same command goes on where this one stopped"), "{}", said.err);
+    assert!(
+        said.err
+            .contains("interrupted; the same command goes on where this one stopped"),
+        "{}",
+        said.err
+    );
     space.ok(&SLOW);
 }
 
@@ -52,7 +73,10 @@ fn a_stopped_run_says_so_and_goes_on_later() {
 fn blobs(space: &Space, shown: &str) -> PathBuf {
     let bytes = fs::read(space.path(shown)).unwrap();
     let of_bytes = |path: &PathBuf| fs::read(path).is_ok_and(|found| found == bytes);
-    let cas = space.files(".srnerf/cas").into_keys().map(|path| space.path(".srnerf/cas").join(path));
+    let cas = space
+        .files(".srnerf/cas")
+        .into_keys()
+        .map(|path| space.path(".srnerf/cas").join(path));
     cas.into_iter().find(of_bytes).unwrap()
 }
 
@@ -80,10 +104,21 @@ fn a_lost_or_changed_blob_is_noticed_and_only_its_stage_runs_again() {
     for (words, act) in acts {
         act(&blobs(&space, "out/tiny/up/images/view_001.exr"));
         let plan = space.ok(&["plan", "tiny.ron"]).out;
-        assert!(plan.contains(&format!("{words}: images/view_001.exr")), "{plan}");
+        assert!(
+            plan.contains(&format!("{words}: images/view_001.exr")),
+            "{plan}"
+        );
         let run = space.ok(&["run", "tiny.ron", "--json"]);
-        assert!(run.out.contains(&format!("{words}: images/view_001.exr; computing it again")), "{}", run.out);
-        assert_eq!((&run.last()["ran"], &run.last()["cached"]), (&json!(["up"]), &json!(["again", "scene"])));
+        assert!(
+            run.out
+                .contains(&format!("{words}: images/view_001.exr; computing it again")),
+            "{}",
+            run.out
+        );
+        assert_eq!(
+            (&run.last()["ran"], &run.last()["cached"]),
+            (&json!(["up"]), &json!(["again", "scene"]))
+        );
         assert!(space.files("out") == before);
     }
 }

@@ -29,12 +29,21 @@ impl Victim {
     }
 
     fn fanned(&self, folder: &str, name: &str, extension: &str) -> PathBuf {
-        self.space.path(&format!(".srnerf/{folder}/{}/{name}{extension}", &name[..2]))
+        self.space.path(&format!(
+            ".srnerf/{folder}/{}/{name}{extension}",
+            &name[..2]
+        ))
     }
 
     /// The blob of `up`'s first image.
     fn blob(&self) -> PathBuf {
-        self.fanned("cas", self.up["outputs"]["images"]["files"][0]["blob"].as_str().unwrap(), "")
+        self.fanned(
+            "cas",
+            self.up["outputs"]["images"]["files"][0]["blob"]
+                .as_str()
+                .unwrap(),
+            "",
+        )
     }
 
     fn result(&self) -> PathBuf {
@@ -55,16 +64,30 @@ impl Victim {
         for arguments in [&["--dry-run"][..], &[]] {
             let said = self.fsck(arguments);
             assert_eq!(said.code, 5, "{damage:?}: {}{}", said.out, said.err);
-            damage.iter().for_each(|words| assert!(said.out.contains(words), "{words} is not in {}", said.out));
+            damage.iter().for_each(|words| {
+                assert!(said.out.contains(words), "{words} is not in {}", said.out)
+            });
         }
         let again = self.fsck(&[]);
-        assert!(again.code == 0 && !again.out.contains("damaged"), "{damage:?}: {}", again.out);
+        assert!(
+            again.code == 0 && !again.out.contains("damaged"),
+            "{damage:?}: {}",
+            again.out
+        );
         self.heals(ran);
     }
 
     fn heals(self, ran: &[&str]) {
-        assert_eq!(self.space.ok(&["run", "tiny.ron", "--json"]).last()["ran"], json!(ran));
-        assert_eq!(self.space.ok(&["inspect", "up", "tiny.ron", "--json"]).json()["outputs"], self.up["outputs"]);
+        assert_eq!(
+            self.space.ok(&["run", "tiny.ron", "--json"]).last()["ran"],
+            json!(ran)
+        );
+        assert_eq!(
+            self.space
+                .ok(&["inspect", "up", "tiny.ron", "--json"])
+                .json()["outputs"],
+            self.up["outputs"]
+        );
         assert!(self.space.files("out") == self.out);
         assert_eq!(self.fsck(&[]).code, 0);
     }
@@ -83,7 +106,12 @@ fn overwrite(path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
 fn a_sound_store_is_said_to_be_so() {
     let victim = Victim::new();
     let said = victim.fsck(&[]);
-    assert_eq!((said.code, said.out.lines().count()), (0, 1), "{}", said.out);
+    assert_eq!(
+        (said.code, said.out.lines().count()),
+        (0, 1),
+        "{}",
+        said.out
+    );
     assert!(said.out.starts_with("sound: 3 results, "), "{}", said.out);
 }
 
@@ -91,7 +119,10 @@ fn a_sound_store_is_said_to_be_so() {
 fn a_flipped_bit() {
     let victim = Victim::new();
     overwrite(&victim.blob(), |bytes| bytes[100] ^= 4);
-    victim.suffers(&["its bytes have changed", "up: images/", "its blob is lost"], &["up"]);
+    victim.suffers(
+        &["its bytes have changed", "up: images/", "its blob is lost"],
+        &["up"],
+    );
 }
 
 #[test]
@@ -165,14 +196,18 @@ fn a_garbled_result() {
 #[test]
 fn a_result_of_another_version() {
     let victim = Victim::new();
-    overwrite(&victim.result(), |bytes| *bytes = json!({"format": 9, "data": []}).to_string().into());
+    overwrite(&victim.result(), |bytes| {
+        *bytes = json!({"format": 9, "data": []}).to_string().into()
+    });
     victim.suffers(&["results/", "garbled: missing field `key`"], &["up"]);
 }
 
 #[test]
 fn a_result_of_another_key() {
     let victim = Victim::new();
-    let other = victim.result().with_file_name(format!("{}.json", "0".repeat(64)));
+    let other = victim
+        .result()
+        .with_file_name(format!("{}.json", "0".repeat(64)));
     fs::rename(victim.result(), other).unwrap();
     victim.suffers(&["it is about the key "], &["up"]);
 }
@@ -199,18 +234,29 @@ fn a_garbled_manifest() {
     let victim = Victim::new();
     overwrite(&victim.manifest(), |bytes| bytes[0] = b'?');
     let said = victim.fsck(&[]);
-    assert!(said.code == 5 && said.out.contains("manifests/") && said.out.contains("garbled: "), "{}", said.out);
+    assert!(
+        said.code == 5 && said.out.contains("manifests/") && said.out.contains("garbled: "),
+        "{}",
+        said.out
+    );
     victim.heals(&[]);
 }
 
 #[test]
 fn a_manifest_that_disagrees_with_its_key() {
     let victim = Victim::new();
-    let mut manifest: Value = serde_json::from_slice(&fs::read(victim.manifest()).unwrap()).unwrap();
+    let mut manifest: Value =
+        serde_json::from_slice(&fs::read(victim.manifest()).unwrap()).unwrap();
     manifest["params.factor"] = "3.0".into();
-    overwrite(&victim.manifest(), |bytes| *bytes = manifest.to_string().into());
+    overwrite(&victim.manifest(), |bytes| {
+        *bytes = manifest.to_string().into()
+    });
     let said = victim.fsck(&[]);
-    assert!(said.code == 5 && said.out.contains("it is about the key "), "{}", said.out);
+    assert!(
+        said.code == 5 && said.out.contains("it is about the key "),
+        "{}",
+        said.out
+    );
     victim.heals(&[]);
 }
 
@@ -219,14 +265,24 @@ fn a_missing_manifest_is_written_again_by_a_run() {
     let victim = Victim::new();
     fs::remove_file(victim.manifest()).unwrap();
     let said = victim.fsck(&[]);
-    assert!(said.code == 5 && said.out.contains("its manifest is gone"), "{}", said.out);
+    assert!(
+        said.code == 5 && said.out.contains("its manifest is gone"),
+        "{}",
+        said.out
+    );
     victim.heals(&[]);
 }
 
 #[test]
 fn a_garbled_record_of_a_run() {
     let victim = Victim::new();
-    fs::write(victim.space.path(".srnerf/runs/20260101T000000.000Z-tiny.json"), "{").unwrap();
+    fs::write(
+        victim
+            .space
+            .path(".srnerf/runs/20260101T000000.000Z-tiny.json"),
+        "{",
+    )
+    .unwrap();
     victim.suffers(&["runs/", "garbled: "], &[]);
 }
 
@@ -243,7 +299,11 @@ fn what_people_see_is_not_what_the_store_has() {
         fs::remove_file(victim.space.path(shown)).unwrap();
         act(&victim.space.path(shown));
         let said = victim.fsck(&[]);
-        assert!(said.code == 5 && said.out.contains(&format!("{shown}  it is not what")), "{}", said.out);
+        assert!(
+            said.code == 5 && said.out.contains(&format!("{shown}  it is not what")),
+            "{}",
+            said.out
+        );
         victim.heals(&[]);
     }
 }
@@ -264,5 +324,9 @@ fn what_interrupted_runs_leave_is_named_and_is_no_damage() {
     for words in ["work/c1d0", "tmp/.tmpAbCdEf", "notes.txt", &orphan] {
         assert!(said.out.contains(words), "{words} is not in {}", said.out);
     }
-    assert!(store("notes.txt").exists() && store("work/c1d0/scratch").exists() && store(&orphan).exists());
+    assert!(
+        store("notes.txt").exists()
+            && store("work/c1d0/scratch").exists()
+            && store(&orphan).exists()
+    );
 }

@@ -33,8 +33,11 @@ fn path() -> PathBuf {
 /// The level of SIMD that is compared: one that nearly all processors of the kind have, so that all compare the same.
 fn level() -> String {
     #[cfg(target_arch = "x86_64")]
-    let features =
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") { "avx2" } else { "portable" };
+    let features = if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        "avx2"
+    } else {
+        "portable"
+    };
     #[cfg(not(target_arch = "x86_64"))]
     let features = "portable";
     format!("{} {features}", std::env::consts::ARCH)
@@ -45,19 +48,41 @@ fn now() -> BTreeMap<String, Golden> {
     let space = Space::new();
     let pipeline = format!("{}/tests/cli/golden.ron", env!("CARGO_MANIFEST_DIR"));
     let simd = level().split(' ').nth(1).unwrap().to_owned();
-    let run = space.command(&["run", &pipeline, "--json"]).env("COMPUTE_SIMD", simd).spawn().unwrap();
+    let run = space
+        .command(&["run", &pipeline, "--json"])
+        .env("COMPUTE_SIMD", simd)
+        .spawn()
+        .unwrap();
     let ran = Space::wait(run).last()["ran"].clone();
     let golden = |stage: &Value| {
         let stage = stage.as_str().unwrap();
-        let mut manifest = space.ok(&["explain", stage, &pipeline, "--json"]).json()["manifest"].clone();
-        let mut entry =
-            |name: &str| manifest.as_object_mut().unwrap().remove(name).unwrap().as_str().unwrap().to_owned();
+        let mut manifest =
+            space.ok(&["explain", stage, &pipeline, "--json"]).json()["manifest"].clone();
+        let mut entry = |name: &str| {
+            manifest
+                .as_object_mut()
+                .unwrap()
+                .remove(name)
+                .unwrap()
+                .as_str()
+                .unwrap()
+                .to_owned()
+        };
         let (kind, version) = (entry("kind"), entry("version"));
         let outputs = space.ok(&["inspect", stage, &pipeline, "--json"]).json()["outputs"].clone();
-        let digest = |(name, output): (&String, &Value)| (name.clone(), output["digest"].as_str().unwrap().to_owned());
+        let digest = |(name, output): (&String, &Value)| {
+            (name.clone(), output["digest"].as_str().unwrap().to_owned())
+        };
         let outputs = outputs.as_object().unwrap().iter().map(digest).collect();
         let recipe = blake3::hash(manifest.to_string().as_bytes()).to_string();
-        (kind, Golden { version, recipe, outputs })
+        (
+            kind,
+            Golden {
+                version,
+                recipe,
+                outputs,
+            },
+        )
     };
     ran.as_array().unwrap().iter().map(golden).collect()
 }
@@ -67,23 +92,40 @@ fn an_output_that_changes_raises_its_version() {
     let mut table: Table = serde_json::from_str(&std::fs::read_to_string(path()).unwrap()).unwrap();
     let now = now();
     for kind in stages::KINDS {
-        assert!(now.contains_key(*kind), "golden.ron has no stage of the kind {kind}");
+        assert!(
+            now.contains_key(*kind),
+            "golden.ron has no stage of the kind {kind}"
+        );
     }
     let known = table.entry(level()).or_default();
     for (kind, golden) in &now {
-        let same = known.get(kind).filter(|old| (&old.recipe, &old.version) == (&golden.recipe, &golden.version));
+        let same = known
+            .get(kind)
+            .filter(|old| (&old.recipe, &old.version) == (&golden.recipe, &golden.version));
         if let Some(old) = same {
-            assert_eq!(old.outputs, golden.outputs, "{kind} gives something else than before: raise its VERSION");
+            assert_eq!(
+                old.outputs, golden.outputs,
+                "{kind} gives something else than before: raise its VERSION"
+            );
         }
     }
     if std::env::var_os("SRNERF_GOLDEN").is_some() {
         *known = now;
         std::fs::write(path(), format!("{:#}\n", serde_json::json!(table))).unwrap();
     } else if known.is_empty() {
-        eprintln!("golden.json has no digests for {}: nothing was compared; `make golden` adds them", level());
+        eprintln!(
+            "golden.json has no digests for {}: nothing was compared; `make golden` adds them",
+            level()
+        );
     } else {
-        let outdated: Vec<_> =
-            now.iter().filter(|(kind, golden)| known.get(*kind) != Some(golden)).map(|(k, _)| k).collect();
-        assert!(outdated.is_empty(), "golden.json is out of date for {outdated:?}: run `make golden`");
+        let outdated: Vec<_> = now
+            .iter()
+            .filter(|(kind, golden)| known.get(*kind) != Some(golden))
+            .map(|(k, _)| k)
+            .collect();
+        assert!(
+            outdated.is_empty(),
+            "golden.json is out of date for {outdated:?}: run `make golden`"
+        );
     }
 }

@@ -29,7 +29,10 @@ impl Hub {
     pub fn new(folder: &Path) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
-        let state = Arc::new(Mutex::new(State { folder: folder.to_owned(), ..State::default() }));
+        let state = Arc::new(Mutex::new(State {
+            folder: folder.to_owned(),
+            ..State::default()
+        }));
         let shared = state.clone();
         std::thread::spawn(move || {
             for stream in listener.incoming().map(Result::unwrap) {
@@ -54,7 +57,12 @@ impl Hub {
 
     /// Whether a download of `file` began after its first byte.
     pub fn resumed(&self, file: &str) -> bool {
-        self.state.lock().unwrap().downloads.iter().any(|(name, start)| name == file && *start > 0)
+        self.state
+            .lock()
+            .unwrap()
+            .downloads
+            .iter()
+            .any(|(name, start)| name == file && *start > 0)
     }
 
     pub fn downloads(&self) -> usize {
@@ -65,14 +73,26 @@ impl Hub {
 fn answer(mut stream: TcpStream, state: &Mutex<State>) -> Option<()> {
     let mut lines = BufReader::new(stream.try_clone().ok()?).lines();
     let path = lines.next()?.ok()?.split(' ').nth(1)?.to_owned();
-    let headers: Vec<String> = lines.map_while(Result::ok).take_while(|line| !line.is_empty()).collect();
+    let headers: Vec<String> = lines
+        .map_while(Result::ok)
+        .take_while(|line| !line.is_empty())
+        .collect();
     if path.starts_with("/api/models/owner/tiny") {
         let body = listing(&state.lock().unwrap().folder);
-        let head = format!("HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: {}\r\n", body.len());
-        return stream.write_all(format!("{head}Connection: close\r\n\r\n{body}").as_bytes()).ok();
+        let head = format!(
+            "HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: {}\r\n",
+            body.len()
+        );
+        return stream
+            .write_all(format!("{head}Connection: close\r\n\r\n{body}").as_bytes())
+            .ok();
     }
     let name = path.strip_prefix("/owner/tiny/resolve/main/")?;
-    let range = headers.iter().find_map(|line| line.to_lowercase().strip_prefix("range: bytes=").map(str::to_owned))?;
+    let range = headers.iter().find_map(|line| {
+        line.to_lowercase()
+            .strip_prefix("range: bytes=")
+            .map(str::to_owned)
+    })?;
     let (head, body) = state.lock().unwrap().part(name, &range)?;
     stream.write_all(head.as_bytes()).ok()?;
     stream.write_all(&body).ok()
@@ -109,14 +129,27 @@ fn tag(name: &str, bytes: &[u8]) -> String {
     let hex = |digest: &[u8]| digest.iter().map(|byte| format!("{byte:02x}")).collect();
     match name.ends_with(".safetensors") {
         true => hex(&Sha256::digest(bytes)),
-        false => hex(&Sha1::digest([format!("blob {}\0", bytes.len()).as_bytes(), bytes].concat())),
+        false => hex(&Sha1::digest(
+            [format!("blob {}\0", bytes.len()).as_bytes(), bytes].concat(),
+        )),
     }
 }
 
 fn listing(folder: &Path) -> String {
-    let files =
-        walkdir::WalkDir::new(folder).into_iter().map(Result::unwrap).filter(|entry| entry.file_type().is_file());
-    let name = |entry: walkdir::DirEntry| entry.path().strip_prefix(folder).unwrap().to_string_lossy().into_owned();
-    let siblings: Vec<_> = files.map(|entry| serde_json::json!({"rfilename": name(entry)})).collect();
+    let files = walkdir::WalkDir::new(folder)
+        .into_iter()
+        .map(Result::unwrap)
+        .filter(|entry| entry.file_type().is_file());
+    let name = |entry: walkdir::DirEntry| {
+        entry
+            .path()
+            .strip_prefix(folder)
+            .unwrap()
+            .to_string_lossy()
+            .into_owned()
+    };
+    let siblings: Vec<_> = files
+        .map(|entry| serde_json::json!({"rfilename": name(entry)}))
+        .collect();
     serde_json::json!({"sha": "c0ffee".repeat(6), "siblings": siblings}).to_string()
 }

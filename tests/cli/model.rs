@@ -20,11 +20,24 @@ pub type Tensor = (&'static str, Vec<usize>, Vec<u8>);
 /// Numbers in [-1, 1), others for each seed.
 fn reals(seed: usize, shape: &[usize]) -> Tensor {
     let value = |i: usize| (((i + 1) * 7919 + seed * 104_729) % 1000) as f32 / 500.0 - 1.0;
-    ("F32", shape.to_vec(), (0..shape.iter().product()).flat_map(|i| value(i).to_le_bytes()).collect())
+    (
+        "F32",
+        shape.to_vec(),
+        (0..shape.iter().product())
+            .flat_map(|i| value(i).to_le_bytes())
+            .collect(),
+    )
 }
 
 fn wholes(values: &[i64]) -> Tensor {
-    ("I64", vec![values.len()], values.iter().flat_map(|value| value.to_le_bytes()).collect())
+    (
+        "I64",
+        vec![values.len()],
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect(),
+    )
 }
 
 pub fn save(path: &Path, tensors: &BTreeMap<&str, Tensor>) {
@@ -32,17 +45,27 @@ pub fn save(path: &Path, tensors: &BTreeMap<&str, Tensor>) {
     for (name, (dtype, shape, bytes)) in tensors {
         let start = data.len();
         data.extend(bytes);
-        header.insert(name.to_string(), json!({"dtype": dtype, "shape": shape, "data_offsets": [start, data.len()]}));
+        header.insert(
+            name.to_string(),
+            json!({"dtype": dtype, "shape": shape, "data_offsets": [start, data.len()]}),
+        );
     }
     let header = Value::Object(header).to_string().into_bytes();
-    fs::write(path, [&(header.len() as u64).to_le_bytes()[..], &header, &data].concat()).unwrap();
+    fs::write(
+        path,
+        [&(header.len() as u64).to_le_bytes()[..], &header, &data].concat(),
+    )
+    .unwrap();
 }
 
 /// Names and shapes of a file's tensors.
 fn shapes(path: &Path) -> BTreeMap<String, Vec<usize>> {
     let bytes = fs::read(path).unwrap();
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
-    file.tensors().into_iter().map(|(name, view)| (name, view.shape().to_vec())).collect()
+    file.tensors()
+        .into_iter()
+        .map(|(name, view)| (name, view.shape().to_vec()))
+        .collect()
 }
 
 const LORA: &str = "unet.mid_block.attentions.0.transformer_blocks.0.attn1.to_q";
@@ -61,7 +84,9 @@ pub fn inputs() -> BTreeMap<&'static str, Tensor> {
 pub fn ask(space: &Space, output: &str, more: &[&str]) -> Said {
     let (model, input, output) = (tiny_x4(), space.path("in.safetensors"), space.path(output));
     let [model, input, output] = [&model, &input, &output].map(|path| path.to_str().unwrap());
-    let asked = ["model", "run", model, "--part", "unet", "--input", input, "--output", output];
+    let asked = [
+        "model", "run", model, "--part", "unet", "--input", input, "--output", output,
+    ];
     space.say(&[&asked, more].concat())
 }
 
@@ -69,12 +94,26 @@ pub fn ask(space: &Space, output: &str, more: &[&str]) -> Said {
 fn two_runs_and_any_number_of_threads_give_the_same_bytes() {
     let space = Space::new();
     save(&space.path("in.safetensors"), &inputs());
-    let (down, up) = (format!("{LORA}.lora_A.weight"), format!("{LORA}.lora_B.weight"));
-    let lora = BTreeMap::from([(&down[..], reals(4, &[3, 128])), (&up[..], reals(5, &[128, 3]))]);
+    let (down, up) = (
+        format!("{LORA}.lora_A.weight"),
+        format!("{LORA}.lora_B.weight"),
+    );
+    let lora = BTreeMap::from([
+        (&down[..], reals(4, &[3, 128])),
+        (&up[..], reals(5, &[128, 3])),
+    ]);
     save(&space.path("lora.safetensors"), &lora);
     let lora = space.path("lora.safetensors");
     for (output, threads, keep) in [("a", "1", "1024"), ("b", "2", "1024"), ("c", "2", "0")] {
-        let more = ["--lora", lora.to_str().unwrap(), "--target-grad", "--threads", threads, "--keep", keep];
+        let more = [
+            "--lora",
+            lora.to_str().unwrap(),
+            "--target-grad",
+            "--threads",
+            threads,
+            "--keep",
+            keep,
+        ];
         let said = ask(&space, output, &more);
         assert_eq!((said.code, &said.out[..]), (0, ""), "{}", said.err);
     }
@@ -95,13 +134,29 @@ fn two_runs_and_any_number_of_threads_give_the_same_bytes() {
 fn a_prompt_becomes_ids_and_states() {
     let space = Space::new();
     let (model, output) = (tiny_x4(), space.path("text.safetensors"));
-    let files = [model.to_str().unwrap(), "--output", output.to_str().unwrap()];
+    let files = [
+        model.to_str().unwrap(),
+        "--output",
+        output.to_str().unwrap(),
+    ];
     let said = space.say(
-        &[&["model", "run", "--part", "text", "--prompt", "a photo", "--repeat", "2", "--json"], &files[..]].concat(),
+        &[
+            &[
+                "model", "run", "--part", "text", "--prompt", "a photo", "--repeat", "2", "--json",
+            ],
+            &files[..],
+        ]
+        .concat(),
     );
     assert_eq!(said.code, 0, "{}", said.err);
-    assert!(said.json()["forward_ms"].as_f64().unwrap() > 0.0 && said.json()["forward_backward_ms"].is_null());
-    let expected = [("input_ids".to_owned(), vec![1, 77]), ("last_hidden_state".to_owned(), vec![1, 77, 32])];
+    assert!(
+        said.json()["forward_ms"].as_f64().unwrap() > 0.0
+            && said.json()["forward_backward_ms"].is_null()
+    );
+    let expected = [
+        ("input_ids".to_owned(), vec![1, 77]),
+        ("last_hidden_state".to_owned(), vec![1, 77, 32]),
+    ];
     assert_eq!(shapes(&output), BTreeMap::from(expected));
 }
 
@@ -116,16 +171,32 @@ fn what_a_network_cannot_be_asked_is_named_and_nothing_is_written() {
         let said = ask(&space, "out.safetensors", &[]);
         assert_eq!(said.code, 3, "{}", said.err);
         let text = said.err.replace("\n  │ ", " ").replace('\n', " ");
-        assert!(text.contains(&format!("`{name}`")) && text.contains(words), "{}", said.err);
+        assert!(
+            text.contains(&format!("`{name}`")) && text.contains(words),
+            "{}",
+            said.err
+        );
         assert!(!space.path("out.safetensors").exists());
     };
     refused("sample", None, "is missing");
-    refused("sample", Some(reals(1, &[2, 7, 5, 6])), "expected [*, 19, *, *]");
+    refused(
+        "sample",
+        Some(reals(1, &[2, 7, 5, 6])),
+        "expected [*, 19, *, *]",
+    );
     refused("sample", Some(("F64", vec![1], vec![0; 8])), "is F64");
-    refused("sample", Some(("F32", vec![1], f32::NAN.to_le_bytes().to_vec())), "is NaN at element 0");
+    refused(
+        "sample",
+        Some(("F32", vec![1], f32::NAN.to_le_bytes().to_vec())),
+        "is NaN at element 0",
+    );
     refused("timestep", Some(wholes(&[1, 2, 3])), "expected [2]");
     refused("timestep", Some(wholes(&[-1, 2])), "has the value -1");
-    refused("class_labels", Some(wholes(&[20, 1000])), "expected are 0 to 999");
+    refused(
+        "class_labels",
+        Some(wholes(&[20, 1000])),
+        "expected are 0 to 999",
+    );
 }
 
 #[test]
@@ -134,11 +205,29 @@ fn a_check_tells_parts_and_digests() {
     let said = space.say(&["model", "check", tiny_x4().to_str().unwrap(), "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let (parts, files) = (said.json()["parts"].clone(), said.json()["files"].clone());
-    let names: Vec<&str> = parts.as_array().unwrap().iter().map(|part| part["part"].as_str().unwrap()).collect();
+    let names: Vec<&str> = parts
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|part| part["part"].as_str().unwrap())
+        .collect();
     assert_eq!(names, ["unet", "vae", "text_encoder"]);
-    assert_eq!(parts[0]["types"].as_object().unwrap().keys().collect::<Vec<_>>(), ["F16"]);
+    assert_eq!(
+        parts[0]["types"]
+            .as_object()
+            .unwrap()
+            .keys()
+            .collect::<Vec<_>>(),
+        ["F16"]
+    );
     assert_eq!(files.as_array().unwrap().len(), 13);
-    assert!(files.as_array().unwrap().iter().all(|file| file["sha256"].as_str().unwrap().len() == 64));
+    assert!(
+        files
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|file| file["sha256"].as_str().unwrap().len() == 64)
+    );
 }
 
 #[test]
@@ -147,36 +236,67 @@ fn a_model_is_pulled_piece_by_piece_and_checked() {
     let hub = Hub::new(&tiny_x4());
     let pull = |hub: &Hub| {
         let home = space.path("home");
-        let set = [("HF_ENDPOINT", hub.url()), ("HF_HOME", home.to_str().unwrap().to_owned())];
+        let set = [
+            ("HF_ENDPOINT", hub.url()),
+            ("HF_HOME", home.to_str().unwrap().to_owned()),
+        ];
         space.say_with(&set, &["model", "pull", "owner/tiny", "--json"])
     };
     hub.cut_off("unet/diffusion_pytorch_model.safetensors");
     let said = pull(&hub);
-    assert!(said.code == 2 && said.err.contains("unet/diffusion_pytorch_model.safetensors"), "{}", said.err);
+    assert!(
+        said.code == 2
+            && said
+                .err
+                .contains("unet/diffusion_pytorch_model.safetensors"),
+        "{}",
+        said.err
+    );
     hub.serve_all();
     let said = pull(&hub);
     assert_eq!(said.code, 0, "{}", said.err);
-    assert!(hub.resumed("unet/diffusion_pytorch_model.safetensors"), "the file was got from its beginning again");
+    assert!(
+        hub.resumed("unet/diffusion_pytorch_model.safetensors"),
+        "the file was got from its beginning again"
+    );
     let folder = said.json()["folder"].as_str().unwrap().to_owned();
     let checked = space.say(&["model", "check", &folder, "--json"]);
     assert_eq!(checked.code, 0, "{}", checked.err);
     // What is there is not got again, but it is checked again.
     let requests = hub.downloads();
     assert_eq!((pull(&hub).code, hub.downloads()), (0, requests));
-    let weights = Path::new(&folder).join("vae/diffusion_pytorch_model.safetensors").canonicalize().unwrap();
+    let weights = Path::new(&folder)
+        .join("vae/diffusion_pytorch_model.safetensors")
+        .canonicalize()
+        .unwrap();
     let mut bytes = fs::read(&weights).unwrap();
     bytes[1000] ^= 1;
     fs::write(&weights, bytes).unwrap();
     let said = pull(&hub);
-    assert!(said.code == 2 && said.err.contains("digest"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("digest"),
+        "{}",
+        said.err
+    );
     assert_eq!(pull(&hub).code, 0);
 }
 
 #[test]
 fn a_name_that_is_none_is_refused_without_a_request() {
     let space = Space::new();
-    for name in ["tiny", "a/b/c", "../tiny", "owner/a b", "owner/", "owner/..%2f"] {
+    for name in [
+        "tiny",
+        "a/b/c",
+        "../tiny",
+        "owner/a b",
+        "owner/",
+        "owner/..%2f",
+    ] {
         let said = space.say(&["model", "pull", name]);
-        assert!(said.code == 2 && said.err.contains("is no name of a model"), "{name}: {}", said.err);
+        assert!(
+            said.code == 2 && said.err.contains("is no name of a model"),
+            "{name}: {}",
+            said.err
+        );
     }
 }

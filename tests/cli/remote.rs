@@ -11,21 +11,46 @@ use crate::space::{Said, Space};
 
 /// A run on a machine of its own, that is, with a store and an output folder of its own.
 fn run(space: &Space, machine: &str, remote: &str) -> Said {
-    let (store, out) = (format!("--store={machine}/store"), format!("--out={machine}/out"));
-    space.ok(&["run", "tiny.ron", "--json", &store, &out, "--remote", remote])
+    let (store, out) = (
+        format!("--store={machine}/store"),
+        format!("--out={machine}/out"),
+    );
+    space.ok(&[
+        "run", "tiny.ron", "--json", &store, &out, "--remote", remote,
+    ])
 }
 
 /// The same with a bucket.
 fn run_on(space: &Space, machine: &str, server: &S3) -> Said {
-    let (store, out) = (format!("--store={machine}/store"), format!("--out={machine}/out"));
-    let arguments = ["run", "tiny.ron", "--json", &store, &out, "--remote", "s3://bucket/team"];
-    let said = Space::wait(space.command(&arguments).envs(server.environment()).spawn().unwrap());
+    let (store, out) = (
+        format!("--store={machine}/store"),
+        format!("--out={machine}/out"),
+    );
+    let arguments = [
+        "run",
+        "tiny.ron",
+        "--json",
+        &store,
+        &out,
+        "--remote",
+        "s3://bucket/team",
+    ];
+    let said = Space::wait(
+        space
+            .command(&arguments)
+            .envs(server.environment())
+            .spawn()
+            .unwrap(),
+    );
     assert_eq!(said.code, 0, "{}", said.err);
     said
 }
 
 fn events(said: &Said, name: &str) -> Vec<Value> {
-    let all = said.out.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let all = said
+        .out
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap());
     all.filter(|event| event["event"] == name).collect()
 }
 
@@ -46,32 +71,57 @@ fn flip_a_bit(path: &PathBuf) {
 #[test]
 fn what_one_machine_computed_another_fetches() {
     let space = Space::new();
-    assert_eq!(run(&space, "a", "shared").last()["ran"], json!(["again", "scene", "up"]));
-    let plan = space.ok(&["plan", "tiny.ron", "--store=b/store", "--remote", "shared"]).out;
+    assert_eq!(
+        run(&space, "a", "shared").last()["ran"],
+        json!(["again", "scene", "up"])
+    );
+    let plan = space
+        .ok(&["plan", "tiny.ron", "--store=b/store", "--remote", "shared"])
+        .out;
     assert!(plan.contains("again  cached  in the remote\n"), "{plan}");
     let second = run(&space, "b", "shared");
-    assert_eq!((&second.last()["ran"], events(&second, "fetched").len()), (&json!([]), 3));
+    assert_eq!(
+        (&second.last()["ran"], events(&second, "fetched").len()),
+        (&json!([]), 3)
+    );
     assert!(space.files("a/out") == space.files("b/out"));
-    let explained = space.ok(&["explain", "up", "tiny.ron", "--store=b/store"]).out;
-    assert!(explained.contains("up: its result is in the store"), "{explained}");
+    let explained = space
+        .ok(&["explain", "up", "tiny.ron", "--store=b/store"])
+        .out;
+    assert!(
+        explained.contains("up: its result is in the store"),
+        "{explained}"
+    );
     assert_eq!(events(&run(&space, "b", "shared"), "fetched").len(), 0);
 }
 
 #[test]
 fn a_plan_makes_no_folder_and_a_remote_that_is_a_file_is_refused() {
     let space = Space::new();
-    let plan = space.ok(&["plan", "tiny.ron", "--remote", "shared/team store"]).out;
-    assert!(plan.contains("3 to run") && !space.path("shared").exists(), "{plan}");
+    let plan = space
+        .ok(&["plan", "tiny.ron", "--remote", "shared/team store"])
+        .out;
+    assert!(
+        plan.contains("3 to run") && !space.path("shared").exists(),
+        "{plan}"
+    );
     run(&space, "a", "shared/team store");
     assert!(space.path("shared/team store/results").is_dir());
     let said = space.say(&["plan", "tiny.ron", "--remote", "tiny.ron"]);
-    assert!(said.code == 2 && said.err.contains("it is no folder"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("it is no folder"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn a_damaged_result_of_the_remote_is_no_hit_and_is_replaced() {
-    let damages: [fn(&PathBuf); 3] =
-        [flip_a_bit, |path| fs::remove_file(path).unwrap(), |path| fs::write(path, "").unwrap()];
+    let damages: [fn(&PathBuf); 3] = [
+        flip_a_bit,
+        |path| fs::remove_file(path).unwrap(),
+        |path| fs::write(path, "").unwrap(),
+    ];
     for damage in damages {
         let space = Space::new();
         run(&space, "a", "shared");
@@ -82,10 +132,22 @@ fn a_damaged_result_of_the_remote_is_no_hit_and_is_replaced() {
         let second = run(&space, "b", &url);
         assert_eq!(second.last()["ran"], json!(["again"]));
         let notices = events(&second, "notice");
-        assert!(notices.len() == 1 && notices[0]["text"].to_string().contains("has a damaged result"), "{notices:?}");
+        assert!(
+            notices.len() == 1
+                && notices[0]["text"]
+                    .to_string()
+                    .contains("has a damaged result"),
+            "{notices:?}"
+        );
         assert!(space.files("a/out") == space.files("b/out"));
         let third = run(&space, "c", &url);
-        assert_eq!((events(&third, "fetched").len(), events(&third, "notice").len()), (3, 0));
+        assert_eq!(
+            (
+                events(&third, "fetched").len(),
+                events(&third, "notice").len()
+            ),
+            (3, 0)
+        );
     }
 }
 
@@ -97,37 +159,78 @@ fn damage_at_home_is_healed_from_the_remote() {
         fs::remove_file(space.path("a/store/cas").join(path)).unwrap();
     }
     let again = run(&space, "a", "shared");
-    assert_eq!((&again.last()["ran"], events(&again, "fetched").len()), (&json!([]), 3));
+    assert_eq!(
+        (&again.last()["ran"], events(&again, "fetched").len()),
+        (&json!([]), 3)
+    );
 }
 
 #[test]
 fn results_are_pushed_and_pulled_without_a_pipeline() {
     let space = Space::new();
     space.ok(&["run", "tiny.ron", "--store=a/store"]);
-    let pushed = space.ok(&["store", "push", "shared", "--store=a/store"]).out;
+    let pushed = space
+        .ok(&["store", "push", "shared", "--store=a/store"])
+        .out;
     assert!(pushed.starts_with("pushed 3 results, "), "{pushed}");
-    assert_eq!(space.ok(&["store", "push", "shared", "--store=a/store"]).out, "pushed 0 results, 0 B\n");
+    assert_eq!(
+        space
+            .ok(&["store", "push", "shared", "--store=a/store"])
+            .out,
+        "pushed 0 results, 0 B\n"
+    );
     flip_a_bit(&largest_blob(&space));
     let pulled = space.ok(&["store", "pull", "shared", "--store=b/store"]);
-    assert!(pulled.out.starts_with("pulled 2 results, "), "{}", pulled.out);
-    assert!(pulled.err.contains("is left out: blob damaged: images/view_"), "{}", pulled.err);
-    assert_eq!(space.ok(&["run", "tiny.ron", "--json", "--store=b/store"]).last()["ran"], json!(["again"]));
+    assert!(
+        pulled.out.starts_with("pulled 2 results, "),
+        "{}",
+        pulled.out
+    );
+    assert!(
+        pulled
+            .err
+            .contains("is left out: blob damaged: images/view_"),
+        "{}",
+        pulled.err
+    );
+    assert_eq!(
+        space
+            .ok(&["run", "tiny.ron", "--json", "--store=b/store"])
+            .last()["ran"],
+        json!(["again"])
+    );
 }
 
 #[test]
 fn a_server_that_stumbles_is_asked_again() {
     let slow = Duration::from_millis(30);
     for mood in [
-        Mood { errors: 9, ..Mood::default() },
-        Mood { cuts: 4, ..Mood::default() },
-        Mood { delay: slow, ..Mood::default() },
+        Mood {
+            errors: 9,
+            ..Mood::default()
+        },
+        Mood {
+            cuts: 4,
+            ..Mood::default()
+        },
+        Mood {
+            delay: slow,
+            ..Mood::default()
+        },
     ] {
         let (space, server) = (Space::new(), S3::start(mood));
         let first = run_on(&space, "a", &server);
         assert_eq!(first.last()["ran"], json!(["again", "scene", "up"]));
         server.set(mood);
         let second = run_on(&space, "b", &server);
-        assert_eq!((events(&second, "fetched").len(), events(&second, "notice").len()), (3, 0), "{mood:?}");
+        assert_eq!(
+            (
+                events(&second, "fetched").len(),
+                events(&second, "notice").len()
+            ),
+            (3, 0),
+            "{mood:?}"
+        );
         assert!(space.files("a/out") == space.files("b/out"));
     }
 }
@@ -137,41 +240,109 @@ fn of_two_that_put_one_result_the_first_wins() {
     let (space, server) = (Space::new(), S3::start(Mood::default()));
     space.ok(&["run", "tiny.ron", "--store=b/store", "--out=b/out"]);
     run_on(&space, "a", &server);
-    let push = ["store", "push", "s3://bucket/team", "--store=b/store", "--json"];
-    let pushed = Space::wait(space.command(&push).envs(server.environment()).spawn().unwrap());
-    assert_eq!(pushed.last(), json!({"event": "pushed", "results": 0, "bytes": 0}));
-    let refused = |line: &&String| line.starts_with("PUT /bucket/team/results/") && line.ends_with(" 412");
+    let push = [
+        "store",
+        "push",
+        "s3://bucket/team",
+        "--store=b/store",
+        "--json",
+    ];
+    let pushed = Space::wait(
+        space
+            .command(&push)
+            .envs(server.environment())
+            .spawn()
+            .unwrap(),
+    );
+    assert_eq!(
+        pushed.last(),
+        json!({"event": "pushed", "results": 0, "bytes": 0})
+    );
+    let refused =
+        |line: &&String| line.starts_with("PUT /bucket/team/results/") && line.ends_with(" 412");
     assert_eq!(server.log().iter().filter(refused).count(), 3);
     let pull = ["store", "pull", "s3://bucket/team", "--store=c/store"];
-    let pulled = Space::wait(space.command(&pull).envs(server.environment()).spawn().unwrap());
+    let pulled = Space::wait(
+        space
+            .command(&pull)
+            .envs(server.environment())
+            .spawn()
+            .unwrap(),
+    );
     assert!(pulled.out.starts_with("pulled 3 results"), "{}", pulled.err);
 }
 
 #[test]
 fn a_remote_cut_off_in_the_middle_is_missed_once_and_the_run_goes_on() {
-    let (space, server) = (Space::new(), S3::start(Mood { dies_after: Some(12), ..Mood::default() }));
+    let (space, server) = (
+        Space::new(),
+        S3::start(Mood {
+            dies_after: Some(12),
+            ..Mood::default()
+        }),
+    );
     let said = run_on(&space, "a", &server);
     assert_eq!(said.last()["ran"], json!(["again", "scene", "up"]));
     let notices = events(&said, "notice");
     assert_eq!(notices.len(), 1, "{notices:?}");
-    assert!(notices[0]["text"].as_str().unwrap().starts_with("s3://bucket/team: "), "{notices:?}");
+    assert!(
+        notices[0]["text"]
+            .as_str()
+            .unwrap()
+            .starts_with("s3://bucket/team: "),
+        "{notices:?}"
+    );
     server.set(Mood::default());
     run_on(&space, "a", &server);
     let push = ["store", "push", "s3://bucket/team", "--store=a/store"];
-    assert!(Space::wait(space.command(&push).envs(server.environment()).spawn().unwrap()).out.starts_with("pushed "));
+    assert!(
+        Space::wait(
+            space
+                .command(&push)
+                .envs(server.environment())
+                .spawn()
+                .unwrap()
+        )
+        .out
+        .starts_with("pushed ")
+    );
     assert_eq!(events(&run_on(&space, "b", &server), "fetched").len(), 3);
 }
 
 #[test]
 fn credentials_are_never_printed() {
-    let (space, server) = (Space::new(), S3::start(Mood { always: Some(403), ..Mood::default() }));
+    let (space, server) = (
+        Space::new(),
+        S3::start(Mood {
+            always: Some(403),
+            ..Mood::default()
+        }),
+    );
     let refused = run_on(&space, "a", &server);
-    assert!(refused.out.contains("permission denied; going on without it"), "{}", refused.out);
-    let in_the_address = space.say(&["run", "tiny.ron", "--remote", "s3://the-id:the-secret@bucket/team"]);
+    assert!(
+        refused
+            .out
+            .contains("permission denied; going on without it"),
+        "{}",
+        refused.out
+    );
+    let in_the_address = space.say(&[
+        "run",
+        "tiny.ron",
+        "--remote",
+        "s3://the-id:the-secret@bucket/team",
+    ]);
     assert_eq!(in_the_address.code, 2);
-    assert!(in_the_address.err.contains("it holds credentials"), "{}", in_the_address.err);
+    assert!(
+        in_the_address.err.contains("it holds credentials"),
+        "{}",
+        in_the_address.err
+    );
     for said in [refused, in_the_address] {
-        assert!(!(said.out + &said.err).contains("the-"), "a credential shows");
+        assert!(
+            !(said.out + &said.err).contains("the-"),
+            "a credential shows"
+        );
     }
 }
 
@@ -180,6 +351,10 @@ fn an_address_that_leads_nowhere_is_said_before_anything_runs() {
     let space = Space::new();
     let said = space.say(&["run", "tiny.ron", "--remote", "ftp://host/folder"]);
     assert_eq!(said.code, 2);
-    assert!(said.err.contains("there is no `ftp` here") && said.err.contains("s3://BUCKET/FOLDER"), "{}", said.err);
+    assert!(
+        said.err.contains("there is no `ftp` here") && said.err.contains("s3://BUCKET/FOLDER"),
+        "{}",
+        said.err
+    );
     assert!(!space.path(".srnerf").exists());
 }

@@ -49,7 +49,11 @@ impl S3 {
     pub fn start(mood: Mood) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
-        let server = Self { mood: Arc::new(Mutex::new(mood)), port, ..Self::default() };
+        let server = Self {
+            mood: Arc::new(Mutex::new(mood)),
+            port,
+            ..Self::default()
+        };
         let serving = server.clone();
         std::thread::spawn(move || {
             for connection in listener.incoming().flatten() {
@@ -82,20 +86,42 @@ impl S3 {
     }
 
     fn serve(&self, mut connection: TcpStream) {
-        let Some(request) = Request::read(&mut connection) else { return };
-        let Some((mood, cut)) = self.next_mood(&request) else { return };
+        let Some(request) = Request::read(&mut connection) else {
+            return;
+        };
+        let Some((mood, cut)) = self.next_mood(&request) else {
+            return;
+        };
         std::thread::sleep(mood.delay);
         let answer = match mood.always {
-            Some(status) => Answer::new(status, "<Error><StringToSign>the-id</StringToSign></Error>"),
+            Some(status) => {
+                Answer::new(status, "<Error><StringToSign>the-id</StringToSign></Error>")
+            }
             None => self.answer(&request),
         };
-        self.log.lock().unwrap().push(format!("{} {} {}", request.method, request.path, answer.status));
-        let length = if request.method == "HEAD" { answer.headers.clone() } else { answer.length() };
-        let head = format!("HTTP/1.1 {} X\r\nConnection: close\r\nETag: \"e\"\r\n{length}\r\n", answer.status);
-        let body = if cut { &answer.body[..answer.body.len() / 2] } else { &answer.body[..] };
+        self.log.lock().unwrap().push(format!(
+            "{} {} {}",
+            request.method, request.path, answer.status
+        ));
+        let length = if request.method == "HEAD" {
+            answer.headers.clone()
+        } else {
+            answer.length()
+        };
+        let head = format!(
+            "HTTP/1.1 {} X\r\nConnection: close\r\nETag: \"e\"\r\n{length}\r\n",
+            answer.status
+        );
+        let body = if cut {
+            &answer.body[..answer.body.len() / 2]
+        } else {
+            &answer.body[..]
+        };
         let body = if request.method == "HEAD" { &[] } else { body };
         // A client that has hung up does not want the answer.
-        let _ = connection.write_all(head.as_bytes()).and_then(|()| connection.write_all(body));
+        let _ = connection
+            .write_all(head.as_bytes())
+            .and_then(|()| connection.write_all(body));
     }
 
     /// The mood for one request, and whether its answer is cut off; `None` if the server is dead.
@@ -119,7 +145,9 @@ impl S3 {
     fn answer(&self, request: &Request) -> Answer {
         let mut objects = self.objects.lock().unwrap();
         match (request.method.as_str(), objects.get(&request.path)) {
-            ("PUT", Some(_)) if request.headers.contains_key("if-none-match") => Answer::new(412, ""),
+            ("PUT", Some(_)) if request.headers.contains_key("if-none-match") => {
+                Answer::new(412, "")
+            }
             ("PUT", _) => {
                 objects.insert(request.path.clone(), request.body.clone());
                 Answer::new(200, "")
@@ -144,45 +172,92 @@ impl Request {
         let mut first = lines.next()?.split(' ');
         let (method, target) = (first.next()?.to_owned(), first.next()?);
         let (path, query) = target.split_once('?').unwrap_or((target, ""));
-        let header = |line: &str| line.split_once(": ").map(|(name, value)| (name.to_lowercase(), value.to_owned()));
+        let header = |line: &str| {
+            line.split_once(": ")
+                .map(|(name, value)| (name.to_lowercase(), value.to_owned()))
+        };
         let headers: BTreeMap<String, String> = lines.filter_map(header).collect();
-        let mut body = vec![0; headers.get("content-length").map_or(0, |length| length.parse().unwrap())];
+        let mut body = vec![
+            0;
+            headers
+                .get("content-length")
+                .map_or(0, |length| length.parse().unwrap())
+        ];
         connection.read_exact(&mut body).ok()?;
-        Some(Self { method, path: path.to_owned(), query: query.to_owned(), headers, body })
+        Some(Self {
+            method,
+            path: path.to_owned(),
+            query: query.to_owned(),
+            headers,
+            body,
+        })
     }
 
     /// As much of an object as was asked for.
     fn part_of(&self, bytes: &[u8]) -> Answer {
         let length = bytes.len();
-        let Some(range) = self.headers.get("range").and_then(|range| range.strip_prefix("bytes=")) else {
-            return Answer { status: 200, headers: format!("Content-Length: {length}\r\n"), body: bytes.to_vec() };
+        let Some(range) = self
+            .headers
+            .get("range")
+            .and_then(|range| range.strip_prefix("bytes="))
+        else {
+            return Answer {
+                status: 200,
+                headers: format!("Content-Length: {length}\r\n"),
+                body: bytes.to_vec(),
+            };
         };
         let (first, last) = range.split_once('-').unwrap();
-        let (first, last) = (first.parse::<usize>().unwrap(), last.parse::<usize>().unwrap().min(length - 1));
+        let (first, last) = (
+            first.parse::<usize>().unwrap(),
+            last.parse::<usize>().unwrap().min(length - 1),
+        );
         let headers = format!("Content-Range: bytes {first}-{last}/{length}\r\n");
-        Answer { status: 206, headers, body: bytes[first..=last].to_vec() }
+        Answer {
+            status: 206,
+            headers,
+            body: bytes[first..=last].to_vec(),
+        }
     }
 }
 
 impl Answer {
     fn new(status: u16, body: &str) -> Self {
-        Self { status, headers: String::new(), body: body.as_bytes().to_vec() }
+        Self {
+            status,
+            headers: String::new(),
+            body: body.as_bytes().to_vec(),
+        }
     }
 
     fn length(&self) -> String {
-        let others = if self.headers.starts_with("Content-Length") { "" } else { &self.headers };
+        let others = if self.headers.starts_with("Content-Length") {
+            ""
+        } else {
+            &self.headers
+        };
         format!("{others}Content-Length: {}\r\n", self.body.len())
     }
 }
 
 fn list(objects: &BTreeMap<String, Vec<u8>>, query: &str) -> Answer {
-    let prefix = query.split('&').find_map(|part| part.strip_prefix("prefix=")).unwrap_or("").replace("%2F", "/");
+    let prefix = query
+        .split('&')
+        .find_map(|part| part.strip_prefix("prefix="))
+        .unwrap_or("")
+        .replace("%2F", "/");
     let entry = |(path, bytes): (&String, &Vec<u8>)| {
         let key = path.trim_start_matches("/bucket/");
         let (size, date) = (bytes.len(), "2026-01-01T00:00:00.000Z");
-        let fields = format!("<Key>{key}</Key><Size>{size}</Size><LastModified>{date}</LastModified><ETag>e</ETag>");
-        key.starts_with(&prefix).then(|| format!("<Contents>{fields}</Contents>"))
+        let fields = format!(
+            "<Key>{key}</Key><Size>{size}</Size><LastModified>{date}</LastModified><ETag>e</ETag>"
+        );
+        key.starts_with(&prefix)
+            .then(|| format!("<Contents>{fields}</Contents>"))
     };
     let entries: String = objects.iter().filter_map(entry).collect();
-    Answer::new(200, &format!("<ListBucketResult><IsTruncated>false</IsTruncated>{entries}</ListBucketResult>"))
+    Answer::new(
+        200,
+        &format!("<ListBucketResult><IsTruncated>false</IsTruncated>{entries}</ListBucketResult>"),
+    )
 }

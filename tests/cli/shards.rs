@@ -25,7 +25,18 @@ fn renders() -> Space {
 
 /// The semantic digests of a stage's outputs, as its stamp says them.
 fn outputs(space: &Space, stage: &str, more: &[&str]) -> Value {
-    space.ok(&[&["run", "renders.ron", "--only", stage, "--stamp", "stamps/one.json"], more].concat());
+    space.ok(&[
+        &[
+            "run",
+            "renders.ron",
+            "--only",
+            stage,
+            "--stamp",
+            "stamps/one.json",
+        ],
+        more,
+    ]
+    .concat());
     serde_json::from_slice::<Value>(&fs::read(space.path("stamps/one.json")).unwrap()).unwrap()["outputs"].clone()
 }
 
@@ -35,23 +46,51 @@ fn shards_of_a_render_join_to_the_very_images_of_the_whole() {
     space.ok(&["run", "renders.ron"]);
     let whole = outputs(&space, "render", &[]);
     let sharded = ["--set", "render.shards=3"];
-    let run = space.ok(&[&["run", "renders.ron", "--json"], &sharded[..]].concat()).last();
-    assert_eq!(run["ran"], json!(["render", "render.1", "render.2", "render.3"]), "what reads the images is spared");
+    let run = space
+        .ok(&[&["run", "renders.ron", "--json"], &sharded[..]].concat())
+        .last();
+    assert_eq!(
+        run["ran"],
+        json!(["render", "render.1", "render.2", "render.3"]),
+        "what reads the images is spared"
+    );
     assert_eq!(outputs(&space, "render", &sharded), whole);
-    assert_eq!(space.files("out/renders/render.3/images").len(), 2, "one of five views, and the cameras");
+    assert_eq!(
+        space.files("out/renders/render.3/images").len(),
+        2,
+        "one of five views, and the cameras"
+    );
 }
 
 #[test]
 fn a_stage_alone_needs_the_results_that_it_reads_and_computes_nothing_else() {
     let space = renders();
-    let only = |stage| ["run", "renders.ron", "--set=render.shards=2", "--json", "--only", stage];
+    let only = |stage| {
+        [
+            "run",
+            "renders.ron",
+            "--set=render.shards=2",
+            "--json",
+            "--only",
+            stage,
+        ]
+    };
     let early = space.say(&only("render.2"));
     assert_eq!(early.code, 3);
-    assert!(early.err.contains("`render.2` cannot run alone yet"), "{}", early.err);
+    assert!(
+        early.err.contains("`render.2` cannot run alone yet"),
+        "{}",
+        early.err
+    );
     for stage in ["scene", "fit", "render.2", "render.1", "render", "up"] {
         assert_eq!(space.ok(&only(stage)).last()["ran"], json!([stage]));
     }
-    assert_eq!(space.ok(&["run", "renders.ron", "--set=render.shards=2", "--json"]).last()["ran"], json!([]));
+    assert_eq!(
+        space
+            .ok(&["run", "renders.ron", "--set=render.shards=2", "--json"])
+            .last()["ran"],
+        json!([])
+    );
 }
 
 #[test]
@@ -59,5 +98,10 @@ fn more_shards_than_views_are_a_clear_error() {
     let space = renders();
     let said = space.say(&["run", "renders.ron", "--set=render.shards=6"]);
     assert_eq!(said.code, 1);
-    assert!(said.err.contains("render.6: error: `shards` is 6, but there are only 5 views"), "{}", said.err);
+    assert!(
+        said.err
+            .contains("render.6: error: `shards` is 6, but there are only 5 views"),
+        "{}",
+        said.err
+    );
 }

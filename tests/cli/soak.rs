@@ -34,8 +34,14 @@ fn digests(space: &Space, store: &str) -> BTreeSet<String> {
             digests.insert(format!("{} {name} {}", record["stage"], output["digest"]));
             for file in output["files"].as_array().unwrap() {
                 let blob = file["blob"].as_str().unwrap();
-                let bytes = fs::read(space.path(store).join("cas").join(&blob[..2]).join(blob)).unwrap();
-                assert_eq!(blake3::hash(&bytes).to_string(), blob, "{} {file}", record["stage"]);
+                let bytes =
+                    fs::read(space.path(store).join("cas").join(&blob[..2]).join(blob)).unwrap();
+                assert_eq!(
+                    blake3::hash(&bytes).to_string(),
+                    blob,
+                    "{} {file}",
+                    record["stage"]
+                );
             }
         }
     }
@@ -45,7 +51,14 @@ fn digests(space: &Space, store: &str) -> BTreeSet<String> {
 /// The command line of a run into `wild`; each life has keys of its own.
 fn life(number: u64) -> Vec<String> {
     let salt = format!("--salt=life {number}");
-    let own = ["run", &pipeline("smoke"), "--store=wild", "--out=wild-out", "--checkpoint-every=0", &salt];
+    let own = [
+        "run",
+        &pipeline("smoke"),
+        "--store=wild",
+        "--out=wild-out",
+        "--checkpoint-every=0",
+        &salt,
+    ];
     own.iter().chain(SHORT).map(ToString::to_string).collect()
 }
 
@@ -60,24 +73,47 @@ fn run_on(space: &Space, number: u64, pause: u64, name: &str) -> Said {
 }
 
 fn soak(kills: usize) {
-    let given = std::env::var("SRNERF_SOAK_SEED").ok().and_then(|seed| seed.parse().ok());
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64;
+    let given = std::env::var("SRNERF_SOAK_SEED")
+        .ok()
+        .and_then(|seed| seed.parse().ok());
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap()
+        .as_nanos() as u64;
     let seed = given.unwrap_or(now).max(1);
     // Shown only if the test fails.
     println!("to try the same again: SRNERF_SOAK_SEED={seed}");
     let (space, mut dice, mut number, mut killed) = (Space::new(), Dice(seed), 0, 0);
-    let calm: Vec<String> = life(0).iter().map(|argument| argument.replace("wild", "calm")).collect();
+    let calm: Vec<String> = life(0)
+        .iter()
+        .map(|argument| argument.replace("wild", "calm"))
+        .collect();
     space.ok(&calm.iter().map(String::as_str).collect::<Vec<_>>());
     let calm = digests(&space, "calm");
     while killed < kills {
-        let (pause, name) = (dice.below(LONGEST), ["-KILL", "-TERM"][dice.below(2) as usize]);
+        let (pause, name) = (
+            dice.below(LONGEST),
+            ["-KILL", "-TERM"][dice.below(2) as usize],
+        );
         let said = run_on(&space, number, pause, name);
-        assert!([-1, 75, 143, 0].contains(&said.code), "{} after {pause} ms: {}", said.code, said.err);
+        assert!(
+            [-1, 75, 143, 0].contains(&said.code),
+            "{} after {pause} ms: {}",
+            said.code,
+            said.err
+        );
         number += u64::from(said.code == 0);
         killed += usize::from(said.code != 0);
-        assert!(digests(&space, "wild").is_subset(&calm), "after {pause} ms and {name}");
+        assert!(
+            digests(&space, "wild").is_subset(&calm),
+            "after {pause} ms and {name}"
+        );
         let checked = space.say(&["store", "fsck", "--store=wild", "--out=wild-out"]);
-        assert_eq!(checked.code, 0, "after {pause} ms and {name}: {}{}", checked.out, checked.err);
+        assert_eq!(
+            checked.code, 0,
+            "after {pause} ms and {name}: {}{}",
+            checked.out, checked.err
+        );
     }
     space.ok(&life(number).iter().map(String::as_str).collect::<Vec<_>>());
     assert_eq!(digests(&space, "wild"), calm);

@@ -33,7 +33,11 @@ impl Said {
     /// What a command said that has ended.
     pub fn new(output: Output) -> Self {
         let text = |bytes| String::from_utf8(bytes).unwrap();
-        Self { code: output.status.code().unwrap_or(-1), out: text(output.stdout), err: text(output.stderr) }
+        Self {
+            code: output.status.code().unwrap_or(-1),
+            out: text(output.stdout),
+            err: text(output.stderr),
+        }
     }
 
     /// The last line of JSON.
@@ -50,7 +54,9 @@ impl Said {
 impl Space {
     /// A folder with `tiny.ron`.
     pub fn new() -> Self {
-        let space = Self { folder: tempfile::tempdir().unwrap() };
+        let space = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
         fs::write(space.path("tiny.ron"), TINY).unwrap();
         space
     }
@@ -61,8 +67,14 @@ impl Space {
 
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_srnerf-dag"));
-        command.args(arguments).current_dir(self.folder.path()).env("NO_COLOR", "1");
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env("NO_COLOR", "1");
+        command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
         command
     }
 
@@ -72,7 +84,12 @@ impl Space {
 
     /// Runs a command with these variables in its environment.
     pub fn say_with(&self, variables: &[(&str, String)], arguments: &[&str]) -> Said {
-        Said::new(self.command(arguments).envs(variables.iter().cloned()).output().unwrap())
+        Said::new(
+            self.command(arguments)
+                .envs(variables.iter().cloned())
+                .output()
+                .unwrap(),
+        )
     }
 
     /// Runs a command that must end well.
@@ -94,13 +111,22 @@ impl Space {
     pub fn files(&self, folder: &str) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut files = BTreeMap::new();
         collect(&self.path(folder), &mut files);
-        files.into_iter().map(|(path, bytes)| (path.strip_prefix(self.path(folder)).unwrap().into(), bytes)).collect()
+        files
+            .into_iter()
+            .map(|(path, bytes)| (path.strip_prefix(self.path(folder)).unwrap().into(), bytes))
+            .collect()
     }
 }
 
 /// Sends a signal to a process.
 pub fn signal(child: &Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+    assert!(
+        Command::new("kill")
+            .args([name, &child.id().to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
 }
 
 fn collect(folder: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {

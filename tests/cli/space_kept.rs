@@ -21,12 +21,25 @@ fn three_runs() -> Space {
 }
 
 fn ran(space: &Space, filter: &str) -> Value {
-    space.ok(&["run", "tiny.ron", "--json", "--set", &format!("up.filter={filter}")]).last()["ran"].clone()
+    space
+        .ok(&[
+            "run",
+            "tiny.ron",
+            "--json",
+            "--set",
+            &format!("up.filter={filter}"),
+        ])
+        .last()["ran"]
+        .clone()
 }
 
 fn stages(gc: &Value) -> Vec<&str> {
-    let mut stages: Vec<&str> =
-        gc["results"].as_array().unwrap().iter().map(|result| result["stage"].as_str().unwrap()).collect();
+    let mut stages: Vec<&str> = gc["results"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|result| result["stage"].as_str().unwrap())
+        .collect();
     stages.sort_unstable();
     stages
 }
@@ -36,12 +49,25 @@ fn gc_says_what_would_go_and_removes_nothing_unless_told_to() {
     let space = three_runs();
     let before = space.files(".srnerf");
     let said = space.ok(&["gc", "--keep-last", "1"]).out;
-    assert!(said.contains("no run kept and no pin needs it") && said.contains("; gc --delete removes them"), "{said}");
+    assert!(
+        said.contains("no run kept and no pin needs it")
+            && said.contains("; gc --delete removes them"),
+        "{said}"
+    );
     assert!(before == space.files(".srnerf"));
-    assert_eq!(stages(&space.ok(&["gc", "--json"]).json()), [""; 0], "all three runs are kept by default");
-    let gone = space.ok(&["gc", "--keep-last", "1", "--delete", "--json"]).json();
+    assert_eq!(
+        stages(&space.ok(&["gc", "--json"]).json()),
+        [""; 0],
+        "all three runs are kept by default"
+    );
+    let gone = space
+        .ok(&["gc", "--keep-last", "1", "--delete", "--json"])
+        .json();
     assert_eq!(stages(&gone), ["again", "again", "up", "up"]);
-    assert_eq!(space.ok(&["store", "fsck", "--json"]).json()["findings"], json!([]));
+    assert_eq!(
+        space.ok(&["store", "fsck", "--json"]).json()["findings"],
+        json!([])
+    );
     assert_eq!(ran(&space, "Bicubic"), json!([]));
     assert_eq!(ran(&space, "Nearest"), json!(["again", "up"]));
 }
@@ -50,32 +76,57 @@ fn gc_says_what_would_go_and_removes_nothing_unless_told_to() {
 fn pins_keep_results_until_they_are_taken_away() {
     let space = three_runs();
     assert_eq!(space.ok(&["pin"]).out, "no pins\n");
-    assert!(space.ok(&["pin", "paper", "--run", "@3"]).out.starts_with("paper: 3 results of tiny at "));
+    assert!(
+        space
+            .ok(&["pin", "paper", "--run", "@3"])
+            .out
+            .starts_with("paper: 3 results of tiny at ")
+    );
     space.ok(&["gc", "--keep-last", "1", "--delete"]);
     assert_eq!(ran(&space, "Lanczos"), json!([]));
     assert_eq!(ran(&space, "Nearest"), json!(["again", "up"]));
     space.ok(&["unpin", "paper"]);
     assert_eq!(space.say(&["unpin", "paper"]).code, 2);
-    assert_eq!(stages(&space.ok(&["gc", "--keep-last", "1", "--json"]).json()).len(), 4);
+    assert_eq!(
+        stages(&space.ok(&["gc", "--keep-last", "1", "--json"]).json()).len(),
+        4
+    );
     assert_eq!(space.say(&["pin", "../up"]).code, 2);
 }
 
 #[test]
 fn what_was_used_lately_stays_and_what_was_not_used_for_longest_goes_first() {
     let space = three_runs();
-    assert_eq!(stages(&space.ok(&["gc", "--keep-last", "1", "--older-than", "1h", "--json"]).json()), [""; 0]);
+    assert_eq!(
+        stages(
+            &space
+                .ok(&["gc", "--keep-last", "1", "--older-than", "1h", "--json"])
+                .json()
+        ),
+        [""; 0]
+    );
     // Room for two of the three results of `again`, which are the largest.
     let usage = space.ok(&["store", "du", "--json"]).json();
     let of = |stage: &str| {
         let stages = usage["stages"].as_array().unwrap();
-        stages.iter().find(|entry| entry["stage"] == stage).unwrap()["bytes"].as_u64().unwrap()
+        stages.iter().find(|entry| entry["stage"] == stage).unwrap()["bytes"]
+            .as_u64()
+            .unwrap()
     };
     let room = usage["total"].as_u64().unwrap() - of("again") / 2;
-    let gone = space.ok(&["gc", "--max-size", &room.to_string(), "--json"]).json();
+    let gone = space
+        .ok(&["gc", "--max-size", &room.to_string(), "--json"])
+        .json();
     assert!(gone["stays"].as_u64().unwrap() <= room);
     let too_small = space.say(&["gc", "--max-size", "1kB"]);
     assert_eq!(too_small.code, 5, "{}", too_small.out);
-    assert!(too_small.err.contains("the last run of each pipeline and pins are never removed"), "{}", too_small.err);
+    assert!(
+        too_small
+            .err
+            .contains("the last run of each pipeline and pins are never removed"),
+        "{}",
+        too_small.err
+    );
     space.say(&["gc", "--max-size", "1kB", "--delete"]);
     assert_eq!(ran(&space, "Bicubic"), json!([]));
 }
@@ -87,7 +138,11 @@ fn gc_waits_for_nobody_and_removes_nothing_while_someone_uses_the_store() {
     lock.lock_shared().unwrap();
     let said = space.say(&["gc", "--keep-last", "1", "--delete"]);
     assert_eq!(said.code, 4);
-    assert!(said.err.contains("another process uses .srnerf"), "{}", said.err);
+    assert!(
+        said.err.contains("another process uses .srnerf"),
+        "{}",
+        said.err
+    );
     space.ok(&["gc", "--keep-last", "1"]);
     drop(lock);
     space.ok(&["gc", "--keep-last", "1", "--delete"]);
@@ -121,22 +176,40 @@ fn a_gc_that_is_cut_off_leaves_a_sound_store() {
 #[test]
 fn du_tells_what_is_shared_from_what_is_not() {
     let space = three_runs();
-    let text = fs::read_to_string(space.path("tiny.ron")).unwrap().replacen("\"tiny\"", "\"twin\"", 1);
-    fs::write(space.path("twin.ron"), text.replace("factor: 2),\n    }", "factor: 3),\n    }")).unwrap();
+    let text = fs::read_to_string(space.path("tiny.ron"))
+        .unwrap()
+        .replacen("\"tiny\"", "\"twin\"", 1);
+    fs::write(
+        space.path("twin.ron"),
+        text.replace("factor: 2),\n    }", "factor: 3),\n    }"),
+    )
+    .unwrap();
     space.ok(&["run", "twin.ron"]);
     let usage = space.ok(&["store", "du", "--json"]).json();
     let own = |pipeline: &str, stage: &str| {
-        let entry =
-            usage["stages"].as_array().unwrap().iter().find(|e| e["pipeline"] == pipeline && e["stage"] == stage);
-        (entry.unwrap()["bytes"].as_u64().unwrap(), entry.unwrap()["own"].as_u64().unwrap())
+        let entry = usage["stages"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|e| e["pipeline"] == pipeline && e["stage"] == stage);
+        (
+            entry.unwrap()["bytes"].as_u64().unwrap(),
+            entry.unwrap()["own"].as_u64().unwrap(),
+        )
     };
     assert_eq!(own("tiny", "up"), own("twin", "up"), "one result, shared");
     assert_ne!(own("tiny", "again").0, own("twin", "again").0);
-    let (whole, alone) = (&usage["pipelines"]["twin"]["bytes"], &usage["pipelines"]["twin"]["own"]);
+    let (whole, alone) = (
+        &usage["pipelines"]["twin"]["bytes"],
+        &usage["pipelines"]["twin"]["own"],
+    );
     assert_eq!(alone.as_u64().unwrap(), own("twin", "again").1, "{whole}");
     assert!(usage["other_results"]["bytes"].as_u64().unwrap() > 0);
     let text = space.ok(&["store", "du"]).out;
-    assert!(text.contains("\ntwin ") && text.contains("\n  again ") && text.contains("\ntotal "), "{text}");
+    assert!(
+        text.contains("\ntwin ") && text.contains("\n  again ") && text.contains("\ntotal "),
+        "{text}"
+    );
 }
 
 /// A run as a user who may read everything and write only to `out`.
@@ -149,8 +222,17 @@ fn as_reader(space: &Space, arguments: &[&str]) -> Said {
     }
     fs::copy(command.get_program(), &program).unwrap();
     let mut copy = Command::new(program);
-    copy.args(arguments).current_dir(space.path(".")).uid(65534).gid(65534);
-    Space::wait(copy.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
+    copy.args(arguments)
+        .current_dir(space.path("."))
+        .uid(65534)
+        .gid(65534);
+    Space::wait(
+        copy.stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    )
 }
 
 #[test]
@@ -158,12 +240,21 @@ fn a_store_that_can_only_be_read_serves_all_that_is_in_it() {
     let space = Space::new();
     space.ok(&["run", "tiny.ron"]);
     let chmod = |folder: &str, mode: u32| {
-        let all = walkdir::WalkDir::new(space.path(folder)).contents_first(true).into_iter().flatten();
+        let all = walkdir::WalkDir::new(space.path(folder))
+            .contents_first(true)
+            .into_iter()
+            .flatten();
         all.filter(|entry| entry.file_type().is_dir())
-            .for_each(|entry| fs::set_permissions(entry.path(), fs::Permissions::from_mode(mode)).unwrap());
+            .for_each(|entry| {
+                fs::set_permissions(entry.path(), fs::Permissions::from_mode(mode)).unwrap()
+            });
     };
     chmod(".srnerf", 0o555);
-    fs::set_permissions(space.path(".srnerf/lock"), fs::Permissions::from_mode(0o444)).unwrap();
+    fs::set_permissions(
+        space.path(".srnerf/lock"),
+        fs::Permissions::from_mode(0o444),
+    )
+    .unwrap();
     fs::set_permissions(space.path("."), fs::Permissions::from_mode(0o755)).unwrap();
     for arguments in [
         &["plan", "tiny.ron", "--exit-code"][..],
@@ -178,7 +269,11 @@ fn a_store_that_can_only_be_read_serves_all_that_is_in_it() {
     }
     let refused = as_reader(&space, &["run", "tiny.ron", "--set", "up.filter=Lanczos"]);
     assert_eq!(refused.code, 4, "{}", refused.err);
-    assert!(refused.err.contains("cannot") && refused.err.contains("--store FOLDER"), "{}", refused.err);
+    assert!(
+        refused.err.contains("cannot") && refused.err.contains("--store FOLDER"),
+        "{}",
+        refused.err
+    );
     chmod(".srnerf", 0o755);
 }
 
@@ -197,16 +292,32 @@ fn a_store_on_another_file_system_is_shown_by_copies() {
         return;
     };
     let store = format!("--store={}", far.path().join("store").display());
-    let run = |more: &[&str]| space.ok(&[&["run", "tiny.ron", "--json"], more].concat()).last()["ran"].clone();
+    let run = |more: &[&str]| {
+        space
+            .ok(&[&["run", "tiny.ron", "--json"], more].concat())
+            .last()["ran"]
+            .clone()
+    };
     assert_eq!(run(&[&store]), json!(["again", "scene", "up"]));
-    assert_eq!(run(&["--store=near/store", "--out=near/out"]), json!(["again", "scene", "up"]));
+    assert_eq!(
+        run(&["--store=near/store", "--out=near/out"]),
+        json!(["again", "scene", "up"])
+    );
     assert!(space.files("out") == space.files("near/out"));
     let shown = space.path("out/tiny/up/images/view_001.exr");
-    assert_eq!(fs::metadata(&shown).unwrap().nlink(), 1, "a copy, not a second name");
+    assert_eq!(
+        fs::metadata(&shown).unwrap().nlink(),
+        1,
+        "a copy, not a second name"
+    );
     fs::remove_file(&shown).unwrap();
     fs::write(&shown, "changed").unwrap();
     let fsck = space.say(&["store", "fsck", &store]);
-    assert!(fsck.code == 5 && fsck.out.contains("view_001.exr  it is not what"), "{}", fsck.out);
+    assert!(
+        fsck.code == 5 && fsck.out.contains("view_001.exr  it is not what"),
+        "{}",
+        fsck.out
+    );
     assert_eq!(run(&[&store]), json!([]));
     assert!(space.files("out") == space.files("near/out"));
     space.ok(&["store", "fsck", &store]);

@@ -37,7 +37,10 @@ fn photos(folder: &Path, count: usize) {
     fs::create_dir_all(folder.join("images")).unwrap();
     let mut row = Vec::new();
     for at in 0..count {
-        let pose = [1.0, 0.0, 0.0, at as f64, 8.0, 0.0, 1.0, 0.0, 0.0, 12.0, 0.0, 0.0, 1.0, 0.0, 10.0, 1.0, 5.0];
+        let pose = [
+            1.0, 0.0, 0.0, at as f64, 8.0, 0.0, 1.0, 0.0, 0.0, 12.0, 0.0, 0.0, 1.0, 0.0, 10.0, 1.0,
+            5.0,
+        ];
         row.extend(pose.iter().flat_map(|value: &f64| value.to_le_bytes()));
         image::RgbImage::from_pixel(12, 8, image::Rgb([60 * at as u8; 3]))
             .save(folder.join(format!("images/{at}.png")))
@@ -45,7 +48,13 @@ fn photos(folder: &Path, count: usize) {
     }
     let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({count}, 17), }}");
     let header = format!("{header:<117}\n");
-    let file = [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &row].concat();
+    let file = [
+        b"\x93NUMPY\x01\x00",
+        &(header.len() as u16).to_le_bytes()[..],
+        header.as_bytes(),
+        &row,
+    ]
+    .concat();
     fs::write(folder.join("poses_bounds.npy"), file).unwrap();
 }
 
@@ -57,7 +66,10 @@ fn run_both_ways(space: &Space, ran: &[&str]) {
     fs::remove_file(&remembered).unwrap();
     assert_eq!(plan, space.ok(&["plan", "photos.ron", "--json"]).json());
     fs::write(&remembered, aside).unwrap();
-    assert_eq!(space.ok(&["run", "photos.ron", "--json"]).last()["ran"], json!(ran));
+    assert_eq!(
+        space.ok(&["run", "photos.ron", "--json"]).last()["ran"],
+        json!(ran)
+    );
 }
 
 #[test]
@@ -82,7 +94,9 @@ fn a_run_that_only_looks_says_what_one_says_that_reads_everything() {
 fn a_photo_that_changes_or_comes_is_seen() {
     let space = standing();
     let photo = space.path("scene/images/1.png");
-    image::RgbImage::from_pixel(12, 8, image::Rgb([7; 3])).save(&photo).unwrap();
+    image::RgbImage::from_pixel(12, 8, image::Rgb([7; 3]))
+        .save(&photo)
+        .unwrap();
     run_both_ways(&space, &["scene", "up"]);
     let space = standing();
     fs::write(space.path("scene/images/notes.txt"), "no photo").unwrap();
@@ -92,13 +106,22 @@ fn a_photo_that_changes_or_comes_is_seen() {
 #[test]
 fn another_question_has_another_answer() {
     let space = standing();
-    let run = |more: &[&str]| space.ok(&[&["run", "photos.ron", "--json"][..], more].concat()).last()["ran"].clone();
+    let run = |more: &[&str]| {
+        space
+            .ok(&[&["run", "photos.ron", "--json"][..], more].concat())
+            .last()["ran"]
+            .clone()
+    };
     assert_eq!(run(&["--set", "up.filter=Lanczos"]), json!(["up"]));
     assert_eq!(run(&["--salt", "x"]), json!(["scene", "up"]));
     assert_eq!(run(&["--force", "up"]), json!(["up"]));
     assert_eq!(run(&["--out", "elsewhere"]), json!([]));
     assert!(space.files("elsewhere").len() > 3, "shown there too");
-    fs::write(space.path("photos.ron"), PHOTOS.replace("factor: 2", "factor: 3")).unwrap();
+    fs::write(
+        space.path("photos.ron"),
+        PHOTOS.replace("factor: 2", "factor: 3"),
+    )
+    .unwrap();
     assert_eq!(run(&[]), json!(["up"]));
 }
 
@@ -112,11 +135,22 @@ fn a_plan_remembers_too_and_vouches_for_nothing_that_it_did_not_look_at() {
     fs::remove_dir_all(space.path("out/photos/up")).unwrap();
     assert_eq!(space.ok(&["plan", "photos.ron", "--json"]).json(), slow);
     space.ok(&["run", "photos.ron"]);
-    assert!(space.path("out/photos/up/images").exists(), "a run shows what the plan did not look at");
+    assert!(
+        space.path("out/photos/up/images").exists(),
+        "a run shows what the plan did not look at"
+    );
 
     fs::remove_file(&remembered).unwrap();
-    assert_eq!(space.say(&["plan", "photos.ron", "--set", "up.factor=3", "--exit-code"]).code, 5);
-    assert!(!remembered.exists(), "only that there is nothing to do is remembered");
+    assert_eq!(
+        space
+            .say(&["plan", "photos.ron", "--set", "up.factor=3", "--exit-code"])
+            .code,
+        5
+    );
+    assert!(
+        !remembered.exists(),
+        "only that there is nothing to do is remembered"
+    );
 }
 
 #[test]
@@ -124,7 +158,8 @@ fn what_is_lost_is_seen_and_comes_back() {
     let space = standing();
     let up = space.ok(&["inspect", "up", "photos.ron", "--json"]).json();
     let file = &up["outputs"]["images"]["files"][0];
-    let [key, blob, path] = [&up["key"], &file["blob"], &file["path"]].map(|text| text.as_str().unwrap());
+    let [key, blob, path] =
+        [&up["key"], &file["blob"], &file["path"]].map(|text| text.as_str().unwrap());
     let shown = space.path("out/photos/up/images").join(path);
     let before = fs::read(&shown).unwrap();
 

@@ -11,35 +11,81 @@ use crate::space::{Said, Space};
 
 /// A file of the upsampler's crate.
 fn file(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("stages/upsampler").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("stages/upsampler")
+        .join(name)
 }
 
 fn image(shape: &[usize]) -> Tensor {
     let value = |i: usize| (i * 7919 % 1000) as f32 / 1000.0;
-    ("F32", shape.to_vec(), (0..shape.iter().product()).flat_map(|i| value(i).to_le_bytes()).collect())
+    (
+        "F32",
+        shape.to_vec(),
+        (0..shape.iter().product())
+            .flat_map(|i| value(i).to_le_bytes())
+            .collect(),
+    )
 }
 
 /// Asks an upsampler about an image of this shape.
 fn ask(space: &Space, model: &str, shape: &[usize], output: &str, more: &[&str]) -> Said {
-    save(&space.path("in.safetensors"), &BTreeMap::from([("sample", image(shape))]));
+    save(
+        &space.path("in.safetensors"),
+        &BTreeMap::from([("sample", image(shape))]),
+    );
     let files = ["--input", "in.safetensors", "--output", output];
-    space.say(&[&["model", "run", model, "--part", "upsample"], &files[..], more].concat())
+    space.say(
+        &[
+            &["model", "run", model, "--part", "upsample"],
+            &files[..],
+            more,
+        ]
+        .concat(),
+    )
 }
 
 #[test]
 fn an_upsampler_is_checked() {
     let space = Space::new();
-    let said = space.ok(&["model", "check", "embedded", "--part", "upsample", "--json"]).json();
+    let said = space
+        .ok(&["model", "check", "embedded", "--part", "upsample", "--json"])
+        .json();
     let part = &said["parts"][0];
-    assert_eq!((&part["family"], &part["scale"]), (&json!("Residual"), &json!(4)));
+    assert_eq!(
+        (&part["family"], &part["scale"]),
+        (&json!("Residual"), &json!(4))
+    );
     assert_eq!(said["digest"].as_str().unwrap().len(), 64);
     let bin = file("tests/golden/ncnn-span-f16.bin");
-    let said = space.ok(&["model", "check", bin.to_str().unwrap(), "--part", "upsample", "--json"]).json();
-    assert_eq!((&said["parts"][0]["width"], said["files"].as_array().unwrap().len()), (&json!(48), 2));
-    let words = space.ok(&["model", "check", "embedded", "--part", "upsample"]).out;
-    assert!(words.contains("Residual") && words.contains("x4") && words.contains("sha256"), "{words}");
+    let said = space
+        .ok(&[
+            "model",
+            "check",
+            bin.to_str().unwrap(),
+            "--part",
+            "upsample",
+            "--json",
+        ])
+        .json();
+    assert_eq!(
+        (
+            &said["parts"][0]["width"],
+            said["files"].as_array().unwrap().len()
+        ),
+        (&json!(48), 2)
+    );
+    let words = space
+        .ok(&["model", "check", "embedded", "--part", "upsample"])
+        .out;
+    assert!(
+        words.contains("Residual") && words.contains("x4") && words.contains("sha256"),
+        "{words}"
+    );
     // What is embedded is a model like any other.
-    let parts = space.ok(&["model", "check", "embedded", "--json"]).json()["parts"].as_array().unwrap().len();
+    let parts = space.ok(&["model", "check", "embedded", "--json"]).json()["parts"]
+        .as_array()
+        .unwrap()
+        .len();
     assert_eq!(parts, 3);
 }
 
@@ -47,12 +93,29 @@ fn an_upsampler_is_checked() {
 fn an_upsampler_gives_the_same_bytes_for_any_number_of_threads() {
     let space = Space::new();
     for (output, threads) in [("a", "1"), ("b", "2")] {
-        let said = ask(&space, "embedded", &[1, 3, 20, 150], output, &["--threads", threads, "--tile", "128"]);
+        let said = ask(
+            &space,
+            "embedded",
+            &[1, 3, 20, 150],
+            output,
+            &["--threads", threads, "--tile", "128"],
+        );
         assert_eq!((said.code, &said.out[..]), (0, ""), "{}", said.err);
     }
     assert!(fs::read(space.path("a")).unwrap() == fs::read(space.path("b")).unwrap());
-    let said = ask(&space, "embedded", &[2, 3, 4, 5], "c", &["--ensemble", "--repeat", "1", "--json"]);
-    assert_eq!(said.json()["tensors"], json!({"sample": [2, 3, 16, 20]}), "{}", said.err);
+    let said = ask(
+        &space,
+        "embedded",
+        &[2, 3, 4, 5],
+        "c",
+        &["--ensemble", "--repeat", "1", "--json"],
+    );
+    assert_eq!(
+        said.json()["tensors"],
+        json!({"sample": [2, 3, 16, 20]}),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -65,10 +128,28 @@ fn what_an_upsampler_cannot_be_asked_is_named_and_nothing_is_written() {
         assert!(text.contains(words), "{}", said.err);
         assert!(!space.path("out").exists());
     };
-    refused("embedded", &[1, 4, 5, 5], &[], 3, "tensor `sample` has the shape [1, 4, 5, 5]; expected [*, 3, *, *]");
+    refused(
+        "embedded",
+        &[1, 4, 5, 5],
+        &[],
+        3,
+        "tensor `sample` has the shape [1, 4, 5, 5]; expected [*, 3, *, *]",
+    );
     refused("embedded", &[3, 5, 5], &[], 3, "expected [*, 3, *, *]");
-    refused("embedded", &[1, 3, 5, 5], &["--target-grad"], 2, "an upsampler has no LoRA and no gradients");
-    refused("nothing.safetensors", &[1, 3, 5, 5], &[], 3, "nothing.safetensors: is missing");
+    refused(
+        "embedded",
+        &[1, 3, 5, 5],
+        &["--target-grad"],
+        2,
+        "an upsampler has no LoRA and no gradients",
+    );
+    refused(
+        "nothing.safetensors",
+        &[1, 3, 5, 5],
+        &[],
+        3,
+        "nothing.safetensors: is missing",
+    );
     refused("net.pth", &[1, 3, 5, 5], &[], 3, "net.pth: is a pickle");
 }
 
@@ -82,7 +163,13 @@ const ENLARGE: &str = r#"(
 )"#;
 
 fn enlarge(space: &Space, factor: &str, options: &str) {
-    fs::write(space.path("enlarge.ron"), ENLARGE.replace("FACTOR", factor).replace("OPTIONS", options)).unwrap();
+    fs::write(
+        space.path("enlarge.ron"),
+        ENLARGE
+            .replace("FACTOR", factor)
+            .replace("OPTIONS", options),
+    )
+    .unwrap();
 }
 
 #[test]
@@ -92,11 +179,16 @@ fn a_network_is_a_filter_of_interpolate() {
         enlarge(&space, factor, "");
         space.ok(&["run", "enlarge.ron"]);
         let files = space.files("out/enlarge/enlarge").into_keys();
-        let images: Vec<PathBuf> = files.filter(|path| path.extension().is_some_and(|end| end == "exr")).collect();
+        let images: Vec<PathBuf> = files
+            .filter(|path| path.extension().is_some_and(|end| end == "exr"))
+            .collect();
         assert!(!images.is_empty());
         for image in images {
             let image = space.path("out/enlarge/enlarge").join(image);
-            let size = exr::meta::MetaData::read_from_file(image, false).unwrap().headers[0].layer_size;
+            let size = exr::meta::MetaData::read_from_file(image, false)
+                .unwrap()
+                .headers[0]
+                .layer_size;
             assert_eq!((size.0, size.1), (side, side * 3 / 4));
         }
     }
@@ -110,22 +202,40 @@ fn its_weights_belong_to_the_key_and_their_place_does_not() {
     enlarge(&space, "4", "");
     space.ok(&["run", "enlarge.ron"]);
     let explained = space.ok(&["explain", "enlarge", "enlarge.ron"]).out;
-    assert!(explained.contains("sources.model") && !explained.contains("filter.model"), "{explained}");
+    assert!(
+        explained.contains("sources.model") && !explained.contains("filter.model"),
+        "{explained}"
+    );
     let set = |file: &str| format!("--set=enlarge.filter=Learned(model: File(\"{file}\"))");
     let ran = |set: &str| space.ok(&["run", "enlarge.ron", set, "--json"]).last()["ran"].clone();
     // The same weights elsewhere.
-    fs::copy(file("models/residual-x4.safetensors"), space.path("copy.safetensors")).unwrap();
+    fs::copy(
+        file("models/residual-x4.safetensors"),
+        space.path("copy.safetensors"),
+    )
+    .unwrap();
     assert_eq!(ran(&set("copy.safetensors")), json!([]));
     for ending in ["param", "bin"] {
-        fs::copy(file(&format!("tests/golden/ncnn-span-f16.{ending}")), space.path(&format!("x.{ending}"))).unwrap();
+        fs::copy(
+            file(&format!("tests/golden/ncnn-span-f16.{ending}")),
+            space.path(&format!("x.{ending}")),
+        )
+        .unwrap();
     }
     assert_eq!(ran(&set("x.param")), json!(["enlarge"]));
     assert_eq!(ran(&set("x.bin")), json!([]));
-    assert_eq!(ran("--set=enlarge.filter.model=File(\"x.param\")"), json!([]));
+    assert_eq!(
+        ran("--set=enlarge.filter.model=File(\"x.param\")"),
+        json!([])
+    );
     let mut weights = fs::read(space.path("x.bin")).unwrap();
     weights[40] ^= 1;
     fs::write(space.path("x.bin"), weights).unwrap();
-    assert_eq!(ran(&set("x.param")), json!(["enlarge"]), "one bit of the weights");
+    assert_eq!(
+        ran(&set("x.param")),
+        json!(["enlarge"]),
+        "one bit of the weights"
+    );
 }
 
 #[test]
@@ -138,9 +248,24 @@ fn a_filter_that_makes_no_sense_is_refused_before_anything_runs() {
         let text = said.err.replace("\n  │ ", " ").replace('\n', " ");
         assert!(text.contains(words), "{}", said.err);
     };
-    refused("enlarge.filter.tile=100", "`filter.tile` is 100; it must be at least 128");
-    refused("enlarge.values=Linear", "`values` is Linear; a learned filter takes Srgb");
-    refused("enlarge.back_projection=1001", "`back_projection` is 1001; it must be at most 1000");
-    refused("enlarge.filter.model=File(\"x.pth\")", "stage `enlarge`: x.pth: is a pickle");
-    refused("enlarge.filter.model=File(\"x.safetensors\")", "x.safetensors: is missing");
+    refused(
+        "enlarge.filter.tile=100",
+        "`filter.tile` is 100; it must be at least 128",
+    );
+    refused(
+        "enlarge.values=Linear",
+        "`values` is Linear; a learned filter takes Srgb",
+    );
+    refused(
+        "enlarge.back_projection=1001",
+        "`back_projection` is 1001; it must be at most 1000",
+    );
+    refused(
+        "enlarge.filter.model=File(\"x.pth\")",
+        "stage `enlarge`: x.pth: is a pickle",
+    );
+    refused(
+        "enlarge.filter.model=File(\"x.safetensors\")",
+        "x.safetensors: is missing",
+    );
 }

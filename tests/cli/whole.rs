@@ -44,8 +44,17 @@ fn every_pipeline_that_ships_can_be_planned() {
 fn a_flight_finds_the_main_job_cached() {
     let text = |name: &str| std::fs::read_to_string(pipeline(name)).unwrap();
     let (job, orbit) = (text("i3ds"), text("orbit"));
-    let stages = job.split_once("stages: {").unwrap().1.trim_end().strip_suffix("    },\n)").unwrap();
-    assert!(orbit.contains(stages), "orbit.ron holds the stages of i3ds.ron, word by word");
+    let stages = job
+        .split_once("stages: {")
+        .unwrap()
+        .1
+        .trim_end()
+        .strip_suffix("    },\n)")
+        .unwrap();
+    assert!(
+        orbit.contains(stages),
+        "orbit.ron holds the stages of i3ds.ron, word by word"
+    );
 }
 
 /// Before white, where its photos are transparent, an object's field is as good after synchronization as before it.
@@ -61,11 +70,21 @@ fn a_transparent_scene_stays_transparent() {
     ];
     space.ok(&[&short(&["run", &smoke], &[])[..], &settings].concat());
     let metrics: Value = serde_json::from_slice(
-        &space.files("out").into_iter().find(|(path, _)| path.ends_with("metrics.json")).unwrap().1,
+        &space
+            .files("out")
+            .into_iter()
+            .find(|(path, _)| path.ends_with("metrics.json"))
+            .unwrap()
+            .1,
     )
     .unwrap();
     let psnr = |row: &str| metrics["rows"][row]["mean"]["psnr_hr"].as_f64().unwrap();
-    assert!(psnr("sr_nerf") > psnr("lr_nerf") - 1.0, "{} {}", psnr("sr_nerf"), psnr("lr_nerf"));
+    assert!(
+        psnr("sr_nerf") > psnr("lr_nerf") - 1.0,
+        "{} {}",
+        psnr("sr_nerf"),
+        psnr("lr_nerf")
+    );
     assert!(psnr("lr_nerf") > 12.0, "{}", psnr("lr_nerf"));
 }
 
@@ -76,7 +95,12 @@ fn the_method_runs_from_photos_to_metrics() {
     let run = ["run", smoke.as_str()];
     assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 11);
     let metrics: Value = serde_json::from_slice(
-        &space.files("out").into_iter().find(|(path, _)| path.ends_with("metrics.json")).unwrap().1,
+        &space
+            .files("out")
+            .into_iter()
+            .find(|(path, _)| path.ends_with("metrics.json"))
+            .unwrap()
+            .1,
     )
     .unwrap();
     for row in ["bicubic", "lr_nerf", "sr_nerf"] {
@@ -84,8 +108,20 @@ fn the_method_runs_from_photos_to_metrics() {
         assert!((5.0..40.0).contains(&psnr), "{row}: {psnr} dB");
     }
     assert_eq!(ran(&space, &short(&run, &[])), json!([]));
-    let after = ["evaluate", "i3ds.1.decode", "i3ds.1.optimize", "i3ds.1.render", "i3ds.1.sync"];
-    assert_eq!(ran(&space, &short(&run, &["--set=i3ds.optimize.guidance.lora_every=1"])), json!(after));
+    let after = [
+        "evaluate",
+        "i3ds.1.decode",
+        "i3ds.1.optimize",
+        "i3ds.1.render",
+        "i3ds.1.sync",
+    ];
+    assert_eq!(
+        ran(
+            &space,
+            &short(&run, &["--set=i3ds.optimize.guidance.lora_every=1"])
+        ),
+        json!(after)
+    );
 }
 
 #[test]
@@ -94,11 +130,26 @@ fn views_refined_in_shards_have_a_lora_for_each_shard() {
     let smoke = pipeline("smoke");
     let shards = ["--set=i3ds.render.shards=2", "--set=i3ds.optimize.shards=2"];
     space.ok(&short(&["run", smoke.as_str()], &shards));
-    let files = |stage: &str| space.files(&format!("out/smoke/i3ds.1.{stage}")).into_keys().collect::<Vec<_>>();
-    assert!(files("optimize.2/lora").iter().any(|file| file.ends_with("pytorch_lora_weights.safetensors")));
+    let files = |stage: &str| {
+        space
+            .files(&format!("out/smoke/i3ds.1.{stage}"))
+            .into_keys()
+            .collect::<Vec<_>>()
+    };
+    assert!(
+        files("optimize.2/lora")
+            .iter()
+            .any(|file| file.ends_with("pytorch_lora_weights.safetensors"))
+    );
     assert!(files("optimize/lora").is_empty() && !files("optimize/residuals").is_empty());
     let decoded = files("decode/images");
-    assert_eq!(decoded.iter().filter(|file| file.extension().is_some_and(|end| end == "exr")).count(), 3);
+    assert_eq!(
+        decoded
+            .iter()
+            .filter(|file| file.extension().is_some_and(|end| end == "exr"))
+            .count(),
+        3
+    );
 }
 
 #[test]
@@ -107,7 +158,10 @@ fn the_method_gives_the_same_bytes_for_any_number_of_threads() {
     let smoke = pipeline("smoke");
     for threads in ["1", "3"] {
         let (store, out) = (format!("--store=s{threads}"), format!("--out=o{threads}"));
-        space.ok(&short(&["run", smoke.as_str()], &["--threads", threads, &store, &out]));
+        space.ok(&short(
+            &["run", smoke.as_str()],
+            &["--threads", threads, &store, &out],
+        ));
     }
     assert!(space.files("o1") == space.files("o3"));
 }
@@ -119,9 +173,15 @@ fn a_real_llff_scene_takes_the_place_of_the_drawn_one() {
         return;
     };
     let fern = std::path::Path::new(&data).join("llff/fern");
-    let scene = format!("--set=scene.source=Llff(path: {:?}, size: (84, 63))", fern.to_string_lossy());
+    let scene = format!(
+        "--set=scene.source=Llff(path: {:?}, size: (84, 63))",
+        fern.to_string_lossy()
+    );
     let space = Space::new();
     let smoke = pipeline("smoke");
-    let said = space.ok(&short(&["run", smoke.as_str()], &[scene.as_str(), "--set=scene.holdout=8"]));
+    let said = space.ok(&short(
+        &["run", smoke.as_str()],
+        &[scene.as_str(), "--set=scene.holdout=8"],
+    ));
     assert!(said.out.contains("sr_nerf"), "{}", said.out);
 }

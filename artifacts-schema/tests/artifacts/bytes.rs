@@ -16,8 +16,12 @@ fn equal_artifacts_are_equal_files() {
     let expected = samples::files(first.path());
     for threads in 1..=16 {
         let again = tempdir().unwrap();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads % 4 + 1).build().unwrap();
-        pool.install(|| samples::write_all(again.path(), &samples::provenance())).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads % 4 + 1)
+            .build()
+            .unwrap();
+        pool.install(|| samples::write_all(again.path(), &samples::provenance()))
+            .unwrap();
         assert_eq!(samples::files(again.path()), expected);
     }
 }
@@ -31,7 +35,10 @@ fn equal_artifacts_of_two_processes_are_equal_files() {
     let (here, there) = (tempdir().unwrap(), tempdir().unwrap());
     samples::write_all(here.path(), &samples::provenance()).unwrap();
     let child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "bytes::equal_artifacts_of_two_processes_are_equal_files"])
+        .args([
+            "--exact",
+            "bytes::equal_artifacts_of_two_processes_are_equal_files",
+        ])
         .env(FOLDER, there.path())
         .output()
         .unwrap();
@@ -48,8 +55,12 @@ fn provenance_changes_the_files() {
     provenance.key = "00".repeat(32);
     samples::write_all(other.path(), &provenance).unwrap();
     let (one, other) = (samples::files(one.path()), samples::files(other.path()));
-    for file in ["images/view_000.exr", "images/transforms.json", "latents/latents.safetensors", "log/provenance.json"]
-    {
+    for file in [
+        "images/view_000.exr",
+        "images/transforms.json",
+        "latents/latents.safetensors",
+        "log/provenance.json",
+    ] {
         assert_ne!(one[file], other[file], "{file}");
     }
 }

@@ -9,7 +9,10 @@ use tempfile::tempdir;
 use crate::samples;
 
 fn digests(root: &Path) -> Vec<Digest> {
-    ArtifactKind::ALL.iter().map(|&kind| semantic_digest(kind, &root.join(kind.name())).unwrap()).collect()
+    ArtifactKind::ALL
+        .iter()
+        .map(|&kind| semantic_digest(kind, &root.join(kind.name())).unwrap())
+        .collect()
 }
 
 #[test]
@@ -28,7 +31,11 @@ fn the_digest_of_a_folder_is_that_of_what_was_written() {
         samples::film().semantic_digest(),
     ];
     assert_eq!(digests(root.path()), expected);
-    assert_eq!(expected.iter().collect::<BTreeSet<_>>().len(), 9, "each kind has a domain of its own");
+    assert_eq!(
+        expected.iter().collect::<BTreeSet<_>>().len(),
+        9,
+        "each kind has a domain of its own"
+    );
 }
 
 /// Stored results are found by these digests: if this test fails, raise the version in the digests' domain.
@@ -36,7 +43,10 @@ fn the_digest_of_a_folder_is_that_of_what_was_written() {
 fn digests_are_the_same_as_ever() {
     let root = tempdir().unwrap();
     samples::write_all(root.path(), &samples::provenance()).unwrap();
-    let short: Vec<String> = digests(root.path()).iter().map(|digest| digest.to_string()[..16].to_owned()).collect();
+    let short: Vec<String> = digests(root.path())
+        .iter()
+        .map(|digest| digest.to_string()[..16].to_owned())
+        .collect();
     assert_eq!(short, GOLDEN);
 }
 
@@ -67,8 +77,10 @@ fn the_layout_of_json_does_not_count() {
     let before = digests(root.path());
     let transforms = root.path().join("images/transforms.json");
     let text = std::fs::read_to_string(&transforms).unwrap();
-    let reordered =
-        text.replacen("{", "{\"comment\": [ ],\n\n", 1).replace("\"w\": 5", "\"w\"  :5").replace("0.1,", "1e-1,");
+    let reordered = text
+        .replacen("{", "{\"comment\": [ ],\n\n", 1)
+        .replace("\"w\": 5", "\"w\"  :5")
+        .replace("0.1,", "1e-1,");
     assert_ne!(text, reordered);
     std::fs::write(&transforms, reordered).unwrap();
     std::fs::write(
@@ -85,7 +97,11 @@ fn all_count<A: Artifact>(original: impl Fn() -> A, changes: &[fn(&mut A)]) {
     for (index, change) in changes.iter().enumerate() {
         let mut changed = original();
         change(&mut changed);
-        assert!(seen.insert(changed.semantic_digest()), "change {index} of {} does not count", A::KIND);
+        assert!(
+            seen.insert(changed.semantic_digest()),
+            "change {index} of {} does not count",
+            A::KIND
+        );
     }
 }
 
@@ -159,7 +175,15 @@ fn everything_in_texts_and_figures_counts() {
     all_count(
         samples::metrics,
         &[
-            |metrics| *metrics.rows.get_mut("vsd").unwrap().mean.get_mut("psnr").unwrap() += 4e-15,
+            |metrics| {
+                *metrics
+                    .rows
+                    .get_mut("vsd")
+                    .unwrap()
+                    .mean
+                    .get_mut("psnr")
+                    .unwrap() += 4e-15
+            },
             |metrics| metrics.rows.get_mut("vsd").unwrap().views.clear(),
             |metrics| drop(metrics.rows.pop_first()),
             |metrics| metrics.definitions.clear(),
@@ -167,13 +191,23 @@ fn everything_in_texts_and_figures_counts() {
     );
     all_count(
         samples::log,
-        &[|log| log.lines.reverse(), |log| drop(log.lines.pop()), |log| log.lines[0]["step"] = 2.into()],
+        &[
+            |log| log.lines.reverse(),
+            |log| drop(log.lines.pop()),
+            |log| log.lines[0]["step"] = 2.into(),
+        ],
     );
     all_count(
         samples::figures,
         &[
             |figures| figures.images.first_entry().unwrap().get_mut().rgb8[35] += 1,
-            |figures| drop(figures.images.insert("other".to_owned(), figures.images["compare"].clone())),
+            |figures| {
+                drop(
+                    figures
+                        .images
+                        .insert("other".to_owned(), figures.images["compare"].clone()),
+                )
+            },
             |figures| {
                 let picture = figures.images.pop_first().unwrap().1;
                 figures.images.insert("renamed".to_owned(), picture);
@@ -195,7 +229,10 @@ fn zero_has_no_sign_and_nan_no_payload() {
 fn the_order_of_views_does_not_count() {
     let mut images = samples::images();
     images.views.reverse();
-    assert_eq!(images.semantic_digest(), samples::images().semantic_digest());
+    assert_eq!(
+        images.semantic_digest(),
+        samples::images().semantic_digest()
+    );
 }
 
 #[test]

@@ -31,7 +31,10 @@ fn message(kind: ArtifactKind, file: &str, change: impl FnOnce(&mut Vec<u8>)) ->
 /// Replaces a text by another of the same length.
 fn replace(bytes: &mut [u8], from: &str, to: &str) {
     assert_eq!(from.len(), to.len());
-    let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
+    let at = bytes
+        .windows(from.len())
+        .position(|window| window == from.as_bytes())
+        .unwrap();
     bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
 }
 
@@ -46,18 +49,27 @@ fn a_missing_file_is_named() {
     ] {
         let path = root.path().join(kind.name()).join(file);
         std::fs::remove_file(&path).unwrap();
-        let message = semantic_digest(kind, &root.path().join(kind.name())).unwrap_err().to_string();
-        assert!(message.starts_with(&format!("{}: No such file", path.display())), "{message}");
+        let message = semantic_digest(kind, &root.path().join(kind.name()))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.starts_with(&format!("{}: No such file", path.display())),
+            "{message}"
+        );
     }
 }
 
 #[test]
 fn broken_safetensors_are_named_with_the_place() {
-    let latents = |change: fn(&mut Vec<u8>)| message(ArtifactKind::Latents, "latents.safetensors", change);
+    let latents =
+        |change: fn(&mut Vec<u8>)| message(ArtifactKind::Latents, "latents.safetensors", change);
     assert!(latents(|bytes| bytes.truncate(5)).starts_with("latents.safetensors: header: "));
     assert!(latents(|bytes| bytes.truncate(100)).starts_with("latents.safetensors: header: "));
     assert!(latents(|bytes| bytes[..8].fill(0xff)).starts_with("latents.safetensors: header: "));
-    assert!(latents(|bytes| bytes.truncate(bytes.len() - 1)).starts_with("latents.safetensors: header: "));
+    assert!(
+        latents(|bytes| bytes.truncate(bytes.len() - 1))
+            .starts_with("latents.safetensors: header: ")
+    );
     assert_eq!(
         latents(|bytes| replace(bytes, "\"F32\"", "\"I32\"")),
         "latents.safetensors: tensor \"view_000\": is I32; expected F32"
@@ -76,7 +88,9 @@ fn broken_safetensors_are_named_with_the_place() {
     );
     let message = latents(|bytes| replace(bytes, "scaling_factor", "sailing_factor"));
     assert!(
-        message.starts_with("latents.safetensors: metadata \"srnerf\": missing field `scaling_factor`"),
+        message.starts_with(
+            "latents.safetensors: metadata \"srnerf\": missing field `scaling_factor`"
+        ),
         "{message}"
     );
 }
@@ -96,7 +110,10 @@ fn broken_images_are_named_with_the_place() {
     );
     let wide = "view_001.exr: data window: is 2147483392x4; transforms.json says 5x4";
     let message = view(|bytes| widen(bytes, "dataWindow", 0x7fff_feff));
-    assert!(message == wide || message.starts_with("view_001.exr: OpenEXR: "), "{message}");
+    assert!(
+        message == wide || message.starts_with("view_001.exr: OpenEXR: "),
+        "{message}"
+    );
 }
 
 #[test]
@@ -110,38 +127,76 @@ fn an_absurd_size_is_refused_though_both_files_agree() {
     widen(&mut bytes, "dataWindow", 59_999);
     widen(&mut bytes, "displayWindow", 59_999);
     std::fs::write(&view, bytes).unwrap();
-    let message = semantic_digest(ArtifactKind::Images, &folder).unwrap_err().to_string();
-    assert!(message.contains("view_000.exr: data window: is 60000x4, which"), "{message}");
+    let message = semantic_digest(ArtifactKind::Images, &folder)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("view_000.exr: data window: is 60000x4, which"),
+        "{message}"
+    );
 }
 
 /// Sets the right end of a window attribute: name, type `box2i`, length, then left, top, right, bottom.
 fn widen(bytes: &mut [u8], window: &str, right: i32) {
     let start = [window.as_bytes(), b"\0box2i\0\x10\0\0\0"].concat();
-    let at = bytes.windows(start.len()).position(|part| part == start).unwrap() + start.len() + 8;
+    let at = bytes
+        .windows(start.len())
+        .position(|part| part == start)
+        .unwrap()
+        + start.len()
+        + 8;
     bytes[at..at + 4].copy_from_slice(&right.to_le_bytes());
 }
 
 #[test]
 fn broken_json_is_named_with_line_and_column() {
-    let cut = message(ArtifactKind::Metrics, "metrics.json", |bytes| bytes.truncate(30));
-    assert!(cut.starts_with("metrics.json: JSON: EOF while parsing") && cut.contains("at line 3 column"), "{cut}");
-    let line = message(ArtifactKind::Log, "log.jsonl", |bytes| bytes.extend(b"[1]\n"));
-    assert!(line.starts_with("log.jsonl: line 3: invalid type: sequence, expected a map"), "{line}");
+    let cut = message(ArtifactKind::Metrics, "metrics.json", |bytes| {
+        bytes.truncate(30)
+    });
+    assert!(
+        cut.starts_with("metrics.json: JSON: EOF while parsing")
+            && cut.contains("at line 3 column"),
+        "{cut}"
+    );
+    let line = message(ArtifactKind::Log, "log.jsonl", |bytes| {
+        bytes.extend(b"[1]\n")
+    });
+    assert!(
+        line.starts_with("log.jsonl: line 3: invalid type: sequence, expected a map"),
+        "{line}"
+    );
     let frame = message(ArtifactKind::Images, "transforms.json", |bytes| {
         replace(bytes, "\"view_000.exr\"", "\"../w_000.exr\"")
     });
-    assert!(frame.starts_with("transforms.json: name \"../w_000\": cannot name a file"), "{frame}");
-    let huge = message(ArtifactKind::Images, "transforms.json", |bytes| replace(bytes, "\"w\": 5\n}", "\"w\":1e5}"));
-    assert!(huge.starts_with("transforms.json: JSON: invalid type: floating point"), "{huge}");
-    let lens = message(ArtifactKind::Images, "transforms.json", |bytes| replace(bytes, "\"fl_x\"", "\"fl_z\""));
-    assert_eq!(lens, "transforms.json: frame \"view_000.exr\": has no fl_x, nor is there one for all frames");
+    assert!(
+        frame.starts_with("transforms.json: name \"../w_000\": cannot name a file"),
+        "{frame}"
+    );
+    let huge = message(ArtifactKind::Images, "transforms.json", |bytes| {
+        replace(bytes, "\"w\": 5\n}", "\"w\":1e5}")
+    });
+    assert!(
+        huge.starts_with("transforms.json: JSON: invalid type: floating point"),
+        "{huge}"
+    );
+    let lens = message(ArtifactKind::Images, "transforms.json", |bytes| {
+        replace(bytes, "\"fl_x\"", "\"fl_z\"")
+    });
+    assert_eq!(
+        lens,
+        "transforms.json: frame \"view_000.exr\": has no fl_x, nor is there one for all frames"
+    );
 }
 
 #[test]
 fn a_broken_png_is_named() {
-    let cut = message(ArtifactKind::Figures, "compare.png", |bytes| bytes.truncate(40));
+    let cut = message(ArtifactKind::Figures, "compare.png", |bytes| {
+        bytes.truncate(40)
+    });
     assert!(cut.starts_with("compare.png: PNG: "), "{cut}");
-    let text = message(ArtifactKind::Figures, "compare.png", |bytes| *bytes = b"not a picture".to_vec());
+    let text = message(ArtifactKind::Figures, "compare.png", |bytes| {
+        *bytes = b"not a picture".to_vec()
+    });
     assert!(text.starts_with("compare.png: PNG: "), "{text}");
 }
 
@@ -149,7 +204,11 @@ fn a_broken_png_is_named() {
 static FILES: LazyLock<BTreeMap<String, Vec<u8>>> = LazyLock::new(|| {
     let root = samples_on_disk();
     let mut images = samples::images();
-    let camera = Camera { width: 3, height: 40, ..samples::camera() };
+    let camera = Camera {
+        width: 3,
+        height: 40,
+        ..samples::camera()
+    };
     images.views.push(View {
         name: "view_002".to_owned(),
         camera,
@@ -157,7 +216,9 @@ static FILES: LazyLock<BTreeMap<String, Vec<u8>>> = LazyLock::new(|| {
         alpha: None,
         depth: None,
     });
-    images.write(&root.path().join("images"), &samples::provenance()).unwrap();
+    images
+        .write(&root.path().join("images"), &samples::provenance())
+        .unwrap();
     samples::files(root.path())
 });
 

@@ -12,7 +12,9 @@ fn transform(point: [f64; 3], matrix: [f32; 16]) -> [f64; 3] {
     let [x, y, z] = point;
     let column = |index: usize| -> f64 {
         let weights = [x, y, z, 1.0];
-        (0..4).map(|row| weights[row] * f64::from(matrix[4 * row + index])).sum()
+        (0..4)
+            .map(|row| weights[row] * f64::from(matrix[4 * row + index]))
+            .sum()
     };
     [0, 1, 2].map(|index| column(index) / column(3))
 }
@@ -27,13 +29,17 @@ fn in_world(camera: &Camera, point: [f64; 3]) -> [f64; 3] {
 }
 
 fn close(left: [f64; 3], right: [f64; 3]) -> bool {
-    left.iter().zip(right).all(|(left, right)| (left - right).abs() < 1e-5)
+    left.iter()
+        .zip(right)
+        .all(|(left, right)| (left - right).abs() < 1e-5)
 }
 
 #[test]
 fn matrices_are_left_handed_row_vector_and_upper_left() {
     let folder = tempdir().unwrap();
-    samples::images().write(folder.path(), &samples::provenance()).unwrap();
+    samples::images()
+        .write(folder.path(), &samples::provenance())
+        .unwrap();
     let meta = MetaData::read_from_file(folder.path().join("view_000.exr"), true).unwrap();
     let attributes = &meta.headers[0].own_attributes;
     let camera = samples::camera();
@@ -41,7 +47,10 @@ fn matrices_are_left_handed_row_vector_and_upper_left() {
     let world_to_ndc = attributes.world_to_normalized_device.unwrap();
 
     let right_up_ahead = in_world(&camera, [0.5, 0.25, -2.0]);
-    assert!(close(transform(right_up_ahead, world_to_camera), [0.5, 0.25, 2.0]));
+    assert!(close(
+        transform(right_up_ahead, world_to_camera),
+        [0.5, 0.25, 2.0]
+    ));
 
     // By hand: x = cx + fl_x 0.5 / 2, y = cy - fl_y 0.25 / 2, as fractions of width and height; then 1 / depth.
     let x = (2.4 + 6.1 * 0.25) / 5.0;
@@ -54,7 +63,9 @@ fn matrices_are_left_handed_row_vector_and_upper_left() {
     let left = f64::from(attributes.screen_window_center.0) - width / 2.0;
     assert!((transform(in_world(&camera, [left, 0.0, -1.0]), world_to_ndc)[0]).abs() < 1e-5);
     let middle = f64::from(attributes.screen_window_center.1);
-    assert!((transform(in_world(&camera, [0.0, middle, -1.0]), world_to_ndc)[1] - 0.5).abs() < 1e-5);
+    assert!(
+        (transform(in_world(&camera, [0.0, middle, -1.0]), world_to_ndc)[1] - 0.5).abs() < 1e-5
+    );
 }
 
 #[test]
@@ -65,7 +76,10 @@ fn a_bent_lens_stands_beside_the_provenance() {
     images.write(folder.path(), &samples::provenance()).unwrap();
     let about = |view: &str| -> serde_json::Value {
         let meta = MetaData::read_from_file(folder.path().join(view), true).unwrap();
-        let text = meta.headers[0].own_attributes.other[&Text::from("srnerf")].to_text().unwrap().to_string();
+        let text = meta.headers[0].own_attributes.other[&Text::from("srnerf")]
+            .to_text()
+            .unwrap()
+            .to_string();
         serde_json::from_str(&text).unwrap()
     };
     assert_eq!(about("view_000.exr")["distortion"]["k1"], 0.25);

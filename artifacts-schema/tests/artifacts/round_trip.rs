@@ -10,7 +10,9 @@ use crate::samples;
 
 fn round_trip<A: Artifact>(artifact: &A) -> A {
     let folder = tempdir().unwrap();
-    artifact.write(folder.path(), &samples::provenance()).unwrap();
+    artifact
+        .write(folder.path(), &samples::provenance())
+        .unwrap();
     A::read(folder.path()).unwrap()
 }
 
@@ -34,8 +36,16 @@ fn every_kind_comes_back() {
 fn tensors_come_back_bit_by_bit_with_nan_and_negative_zero() {
     let field = samples::field();
     let read = round_trip(&field);
-    let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-    assert_eq!(bits(&read.tensors["table"].values), bits(&field.tensors["table"].values));
+    let bits = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(
+        bits(&read.tensors["table"].values),
+        bits(&field.tensors["table"].values)
+    );
     assert_eq!(read.tensors["scalar"], field.tensors["scalar"]);
     assert_eq!((read.config, read.bounds), (field.config, field.bounds));
 }
@@ -44,7 +54,12 @@ fn tensors_come_back_bit_by_bit_with_nan_and_negative_zero() {
 fn pixels_come_back_bit_by_bit_with_nan_and_negative_zero() {
     let mut images = samples::images();
     images.views[0].rgb[..4].copy_from_slice(&[f32::NAN, -0.0, f32::NEG_INFINITY, 1e-42]);
-    let bits = |view: &View| view.rgb.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    let bits = |view: &View| {
+        view.rgb
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
     assert_eq!(bits(&round_trip(&images).views[0]), bits(&images.views[0]));
 }
 
@@ -59,14 +74,25 @@ fn views_come_back_sorted_by_name() {
 fn a_legend_comes_back_and_counts() {
     let mut figures = samples::figures();
     let legend = &mut figures.images.get_mut("compare").unwrap().legend;
-    legend.extend([("Range".to_owned(), "0.5 to 3".to_owned()), ("Unit".to_owned(), "m²".to_owned())]);
-    assert_ne!(figures.semantic_digest(), samples::figures().semantic_digest());
+    legend.extend([
+        ("Range".to_owned(), "0.5 to 3".to_owned()),
+        ("Unit".to_owned(), "m²".to_owned()),
+    ]);
+    assert_ne!(
+        figures.semantic_digest(),
+        samples::figures().semantic_digest()
+    );
     comes_back(figures);
 }
 
 #[test]
 fn a_bent_lens_comes_back_shared_by_all_views_or_of_one_alone() {
-    let bent = Distortion { k1: 0.1, k2: -1.0 / 3.0, p2: 1e-9, ..Distortion::default() };
+    let bent = Distortion {
+        k1: 0.1,
+        k2: -1.0 / 3.0,
+        p2: 1e-9,
+        ..Distortion::default()
+    };
     let mut images = samples::images();
     images.views[1].camera.distortion = bent;
     assert_eq!(round_trip(&images), images);
@@ -84,7 +110,10 @@ fn cameras_of_different_sizes_come_back() {
 
 #[test]
 fn an_empty_image_set_comes_back() {
-    comes_back(ImageSet { views: Vec::new(), bounds: samples::BOUNDS });
+    comes_back(ImageSet {
+        views: Vec::new(),
+        bounds: samples::BOUNDS,
+    });
 }
 
 proptest! {
@@ -112,7 +141,9 @@ proptest! {
 /// The message of a refused write, and that nothing was written.
 fn refused<A: Artifact>(artifact: &A) -> String {
     let folder = tempdir().unwrap();
-    let error = artifact.write(folder.path(), &samples::provenance()).unwrap_err();
+    let error = artifact
+        .write(folder.path(), &samples::provenance())
+        .unwrap_err();
     assert!(matches!(error, SchemaError::Content { .. }), "{error}");
     assert!(samples::files(folder.path()).is_empty(), "{error}");
     error.to_string()
@@ -122,7 +153,10 @@ fn refused<A: Artifact>(artifact: &A) -> String {
 fn what_has_no_form_on_disk_is_refused_by_name() {
     let mut images = samples::images();
     images.views[1].name = "view_000".to_owned();
-    assert_eq!(refused(&images), "name \"view_000\": is there twice; each view needs its own");
+    assert_eq!(
+        refused(&images),
+        "name \"view_000\": is there twice; each view needs its own"
+    );
 
     let mut images = samples::images();
     images.views[0].name = "../elsewhere".to_owned();
@@ -130,29 +164,52 @@ fn what_has_no_form_on_disk_is_refused_by_name() {
 
     let mut images = samples::images();
     images.views[1].depth = Some(vec![1.0; 19]);
-    assert_eq!(refused(&images), "view \"view_001\": depth has 19 values; expected 20");
+    assert_eq!(
+        refused(&images),
+        "view \"view_001\": depth has 19 values; expected 20"
+    );
 
     let mut images = samples::images();
     images.views[0].camera.far = f64::INFINITY;
-    assert_eq!(refused(&images), "view \"view_000\": its camera holds inf; all must be finite");
+    assert_eq!(
+        refused(&images),
+        "view \"view_000\": its camera holds inf; all must be finite"
+    );
 
     let mut images = samples::images();
     images.views[0].camera.width = 0;
-    assert_eq!(refused(&images), "view \"view_000\": is 0x4; expected 1 to 65536 pixels each way");
+    assert_eq!(
+        refused(&images),
+        "view \"view_000\": is 0x4; expected 1 to 65536 pixels each way"
+    );
 
     let mut images = samples::images();
     images.views[0].camera.camera_to_world[1] = [0.0; 4];
-    assert_eq!(refused(&images), "view \"view_000\": its camera-to-world matrix cannot be inverted");
+    assert_eq!(
+        refused(&images),
+        "view \"view_000\": its camera-to-world matrix cannot be inverted"
+    );
 
     let mut metrics = samples::metrics();
-    metrics.rows.get_mut("vsd").unwrap().mean.insert("niqe".to_owned(), f64::NAN);
+    metrics
+        .rows
+        .get_mut("vsd")
+        .unwrap()
+        .mean
+        .insert("niqe".to_owned(), f64::NAN);
     assert!(refused(&metrics).starts_with("row \"vsd\", mean: niqe: is NaN"));
 
     let mut lora = samples::lora();
     lora.tensors.pop_last();
-    assert_eq!(refused(&lora), "tensors: lora_A and lora_B do not come in pairs");
+    assert_eq!(
+        refused(&lora),
+        "tensors: lora_A and lora_B do not come in pairs"
+    );
 
     let mut latents = samples::latents();
     latents.views[0].tensor.shape = vec![4, 2, 2];
-    assert_eq!(refused(&latents), "tensor \"view_000\": 8 values do not fill the shape [4, 2, 2]");
+    assert_eq!(
+        refused(&latents),
+        "tensor \"view_000\": 8 values do not fill the shape [4, 2, 2]"
+    );
 }

@@ -5,14 +5,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use artifacts_schema::{
-    Artifact, Camera, Distortion, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
-    Provenance, Residuals, Row, SchemaError, Tensor, View,
+    Artifact, Camera, Distortion, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora,
+    Metrics, Picture, Provenance, Residuals, Row, SchemaError, Tensor, View,
 };
 use serde_json::json;
 
 /// Numbers that no short text holds, the same on every machine.
 pub fn numbers(count: usize) -> Vec<f32> {
-    (0..count).map(|index| ((index * 37 % 101) as f32 - 50.5) / 33.0).collect()
+    (0..count)
+        .map(|index| ((index * 37 % 101) as f32 - 50.5) / 33.0)
+        .collect()
 }
 
 pub fn provenance() -> Provenance {
@@ -39,7 +41,12 @@ pub fn camera() -> Camera {
         cx: 2.4,
         cy: 2.1,
         distortion: Distortion::default(),
-        camera_to_world: [[cos, 0.0, sin, 1.0], [0.0, 1.0, 0.0, 2.0], [-sin, 0.0, cos, 3.0], [0.0, 0.0, 0.0, 1.0]],
+        camera_to_world: [
+            [cos, 0.0, sin, 1.0],
+            [0.0, 1.0, 0.0, 2.0],
+            [-sin, 0.0, cos, 3.0],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
         near: 0.1,
         far: 1e3 / 3.0,
     }
@@ -55,14 +62,29 @@ pub fn images() -> ImageSet {
         alpha: Some(numbers(20)),
         depth: Some([numbers(19), vec![f32::INFINITY]].concat()),
     };
-    let plain = View { name: "view_001".to_owned(), alpha: None, depth: None, ..full.clone() };
-    ImageSet { views: vec![full, plain], bounds: BOUNDS }
+    let plain = View {
+        name: "view_001".to_owned(),
+        alpha: None,
+        depth: None,
+        ..full.clone()
+    };
+    ImageSet {
+        views: vec![full, plain],
+        bounds: BOUNDS,
+    }
 }
 
 pub fn latents() -> Latents {
-    let tensor = Tensor { shape: vec![4, 1, 2], values: numbers(8) };
-    let view =
-        |name: &str| LatentView { name: name.to_owned(), size: [5, 4], camera: camera(), tensor: tensor.clone() };
+    let tensor = Tensor {
+        shape: vec![4, 1, 2],
+        values: numbers(8),
+    };
+    let view = |name: &str| LatentView {
+        name: name.to_owned(),
+        size: [5, 4],
+        camera: camera(),
+        tensor: tensor.clone(),
+    };
     Latents {
         vae: "tiny-x4".to_owned(),
         scaling_factor: 0.08333,
@@ -78,24 +100,46 @@ pub fn residuals() -> Residuals {
 pub fn lora() -> Lora {
     // A layer of the embedded prior, so that diffusers can load it.
     let module = "unet.down_blocks.1.attentions.0.transformer_blocks.0.attn1.to_k";
-    let down = Tensor { shape: vec![2, 32], values: numbers(64) };
-    let up = Tensor { shape: vec![96, 2], values: numbers(192) };
-    let embedding = Tensor { shape: vec![3, 16], values: numbers(48) };
+    let down = Tensor {
+        shape: vec![2, 32],
+        values: numbers(64),
+    };
+    let up = Tensor {
+        shape: vec![96, 2],
+        values: numbers(192),
+    };
+    let embedding = Tensor {
+        shape: vec![3, 16],
+        values: numbers(48),
+    };
     Lora {
         rank: 2,
         alpha: 4.0,
-        tensors: [(format!("{module}.lora_A.weight"), down), (format!("{module}.lora_B.weight"), up)].into(),
+        tensors: [
+            (format!("{module}.lora_A.weight"), down),
+            (format!("{module}.lora_B.weight"), up),
+        ]
+        .into(),
         camera: BTreeMap::from([("linear_1.weight".to_owned(), embedding)]),
     }
 }
 
 pub fn field() -> Field {
-    let table = Tensor { shape: vec![3, 2], values: vec![-0.0, f32::NAN, f32::MIN_POSITIVE, 1.0, -2.5, 1e-42] };
+    let table = Tensor {
+        shape: vec![3, 2],
+        values: vec![-0.0, f32::NAN, f32::MIN_POSITIVE, 1.0, -2.5, 1e-42],
+    };
     Field {
         config: json!({ "levels": 16, "features": 2, "growth": 1.4472692012786865 }),
         tensors: BTreeMap::from([
             ("table".to_owned(), table),
-            ("scalar".to_owned(), Tensor { shape: vec![], values: vec![1.5] }),
+            (
+                "scalar".to_owned(),
+                Tensor {
+                    shape: vec![],
+                    values: vec![1.5],
+                },
+            ),
         ]),
         bounds: BOUNDS,
     }
@@ -103,30 +147,53 @@ pub fn field() -> Field {
 
 pub fn metrics() -> Metrics {
     let scores = BTreeMap::from([("psnr".to_owned(), 27.1 + 1e-15), ("ssim".to_owned(), 1.0)]);
-    let row = Row { mean: scores.clone(), views: BTreeMap::from([("view_000".to_owned(), scores)]) };
+    let row = Row {
+        mean: scores.clone(),
+        views: BTreeMap::from([("view_000".to_owned(), scores)]),
+    };
     Metrics {
         rows: BTreeMap::from([("vsd".to_owned(), row.clone()), ("bicubic".to_owned(), row)]),
-        definitions: BTreeMap::from([("psnr".to_owned(), "10 log10(1 / MSE), sRGB, higher is better".to_owned())]),
+        definitions: BTreeMap::from([(
+            "psnr".to_owned(),
+            "10 log10(1 / MSE), sRGB, higher is better".to_owned(),
+        )]),
     }
 }
 
 pub fn log() -> Log {
-    Log { lines: vec![json!({ "step": 1, "loss": 0.1 }), json!({ "step": 2, "loss": 1e-9, "warning": "é" })] }
+    Log {
+        lines: vec![
+            json!({ "step": 1, "loss": 0.1 }),
+            json!({ "step": 2, "loss": 1e-9, "warning": "é" }),
+        ],
+    }
 }
 
 pub fn figures() -> Figures {
-    let picture =
-        Picture { width: 4, height: 3, rgb8: (0..36).map(|byte| byte * 7).collect(), legend: BTreeMap::new() };
-    Figures { images: BTreeMap::from([("compare".to_owned(), picture)]) }
+    let picture = Picture {
+        width: 4,
+        height: 3,
+        rgb8: (0..36).map(|byte| byte * 7).collect(),
+        legend: BTreeMap::new(),
+    };
+    Figures {
+        images: BTreeMap::from([("compare".to_owned(), picture)]),
+    }
 }
 
 pub fn film() -> Film {
-    Film { clips: BTreeMap::from([("color".to_owned(), b"GIF89a and so on;".to_vec())]) }
+    Film {
+        clips: BTreeMap::from([("color".to_owned(), b"GIF89a and so on;".to_vec())]),
+    }
 }
 
 /// Writes one artifact of each kind, each into the folder of its kind's name.
 pub fn write_all(root: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
-    fn write<A: Artifact>(artifact: A, root: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+    fn write<A: Artifact>(
+        artifact: A,
+        root: &Path,
+        provenance: &Provenance,
+    ) -> Result<(), SchemaError> {
         artifact.write(&root.join(A::KIND.name()), provenance)
     }
     write(images(), root, provenance)?;
@@ -147,7 +214,11 @@ pub fn files(root: &Path) -> BTreeMap<String, Vec<u8>> {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_str().unwrap().to_owned();
         match path.is_dir() {
-            true => files.extend(self::files(&path).into_iter().map(|(rest, bytes)| (format!("{name}/{rest}"), bytes))),
+            true => files.extend(
+                self::files(&path)
+                    .into_iter()
+                    .map(|(rest, bytes)| (format!("{name}/{rest}"), bytes)),
+            ),
             false => drop(files.insert(name, std::fs::read(&path).unwrap())),
         }
     }

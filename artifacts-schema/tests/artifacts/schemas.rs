@@ -13,7 +13,9 @@ use tempfile::tempdir;
 use crate::samples;
 
 fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("schemas").join(format!("{name}.json"))
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("schemas")
+        .join(format!("{name}.json"))
 }
 
 #[test]
@@ -25,7 +27,10 @@ fn the_files_are_those_of_the_types() {
             std::fs::write(file(name), &text).unwrap();
         }
         let stored = std::fs::read_to_string(file(name)).unwrap();
-        assert_eq!(stored, text, "schemas/{name}.json is out of date: run the tests with UPDATE=1");
+        assert_eq!(
+            stored, text,
+            "schemas/{name}.json is out of date: run the tests with UPDATE=1"
+        );
     }
 }
 
@@ -44,7 +49,15 @@ fn written() -> Vec<(&'static str, Value)> {
         ("field", metadata("field/field.safetensors")),
         ("latents", metadata("latents/latents.safetensors")),
         ("latents", metadata("residuals/residuals.safetensors")),
-        ("log", json(files["log/log.jsonl"].split(|&byte| byte == b'\n').next().unwrap())),
+        (
+            "log",
+            json(
+                files["log/log.jsonl"]
+                    .split(|&byte| byte == b'\n')
+                    .next()
+                    .unwrap(),
+            ),
+        ),
         ("lora", metadata("lora/pytorch_lora_weights.safetensors")),
         ("lora", metadata("lora/camera_embedding.safetensors")),
         ("metrics", json(&files["metrics/metrics.json"])),
@@ -65,13 +78,19 @@ fn what_is_written_is_valid() {
         assert!(is_valid(name, value), "{name}: {value}");
     }
     let described: Vec<&str> = written.iter().map(|(name, _)| *name).collect();
-    assert!(schemas::all().iter().all(|(name, _)| described.contains(name)));
+    assert!(
+        schemas::all()
+            .iter()
+            .all(|(name, _)| described.contains(name))
+    );
 }
 
 #[test]
 fn what_lacks_a_field_is_not() {
     for (name, mut value) in written() {
-        let required = ["provenance", "srnerf", "key"].iter().find(|field| value.get(**field).is_some());
+        let required = ["provenance", "srnerf", "key"]
+            .iter()
+            .find(|field| value.get(**field).is_some());
         if let Some(field) = required {
             value.as_object_mut().unwrap().remove(*field);
             assert!(!is_valid(name, &value), "{name} without {field}");

@@ -46,7 +46,12 @@ fn rows(usage: &Usage) -> Vec<Vec<String>> {
         rows.extend(stages.map(|(_, stage, space)| row(format!("  {stage}"), space)));
     }
     rows.push(row("results of earlier runs".into(), &usage.others));
-    rows.extend(usage.rest.iter().map(|(name, bytes)| vec![(*name).to_owned(), size(*bytes)]));
+    rows.extend(
+        usage
+            .rest
+            .iter()
+            .map(|(name, bytes)| vec![(*name).to_owned(), size(*bytes)]),
+    );
     rows.push(vec!["total".into(), size(usage.total)]);
     rows
 }

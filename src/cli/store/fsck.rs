@@ -23,15 +23,25 @@ pub struct Fsck {
 impl Fsck {
     /// Looks through the store.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let store = if self.dry_run { Store::open } else { Store::create }(&self.folders.store)?;
+        let store = if self.dry_run {
+            Store::open
+        } else {
+            Store::create
+        }(&self.folders.store)?;
         let report = store.fsck(&self.folders.out, !self.dry_run)?;
         let ((blobs, bytes), results) = (report.blobs, report.results);
         if json {
-            print_json(&json!({"findings": report.findings, "blobs": blobs, "bytes": bytes, "results": results}));
+            print_json(
+                &json!({"findings": report.findings, "blobs": blobs, "bytes": bytes, "results": results}),
+            );
         } else {
             tell(&report);
         }
-        let damage = report.findings.iter().filter(|finding| finding.fault.is_damage()).count();
+        let damage = report
+            .findings
+            .iter()
+            .filter(|finding| finding.fault.is_damage())
+            .count();
         if damage == 0 {
             return Ok(());
         }
@@ -40,7 +50,10 @@ impl Fsck {
         } else {
             "the next run computes what is lost"
         };
-        Err(Error::Found { message: format!("{damage} {} damaged", noun(damage)), help: Some(help.into()) })
+        Err(Error::Found {
+            message: format!("{damage} {} damaged", noun(damage)),
+            help: Some(help.into()),
+        })
     }
 }
 
@@ -49,7 +62,10 @@ fn noun(damage: usize) -> &'static str {
 }
 
 fn tell(report: &Report) {
-    let (damage, left): (Vec<_>, Vec<_>) = report.findings.iter().partition(|finding| finding.fault.is_damage());
+    let (damage, left): (Vec<_>, Vec<_>) = report
+        .findings
+        .iter()
+        .partition(|finding| finding.fault.is_damage());
     for (title, findings) in [("damaged:", damage), ("left over, and harmless:", left)] {
         if !findings.is_empty() {
             let rows: Vec<Vec<String>> = findings.iter().map(|finding| row(finding)).collect();
@@ -57,11 +73,29 @@ fn tell(report: &Report) {
         }
     }
     let (blobs, bytes) = report.blobs;
-    print(&format_args!("sound: {} results, {blobs} blobs, {}", report.results, size(bytes)));
+    print(&format_args!(
+        "sound: {} results, {blobs} blobs, {}",
+        report.results,
+        size(bytes)
+    ));
 }
 
 fn row(finding: &Finding) -> Vec<String> {
-    let Finding { path, fault, of, remedy } = finding;
-    let remedy = if fault.is_damage() { remedy.to_string() } else { String::new() };
-    vec![format!("  {path}"), fault.to_string(), of.clone().unwrap_or_default(), remedy]
+    let Finding {
+        path,
+        fault,
+        of,
+        remedy,
+    } = finding;
+    let remedy = if fault.is_damage() {
+        remedy.to_string()
+    } else {
+        String::new()
+    };
+    vec![
+        format!("  {path}"),
+        fault.to_string(),
+        of.clone().unwrap_or_default(),
+        remedy,
+    ]
 }

@@ -32,7 +32,9 @@ impl Transfer {
     /// Fetches every sound result that the store lacks.
     pub fn pull(self, json: bool) -> Result<(), Error> {
         let (remote, store) = (Remote::open(&self.remote)?, Store::create(&self.store)?);
-        let traffic = remote.pull(&store, &mut |key, what| tell(&format_args!("warning: {key} is left out: {what}")));
+        let traffic = remote.pull(&store, &mut |key, what| {
+            tell(&format_args!("warning: {key} is left out: {what}"))
+        });
         say("pulled", traffic.map_err(|fault| self.failed(fault))?, json);
         Ok(())
     }
@@ -40,7 +42,10 @@ impl Transfer {
     fn failed(&self, fault: Fault) -> Error {
         match fault {
             Fault::Local(error) => error.into(),
-            fault => Error::Remote { address: self.remote.clone(), fault },
+            fault => Error::Remote {
+                address: self.remote.clone(),
+                fault,
+            },
         }
     }
 }

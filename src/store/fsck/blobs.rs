@@ -17,7 +17,10 @@ impl Fsck<'_> {
     /// Reads all blobs through.
     pub(super) fn blobs(&mut self, references: &References) -> Result<(), StoreError> {
         let files = self.files("cas")?;
-        let digests: Vec<_> = files.par_iter().map(|entry| digest_file(&entry.path)).collect();
+        let digests: Vec<_> = files
+            .par_iter()
+            .map(|entry| digest_file(&entry.path))
+            .collect();
         for (entry, digest) in files.iter().zip(digests) {
             match digest {
                 Ok((digest, bytes)) if entry.path == self.store.blob_path(&digest) => {
@@ -26,8 +29,17 @@ impl Fsck<'_> {
                 Ok((digest, bytes)) => self.wrong_blob(entry, digest, bytes, references)?,
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => {
-                    let of = entry.digest().and_then(|name| references.get(&name)).map(|(_, of)| of.clone());
-                    self.remove(entry, Fault::Unreadable { problem: error.to_string() }, of)?;
+                    let of = entry
+                        .digest()
+                        .and_then(|name| references.get(&name))
+                        .map(|(_, of)| of.clone());
+                    self.remove(
+                        entry,
+                        Fault::Unreadable {
+                            problem: error.to_string(),
+                        },
+                        of,
+                    )?;
                 }
             }
         }
@@ -49,9 +61,16 @@ impl Fsck<'_> {
             self.note(&entry.path, Fault::Orphan { bytes }, None, Remedy::None);
         }
         if !entry.data.permissions().readonly() {
-            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
+            let remedy = if self.mend {
+                Remedy::Mended
+            } else {
+                Remedy::None
+            };
             if self.mend {
-                self.store.disk.protect(&entry.path).at("protect", &entry.path)?;
+                self.store
+                    .disk
+                    .protect(&entry.path)
+                    .at("protect", &entry.path)?;
             }
             self.note(&entry.path, Fault::Writable, of, remedy);
         }
@@ -71,21 +90,37 @@ impl Fsck<'_> {
         if let Some((_, of)) = references.get(&found)
             && fs::symlink_metadata(&place).is_err()
         {
-            let remedy = if self.mend { Remedy::Mended } else { Remedy::None };
+            let remedy = if self.mend {
+                Remedy::Mended
+            } else {
+                Remedy::None
+            };
             if self.mend {
                 let disk = &self.store.disk;
-                disk.create_folders(parent(&place)).at("create", parent(&place))?;
+                disk.create_folders(parent(&place))
+                    .at("create", parent(&place))?;
                 disk.rename(&entry.path, &place).at("move", &entry.path)?;
                 disk.protect(&place).at("protect", &place)?;
                 self.sound.insert(found);
             }
-            self.note(&entry.path, Fault::Misnamed { blob: found }, Some(of.clone()), remedy);
+            self.note(
+                &entry.path,
+                Fault::Misnamed { blob: found },
+                Some(of.clone()),
+                remedy,
+            );
             return Ok(());
         }
         let known = entry.digest().and_then(|name| references.get(&name));
         let fault = match known {
-            Some((expected, _)) if bytes < *expected => Fault::Truncated { bytes, expected: *expected },
-            Some((expected, _)) if bytes > *expected => Fault::Grown { bytes, expected: *expected },
+            Some((expected, _)) if bytes < *expected => Fault::Truncated {
+                bytes,
+                expected: *expected,
+            },
+            Some((expected, _)) if bytes > *expected => Fault::Grown {
+                bytes,
+                expected: *expected,
+            },
             _ if entry.digest().is_none() => Fault::Misnamed { blob: found },
             _ => Fault::Changed,
         };

@@ -22,11 +22,24 @@ fn entries_are_found_again_the_last_of_each_name() {
     }
     let index = Index::new(path.clone());
     assert_eq!(index.get(Kind::Shown, &name("a")), Some(2));
-    assert_eq!(index.get(Kind::Result, &name("1")), Some((1, "text".to_owned())));
+    assert_eq!(
+        index.get(Kind::Result, &name("1")),
+        Some((1, "text".to_owned()))
+    );
     assert_eq!(index.get::<u32>(Kind::Shown, &name("b")), None);
-    assert_eq!(index.get::<i32>(Kind::Result, &name("a")), None, "another kind");
-    let results = index.places(Kind::Result).iter().map(|place| index.read::<(i32, String)>(place).unwrap().0);
-    assert_eq!(results.collect::<std::collections::BTreeSet<_>>(), (0..3).collect());
+    assert_eq!(
+        index.get::<i32>(Kind::Result, &name("a")),
+        None,
+        "another kind"
+    );
+    let results = index
+        .places(Kind::Result)
+        .iter()
+        .map(|place| index.read::<(i32, String)>(place).unwrap().0);
+    assert_eq!(
+        results.collect::<std::collections::BTreeSet<_>>(),
+        (0..3).collect()
+    );
 }
 
 #[test]
@@ -39,7 +52,9 @@ fn a_garbled_page_has_no_entries_and_the_file_is_written_anew() {
         keep(&index);
     }
     let found = |index: &Index| {
-        (0..4).filter(|value| index.get(Kind::Answer, &name(&value.to_string())) == Some(*value)).count()
+        (0..4)
+            .filter(|value| index.get(Kind::Answer, &name(&value.to_string())) == Some(*value))
+            .count()
     };
     let whole = fs::read(&path).unwrap();
     for at in 0..whole.len() {
@@ -47,7 +62,11 @@ fn a_garbled_page_has_no_entries_and_the_file_is_written_anew() {
         bytes[at] ^= 1;
         fs::write(&path, &bytes).unwrap();
         let index = Index::new(path.clone());
-        assert_eq!(found(&index), at / (whole.len() / 3), "the pages before, {at}");
+        assert_eq!(
+            found(&index),
+            at / (whole.len() / 3),
+            "the pages before, {at}"
+        );
         index.put(Kind::Answer, &name("3"), &3);
         keep(&index);
         assert_eq!(found(&Index::new(path.clone())), at / (whole.len() / 3) + 1);
@@ -64,6 +83,9 @@ fn a_file_that_has_grown_is_written_anew() {
         keep(&index);
     }
     let length = fs::metadata(&path).unwrap().len() as usize;
-    assert!(length < SHORT + 4000, "60 pages of some 2000 bytes: {length}");
+    assert!(
+        length < SHORT + 4000,
+        "60 pages of some 2000 bytes: {length}"
+    );
     assert_eq!(Index::new(path).get(Kind::Shown, &name("7")), Some(59));
 }

@@ -8,8 +8,14 @@ fn key() -> Digest {
 
 /// A store whose leases never beat by themselves, and last a minute.
 fn store(root: &Path) -> Store {
-    let patience = Patience { beat: Duration::from_secs(3600), stale: Duration::from_secs(60) };
-    Store { patience, ..Store::create(root).unwrap() }
+    let patience = Patience {
+        beat: Duration::from_secs(3600),
+        stale: Duration::from_secs(60),
+    };
+    Store {
+        patience,
+        ..Store::create(root).unwrap()
+    }
 }
 
 fn take(store: &Store) -> Option<Lease<'_>> {
@@ -21,7 +27,12 @@ fn take(store: &Store) -> Option<Lease<'_>> {
 
 /// Makes a store believe that it has seen all leases as they are for so long.
 fn wait(store: &Store, time: Duration) {
-    store.seen.lock().unwrap().values_mut().for_each(|(_, since)| *since -= time);
+    store
+        .seen
+        .lock()
+        .unwrap()
+        .values_mut()
+        .for_each(|(_, since)| *since -= time);
 }
 
 #[test]
@@ -32,7 +43,10 @@ fn a_lease_is_one_holders_until_it_is_given_back() {
     assert!(take(&b).is_none() && take(&a).is_none());
     drop(held);
     assert!(take(&b).is_some());
-    assert_eq!(fs::read_dir(folder.path().join("leases")).unwrap().count(), 0);
+    assert_eq!(
+        fs::read_dir(folder.path().join("leases")).unwrap().count(),
+        0
+    );
 }
 
 #[test]
@@ -45,9 +59,15 @@ fn a_holder_without_a_sign_of_life_is_replaced_and_finds_out() {
     assert!(take(&b).is_none());
     wait(&b, Duration::from_secs(2));
     let awake = take(&b).unwrap();
-    assert_eq!((asleep.lost_to().as_ref(), awake.lost_to()), (Some(Holder::this_process()), None));
+    assert_eq!(
+        (asleep.lost_to().as_ref(), awake.lost_to()),
+        (Some(Holder::this_process()), None)
+    );
     drop(asleep);
-    assert!(take(&a).is_none(), "the one who lost it must not give back what is another's");
+    assert!(
+        take(&a).is_none(),
+        "the one who lost it must not give back what is another's"
+    );
     drop(awake);
     assert!(take(&a).is_some());
 }
@@ -57,7 +77,11 @@ fn a_clock_that_jumps_does_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (store(folder.path()), store(folder.path()));
     let held = take(&a).unwrap();
-    for clock in [SystemTime::UNIX_EPOCH, SystemTime::now() + Duration::from_secs(1 << 30), SystemTime::now()] {
+    for clock in [
+        SystemTime::UNIX_EPOCH,
+        SystemTime::now() + Duration::from_secs(1 << 30),
+        SystemTime::now(),
+    ] {
         assert!(take(&b).is_none());
         wait(&b, Duration::from_secs(61));
         held.file.set_modified(clock).unwrap();
@@ -70,7 +94,9 @@ fn a_clock_that_jumps_does_no_harm() {
 fn of_many_who_take_over_one_wins() {
     for _ in 0..20 {
         let folder = tempfile::tempdir().unwrap();
-        let dead = take(&store(folder.path())).map(|lease| lease.path.clone()).unwrap();
+        let dead = take(&store(folder.path()))
+            .map(|lease| lease.path.clone())
+            .unwrap();
         fs::write(&dead, r#"{"host": "far", "pid": 1}"#).unwrap();
         let stores: Vec<Store> = (0..4).map(|_| store(folder.path())).collect();
         for store in &stores {
@@ -78,8 +104,14 @@ fn of_many_who_take_over_one_wins() {
             wait(store, Duration::from_secs(61));
         }
         let won = std::thread::scope(|scope| {
-            let takers: Vec<_> = stores.iter().map(|store| scope.spawn(|| take(store))).collect();
-            takers.into_iter().filter_map(|taker| taker.join().unwrap()).collect::<Vec<_>>()
+            let takers: Vec<_> = stores
+                .iter()
+                .map(|store| scope.spawn(|| take(store)))
+                .collect();
+            takers
+                .into_iter()
+                .filter_map(|taker| taker.join().unwrap())
+                .collect::<Vec<_>>()
         });
         assert_eq!(won.len(), 1);
     }
@@ -93,7 +125,9 @@ fn a_lease_that_is_garbled_or_taken_away_is_no_trap() {
     fs::remove_dir_all(folder.path().join("leases")).unwrap();
     assert!(held.lost_to().is_some());
     drop(held);
-    let held = take(&store(folder.path())).map(|lease| lease.path.clone()).unwrap();
+    let held = take(&store(folder.path()))
+        .map(|lease| lease.path.clone())
+        .unwrap();
     fs::write(&held, "").unwrap();
     assert!(take(&b).is_none());
     wait(&b, Duration::from_secs(61));

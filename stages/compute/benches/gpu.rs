@@ -42,11 +42,19 @@ impl Bench {
         let done = self.counts() - before;
         let (operations, bytes) = (done.operations as f64 * 1e-9, done.bytes as f64 * 1e-9);
         let roof = 1e3 * (operations / self.peak.operations).max(bytes / self.peak.bytes);
-        print!("| {name} | {} | {operations:.2} | {:.1} | {roof:.3} |", done.dispatches, 1e3 * bytes);
+        print!(
+            "| {name} | {} | {operations:.2} | {:.1} | {roof:.3} |",
+            done.dispatches,
+            1e3 * bytes
+        );
         if self.runs {
             let time = self.time(work);
             let speed = operations / time * 1e3;
-            print!(" {time:.3} | {speed:.0} | {:.0} | {:.2} |", bytes / time * 1e3, roof / time);
+            print!(
+                " {time:.3} | {speed:.0} | {:.0} | {:.2} |",
+                bytes / time * 1e3,
+                roof / time
+            );
         }
         println!();
     }
@@ -64,37 +72,68 @@ impl Bench {
     }
 
     fn linear(&self, [rows, k, m]: [usize; 3]) {
-        let (x, w, dy) = (self.array(&[rows, k]), self.array(&[m, k]), self.array(&[rows, m]));
+        let (x, w, dy) = (
+            self.array(&[rows, k]),
+            self.array(&[m, k]),
+            self.array(&[rows, m]),
+        );
         self.row(&format!("linear {rows}x{k}-{m}"), || linear(&x, &w, None));
-        self.row("its gradient to the input", || linear_backward_input(&dy, &w));
+        self.row("its gradient to the input", || {
+            linear_backward_input(&dy, &w)
+        });
         if k.min(m) <= 8 {
-            self.row("its gradient to the weight", || linear_backward_weight(&x, &dy));
+            self.row("its gradient to the weight", || {
+                linear_backward_weight(&x, &dy)
+            });
         }
     }
 
     fn conv(&self, c: usize, o: usize, side: usize) {
-        let (x, w, dy) = (self.array(&[1, c, side, side]), self.array(&[o, c, 3, 3]), self.array(&[1, o, side, side]));
-        self.row(&format!("3x3 convolution {c}-{o}, {side}x{side}"), || conv2d(&x, &w, None, Conv::padded(1)));
-        self.row("its gradient to the input", || conv2d_backward_input(&dy, &w, Conv::padded(1), [side; 2]));
+        let (x, w, dy) = (
+            self.array(&[1, c, side, side]),
+            self.array(&[o, c, 3, 3]),
+            self.array(&[1, o, side, side]),
+        );
+        self.row(&format!("3x3 convolution {c}-{o}, {side}x{side}"), || {
+            conv2d(&x, &w, None, Conv::padded(1))
+        });
+        self.row("its gradient to the input", || {
+            conv2d_backward_input(&dy, &w, Conv::padded(1), [side; 2])
+        });
     }
 
     fn attention(&self, queries: usize, keys: usize, heads: usize, depth: usize) {
         let [q, k] = [queries, keys].map(|tokens| self.array(&[1, tokens, heads * depth]));
         let attended = attention(&q, &k, &k, heads, false);
-        self.row(&format!("attention {queries}-{keys}, {heads}x{depth}"), || attention(&q, &k, &k, heads, false));
-        self.row("its gradients", || attention_backward(&q, &k, &k, &attended, heads, false, &q));
+        self.row(
+            &format!("attention {queries}-{keys}, {heads}x{depth}"),
+            || attention(&q, &k, &k, heads, false),
+        );
+        self.row("its gradients", || {
+            attention_backward(&q, &k, &k, &attended, heads, false, &q)
+        });
     }
 
     fn others(&self, c: usize, side: usize) {
         let (x, gamma) = (self.array(&[1, c, side, side]), self.array(&[c]));
         let silu = Activation::Silu;
-        self.row(&format!("group norm and SiLU {c}, {side}x{side}"), || group_norm(&x, &gamma, &gamma, 32, 1e-5, silu));
-        self.row("its gradient", || group_norm_backward(&x, &gamma, &gamma, 32, 1e-5, silu, &x));
+        self.row(&format!("group norm and SiLU {c}, {side}x{side}"), || {
+            group_norm(&x, &gamma, &gamma, 32, 1e-5, silu)
+        });
+        self.row("its gradient", || {
+            group_norm_backward(&x, &gamma, &gamma, 32, 1e-5, silu, &x)
+        });
         let tokens = self.array(&[side * side, c]);
-        self.row(&format!("layer norm {}x{c}", side * side), || layer_norm(&tokens, &gamma, &gamma, 1e-5));
+        self.row(&format!("layer norm {}x{c}", side * side), || {
+            layer_norm(&tokens, &gamma, &gamma, 1e-5)
+        });
         let wide = self.array(&[side * side, 8 * c]);
-        self.row(&format!("GEGLU {}x{}", side * side, 8 * c), || activation::geglu(&wide));
-        self.row(&format!("sum {c}, {side}x{side}"), || elementwise::add(&x, &x));
+        self.row(&format!("GEGLU {}x{}", side * side, 8 * c), || {
+            activation::geglu(&wide)
+        });
+        self.row(&format!("sum {c}, {side}x{side}"), || {
+            elementwise::add(&x, &x)
+        });
     }
 }
 
@@ -108,16 +147,46 @@ fn main() {
     });
     let peak = std::env::var("PEAK").unwrap_or_else(|_| "82600,1008".into());
     let mut peak = peak.split(',').filter_map(|figure| figure.parse().ok());
-    let peak = Peak { operations: peak.next().unwrap_or(82_600.0), bytes: peak.next().unwrap_or(1008.0) };
-    println!("{}\n", if runs { device.kind() } else { "counts only: nothing runs" });
+    let peak = Peak {
+        operations: peak.next().unwrap_or(82_600.0),
+        bytes: peak.next().unwrap_or(1008.0),
+    };
+    println!(
+        "{}\n",
+        if runs {
+            device.kind()
+        } else {
+            "counts only: nothing runs"
+        }
+    );
     print!("| operator | dispatches | GFLOP | MB | roofline ms |");
-    println!("{}", if runs { " ms | GFLOP/s | GB/s | of the roofline |" } else { "" });
-    println!("|---|---|---|---|---|{}", if runs { "---|---|---|---|" } else { "" });
+    println!(
+        "{}",
+        if runs {
+            " ms | GFLOP/s | GB/s | of the roofline |"
+        } else {
+            ""
+        }
+    );
+    println!(
+        "|---|---|---|---|---|{}",
+        if runs { "---|---|---|---|" } else { "" }
+    );
     let bench = Bench { device, peak, runs };
-    for extents in [[4096, 256, 2048], [1024, 512, 4096], [1024, 2048, 512], [1024, 512, 4]] {
+    for extents in [
+        [4096, 256, 2048],
+        [1024, 512, 4096],
+        [1024, 2048, 512],
+        [1024, 512, 4],
+    ] {
         bench.linear(extents);
     }
-    for (channels, outputs, side) in [(256, 256, 64), (768, 256, 64), (512, 512, 32), (1024, 1024, 8)] {
+    for (channels, outputs, side) in [
+        (256, 256, 64),
+        (768, 256, 64),
+        (512, 512, 32),
+        (1024, 1024, 8),
+    ] {
         bench.conv(channels, outputs, side);
     }
     bench.attention(4096, 4096, 8, 32);

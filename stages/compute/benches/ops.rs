@@ -19,7 +19,9 @@ use compute::{Array, Device, activation, elementwise, linear, matmul, shape};
 /// Numbers in [-2, 2) that look random.
 fn noise(salt: u64, shape: &[usize]) -> Array {
     let len: usize = shape.iter().product();
-    let value = |i: u64| ((i + salt * 7919).wrapping_mul(2_654_435_761) as u32) as f32 / (1u32 << 30) as f32 - 2.0;
+    let value = |i: u64| {
+        ((i + salt * 7919).wrapping_mul(2_654_435_761) as u32) as f32 / (1u32 << 30) as f32 - 2.0
+    };
     Device::cpu().array(shape, (0..len as u64).map(value).collect())
 }
 
@@ -63,27 +65,55 @@ impl Bench {
         if !self.wants(&name) {
             return;
         }
-        let (x, w, dy) = (noise(1, &[tokens, k]), noise(2, &[m, k]), noise(3, &[tokens, m]));
+        let (x, w, dy) = (
+            noise(1, &[tokens, k]),
+            noise(2, &[m, k]),
+            noise(3, &[tokens, m]),
+        );
         self.time(&format!("{name} forward"), || linear::linear(&x, &w, None));
-        self.time(&format!("{name} input"), || linear::linear_backward_input(&dy, &w));
+        self.time(&format!("{name} input"), || {
+            linear::linear_backward_input(&dy, &w)
+        });
         if k.min(m) <= 8 {
-            self.time(&format!("{name} weight"), || linear::linear_backward_weight(&x, &dy));
+            self.time(&format!("{name} weight"), || {
+                linear::linear_backward_weight(&x, &dy)
+            });
         }
     }
 
-    fn conv(&mut self, batch: usize, [c, o]: [usize; 2], size: usize, kernel: usize, stride: usize) {
-        let pad = if stride == 1 { [kernel / 2; 4] } else { [0, 1, 0, 1] };
+    fn conv(
+        &mut self,
+        batch: usize,
+        [c, o]: [usize; 2],
+        size: usize,
+        kernel: usize,
+        stride: usize,
+    ) {
+        let pad = if stride == 1 {
+            [kernel / 2; 4]
+        } else {
+            [0, 1, 0, 1]
+        };
         let conv = Conv { stride, pad };
         let name = format!("conv{kernel}s{stride} {batch}x{c}-{o} {size}x{size}");
         if !self.wants(&name) {
             return;
         }
-        let (x, weight) = (noise(1, &[batch, c, size, size]), noise(2, &[o, c, kernel, kernel]));
+        let (x, weight) = (
+            noise(1, &[batch, c, size, size]),
+            noise(2, &[o, c, kernel, kernel]),
+        );
         let dy = conv2d(&x, &weight, None, conv);
-        self.time(&format!("{name} forward"), || conv2d(&x, &weight, None, conv));
-        self.time(&format!("{name} input"), || conv2d_backward_input(&dy, &weight, conv, [size; 2]));
+        self.time(&format!("{name} forward"), || {
+            conv2d(&x, &weight, None, conv)
+        });
+        self.time(&format!("{name} input"), || {
+            conv2d_backward_input(&dy, &weight, conv, [size; 2])
+        });
         if c * o <= 1 << 14 {
-            self.time(&format!("{name} weight"), || conv2d_backward_weight(&x, &dy, conv, [kernel; 2]));
+            self.time(&format!("{name} weight"), || {
+                conv2d_backward_weight(&x, &dy, conv, [kernel; 2])
+            });
         }
     }
 
@@ -95,8 +125,12 @@ impl Bench {
         let q = noise(1, &[batch, tokens, heads * depth]);
         let [k, v] = [2, 3].map(|salt| noise(salt, &[batch, keys, heads * depth]));
         let attended = attention(&q, &k, &v, heads, false);
-        self.time(&format!("{name} forward"), || attention(&q, &k, &v, heads, false));
-        self.time(&format!("{name} backward"), || attention_backward(&q, &k, &v, &attended, heads, false, &q));
+        self.time(&format!("{name} forward"), || {
+            attention(&q, &k, &v, heads, false)
+        });
+        self.time(&format!("{name} backward"), || {
+            attention_backward(&q, &k, &v, &attended, heads, false, &q)
+        });
     }
 
     fn norms(&mut self, batch: usize, c: usize, size: usize, groups: usize) {
@@ -107,13 +141,22 @@ impl Bench {
         let (x, dy) = (noise(1, &extents), noise(2, &extents));
         let (gamma, beta) = (noise(3, &[c]), noise(4, &[c]));
         let (act, name) = (Activation::Silu, format!("{batch}x{c} {size}x{size}"));
-        self.time(&format!("group_norm_silu {name} forward"), || group_norm(&x, &gamma, &beta, groups, 1e-5, act));
+        self.time(&format!("group_norm_silu {name} forward"), || {
+            group_norm(&x, &gamma, &beta, groups, 1e-5, act)
+        });
         self.time(&format!("group_norm_silu {name} backward"), || {
             group_norm_backward(&x, &gamma, &beta, groups, 1e-5, act, &dy)
         });
-        let (x, dy) = (x.reshape(&[batch * size * size, c]), dy.reshape(&[batch * size * size, c]));
-        self.time(&format!("layer_norm {name} forward"), || layer_norm(&x, &gamma, &beta, 1e-5));
-        self.time(&format!("layer_norm {name} backward"), || layer_norm_backward(&x, &gamma, 1e-5, &dy));
+        let (x, dy) = (
+            x.reshape(&[batch * size * size, c]),
+            dy.reshape(&[batch * size * size, c]),
+        );
+        self.time(&format!("layer_norm {name} forward"), || {
+            layer_norm(&x, &gamma, &beta, 1e-5)
+        });
+        self.time(&format!("layer_norm {name} backward"), || {
+            layer_norm_backward(&x, &gamma, 1e-5, &dy)
+        });
     }
 
     fn maps(&mut self) {
@@ -126,26 +169,50 @@ impl Bench {
         self.time("map: silu 1024x4096", || activation::silu(&x));
         self.time("map: gelu 1024x4096", || activation::gelu(&x));
         self.time("map: geglu 1024x4096 forward", || activation::geglu(&x));
-        self.time("map: geglu 1024x4096 backward", || activation::geglu_backward(&x, &half));
+        self.time("map: geglu 1024x4096 backward", || {
+            activation::geglu_backward(&x, &half)
+        });
         let image = noise(1, &[1, 256, 64, 64]);
-        self.time("map: nchw_to_tokens 1x256 64x64", || shape::nchw_to_tokens(&image));
-        self.time("map: concat 1x256+256 64x64", || shape::concat(&[&image, &image], 1));
-        self.time("map: upsample_nearest 1x256 64x64", || shape::upsample_nearest(&image, 2));
+        self.time("map: nchw_to_tokens 1x256 64x64", || {
+            shape::nchw_to_tokens(&image)
+        });
+        self.time("map: concat 1x256+256 64x64", || {
+            shape::concat(&[&image, &image], 1)
+        });
+        self.time("map: upsample_nearest 1x256 64x64", || {
+            shape::upsample_nearest(&image, 2)
+        });
         let photo = noise(1, &[1, 3, 192, 256]);
-        self.time("map: bicubic 192x256-768x1024", || resize(&photo, 768, 1024, Filter::BicubicTorch, false));
-        self.time("map: bicubic 192x256-48x64", || resize(&photo, 48, 64, Filter::BicubicTorch, true));
+        self.time("map: bicubic 192x256-768x1024", || {
+            resize(&photo, 768, 1024, Filter::BicubicTorch, false)
+        });
+        self.time("map: bicubic 192x256-48x64", || {
+            resize(&photo, 48, 64, Filter::BicubicTorch, true)
+        });
     }
 
     /// The upscaler at 64x64 latents, then tiny-x4 at 32x32 with a batch of four, then their autoencoders.
     fn all(&mut self) {
         self.matmul([1024, 1024, 1024]);
-        for extents in [[1024, 512, 4096], [1024, 2048, 512], [64, 1024, 8192], [1024, 512, 4], [1024, 4, 512]] {
+        for extents in [
+            [1024, 512, 4096],
+            [1024, 2048, 512],
+            [64, 1024, 8192],
+            [1024, 512, 4],
+            [1024, 4, 512],
+        ] {
             self.linear(extents);
         }
         for extents in [[1024, 96, 768], [256, 128, 128], [1024, 96, 4]] {
             self.linear(extents);
         }
-        for (channels, size) in [([256; 2], 64), ([768, 256], 64), ([512; 2], 32), ([512; 2], 16), ([1024; 2], 8)] {
+        for (channels, size) in [
+            ([256; 2], 64),
+            ([768, 256], 64),
+            ([512; 2], 32),
+            ([512; 2], 16),
+            ([1024; 2], 8),
+        ] {
             self.conv(1, channels, size, 3, 1);
         }
         self.conv(2, [1024; 2], 8, 3, 1);
@@ -173,27 +240,59 @@ impl Bench {
 /// What `ops.py` prints for the same names: milliseconds by name, and a line on versions and threads.
 fn torch(python: &str, wanted: &[String]) -> (BTreeMap<String, f64>, String) {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/ops.py");
-    let output = Command::new(python).arg(script).args(wanted).output().expect("PYTHON runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = Command::new(python)
+        .arg(script)
+        .args(wanted)
+        .output()
+        .expect("PYTHON runs");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let text = String::from_utf8_lossy(&output.stdout);
     let (versions, rows) = text.split_once('\n').expect("a first line");
-    let row = |line: &str| line.split_once('\t').map(|(name, ms)| (name.to_owned(), ms.parse().expect("a number")));
+    let row = |line: &str| {
+        line.split_once('\t')
+            .map(|(name, ms)| (name.to_owned(), ms.parse().expect("a number")))
+    };
     (rows.lines().filter_map(row).collect(), versions.to_owned())
 }
 
 fn main() {
-    let threads = std::env::var("RAYON_NUM_THREADS").ok().and_then(|n| n.parse().ok()).unwrap_or(2);
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().expect("a pool of threads");
-    let wanted = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
-    let mut bench = Bench { wanted, times: Vec::new() };
+    let threads = std::env::var("RAYON_NUM_THREADS")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(2);
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .expect("a pool of threads");
+    let wanted = std::env::args()
+        .skip(1)
+        .filter(|arg| !arg.starts_with('-'))
+        .collect();
+    let mut bench = Bench {
+        wanted,
+        times: Vec::new(),
+    };
     bench.all();
-    let Some(python) = std::env::var("PYTHON").ok().filter(|python| !python.is_empty()) else {
-        bench.times.iter().for_each(|(name, ms)| println!("{name:44} {ms:9.3} ms"));
+    let Some(python) = std::env::var("PYTHON")
+        .ok()
+        .filter(|python| !python.is_empty())
+    else {
+        bench
+            .times
+            .iter()
+            .for_each(|(name, ms)| println!("{name:44} {ms:9.3} ms"));
         return;
     };
     let (torch, versions) = torch(&python, &bench.wanted);
     let instructions = Device::cpu().instructions();
-    println!("compute {}, {instructions}, {threads} threads; {versions}", env!("CARGO_PKG_VERSION"));
+    println!(
+        "compute {}, {instructions}, {threads} threads; {versions}",
+        env!("CARGO_PKG_VERSION")
+    );
     println!("| operator and shape | ours, ms | PyTorch, ms | ours / PyTorch |\n|---|---|---|---|");
     for (name, ms) in &bench.times {
         match torch.get(name) {

@@ -58,10 +58,17 @@ pub fn prelu(x: &Array, slopes: &Array) -> Array {
     let [_, c, h, w] = nchw("prelu", x);
     vector("prelu", "the slopes", slopes, c);
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::leaky_per_channel(x.host(), slopes.host(), h * w)),
+        Backend::Cpu => Array::on_cpu(
+            x.shape(),
+            cpu::map::leaky_per_channel(x.host(), slopes.host(), h * w),
+        ),
         Backend::Gpu(gpu) => {
             let slopes = (slopes.device_buffer(), c);
-            Array::on_gpu(gpu, x.shape(), gpu::map::leaky_per_channel(gpu, x.device_buffer(), slopes, h * w, x.len()))
+            Array::on_gpu(
+                gpu,
+                x.shape(),
+                gpu::map::leaky_per_channel(gpu, x.device_buffer(), slopes, h * w, x.len()),
+            )
         }
     }
 }
@@ -81,20 +88,34 @@ pub fn geglu(x: &Array) -> Array {
     let shape = gated_shape("geglu", x);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&shape, cpu::activation::geglu(x.host(), x.last() / 2)),
-        Backend::Gpu(gpu) => {
-            Array::on_gpu(gpu, &shape, gpu::map::geglu(gpu, x.device_buffer(), x.last() / 2, x.len() / 2))
-        }
+        Backend::Gpu(gpu) => Array::on_gpu(
+            gpu,
+            &shape,
+            gpu::map::geglu(gpu, x.device_buffer(), x.last() / 2, x.len() / 2),
+        ),
     }
 }
 
 /// The gradient of [`geglu`] at `x [.., 2C]` for `dy [.., C]`: `[.., 2C]`.
 pub fn geglu_backward(x: &Array, dy: &Array) -> Array {
-    assert_eq!(dy.shape(), gated_shape("geglu_backward", x), "geglu_backward: input {:?}", x.shape());
+    assert_eq!(
+        dy.shape(),
+        gated_shape("geglu_backward", x),
+        "geglu_backward: input {:?}",
+        x.shape()
+    );
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::activation::geglu_backward(x.host(), dy.host(), dy.last())),
+        Backend::Cpu => Array::on_cpu(
+            x.shape(),
+            cpu::activation::geglu_backward(x.host(), dy.host(), dy.last()),
+        ),
         Backend::Gpu(gpu) => {
             let (values, dy_values) = (x.device_buffer(), dy.device_buffer());
-            Array::on_gpu(gpu, x.shape(), gpu::map::geglu_backward(gpu, values, dy_values, dy.last(), x.len()))
+            Array::on_gpu(
+                gpu,
+                x.shape(),
+                gpu::map::geglu_backward(gpu, values, dy_values, dy.last(), x.len()),
+            )
         }
     }
 }

@@ -23,7 +23,13 @@ pub struct Adam {
 impl Default for Adam {
     /// The paper's constants, without weight decay.
     fn default() -> Adam {
-        Adam { rate: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, weight_decay: 0.0 }
+        Adam {
+            rate: 1e-3,
+            beta1: 0.9,
+            beta2: 0.999,
+            eps: 1e-8,
+            weight_decay: 0.0,
+        }
     }
 }
 
@@ -40,7 +46,10 @@ impl AdamState {
     /// The state before the first step.
     pub fn new(parameter: &Array) -> AdamState {
         let zeros = parameter.device().zeros(parameter.shape());
-        AdamState { m: zeros.clone(), v: zeros }
+        AdamState {
+            m: zeros.clone(),
+            v: zeros,
+        }
     }
 }
 
@@ -59,7 +68,13 @@ pub(crate) struct Step {
 }
 
 /// One step of Adam on `parameter`, in place; `step` counts from 1. Kingma and Ba 2014, algorithm 1.
-pub fn update(adam: &Adam, parameter: &mut Array, gradient: &Array, state: &mut AdamState, step: u64) {
+pub fn update(
+    adam: &Adam,
+    parameter: &mut Array,
+    gradient: &Array,
+    state: &mut AdamState,
+    step: u64,
+) {
     same_shape("adam", parameter, gradient);
     same_shape("adam", parameter, &state.m);
     same_shape("adam", parameter, &state.v);
@@ -75,13 +90,18 @@ pub fn update(adam: &Adam, parameter: &mut Array, gradient: &Array, state: &mut 
     };
     let backend = parameter.device().backend().clone();
     match backend {
-        Backend::Cpu => {
-            cpu::adam::step(factors, parameter.host_mut(), gradient.host(), state.m.host_mut(), state.v.host_mut())
-        }
+        Backend::Cpu => cpu::adam::step(
+            factors,
+            parameter.host_mut(),
+            gradient.host(),
+            state.m.host_mut(),
+            state.v.host_mut(),
+        ),
         Backend::Gpu(gpu) => {
             let old = [&*parameter, gradient, &state.m, &state.v].map(Array::device_buffer);
             let new = gpu::map::adam(&gpu, factors, old, gradient.len());
-            [*parameter, state.m, state.v] = new.map(|values| Array::on_gpu(&gpu, gradient.shape(), values));
+            [*parameter, state.m, state.v] =
+                new.map(|values| Array::on_gpu(&gpu, gradient.shape(), values));
         }
     }
 }

@@ -27,13 +27,26 @@ impl Array {
     pub(crate) fn on_cpu(shape: &[usize], values: impl Into<Buffer>) -> Array {
         let values = values.into();
         let expected: usize = shape.iter().product();
-        assert_eq!(values.len(), expected, "array: {} values do not fill the shape {shape:?}", values.len());
-        Array { device: Device::cpu(), shape: shape.into(), storage: Storage::Cpu(Arc::new(values)) }
+        assert_eq!(
+            values.len(),
+            expected,
+            "array: {} values do not fill the shape {shape:?}",
+            values.len()
+        );
+        Array {
+            device: Device::cpu(),
+            shape: shape.into(),
+            storage: Storage::Cpu(Arc::new(values)),
+        }
     }
 
     /// An array in the memory of a GPU.
     pub(crate) fn on_gpu(gpu: &Arc<Gpu>, shape: &[usize], values: pool::Buffer) -> Array {
-        Array { device: Device::of(gpu), shape: shape.into(), storage: Storage::Gpu(Arc::new(values)) }
+        Array {
+            device: Device::of(gpu),
+            shape: shape.into(),
+            storage: Storage::Gpu(Arc::new(values)),
+        }
     }
 
     /// The extents of the axes, outermost first.
@@ -72,8 +85,16 @@ impl Array {
     /// The same values under another shape of the same size, without a copy.
     pub fn reshape(&self, shape: &[usize]) -> Array {
         let expected: usize = shape.iter().product();
-        assert_eq!(self.len(), expected, "reshape: {:?} does not fit {shape:?}", self.shape);
-        Array { shape: shape.into(), ..self.clone() }
+        assert_eq!(
+            self.len(),
+            expected,
+            "reshape: {:?} does not fit {shape:?}",
+            self.shape
+        );
+        Array {
+            shape: shape.into(),
+            ..self.clone()
+        }
     }
 
     /// The values in host memory, for CPU kernels only.
@@ -133,5 +154,10 @@ pub(crate) fn same_shape(op: &str, a: &Array, b: &Array) {
 
 /// Asserts that `x` holds one value for each of `count` things.
 pub(crate) fn vector(op: &str, what: &str, x: &Array, count: usize) {
-    assert_eq!(x.len(), count, "{op}: {what} has shape {:?}, expected {count} values", x.shape());
+    assert_eq!(
+        x.len(),
+        count,
+        "{op}: {what} has shape {:?}, expected {count} values",
+        x.shape()
+    );
 }

@@ -29,13 +29,35 @@ pub(crate) struct Extents {
 
 fn extents(op: &str, q: &Array, k: &Array, v: &Array, heads: usize, causal: bool) -> Extents {
     let (&[batch, queries, width], &[key_batch, keys, key_width]) = (q.shape(), k.shape()) else {
-        panic!("{op}: expected [N, T, heads * d], got {:?} and {:?}", q.shape(), k.shape())
+        panic!(
+            "{op}: expected [N, T, heads * d], got {:?} and {:?}",
+            q.shape(),
+            k.shape()
+        )
     };
     same_shape(op, k, v);
-    assert!(batch == key_batch && width == key_width, "{op}: queries {:?}, keys {:?}", q.shape(), k.shape());
-    assert!(heads > 0 && width % heads == 0, "{op}: {width} features do not divide into {heads} heads");
-    assert!(keys > 0 && (!causal || queries == keys), "{op}: {queries} queries, {keys} keys, causal: {causal}");
-    Extents { batch, queries, keys, heads, depth: width / heads, causal }
+    assert!(
+        batch == key_batch && width == key_width,
+        "{op}: queries {:?}, keys {:?}",
+        q.shape(),
+        k.shape()
+    );
+    assert!(
+        heads > 0 && width % heads == 0,
+        "{op}: {width} features do not divide into {heads} heads"
+    );
+    assert!(
+        keys > 0 && (!causal || queries == keys),
+        "{op}: {queries} queries, {keys} keys, causal: {causal}"
+    );
+    Extents {
+        batch,
+        queries,
+        keys,
+        heads,
+        depth: width / heads,
+        causal,
+    }
 }
 
 /// `softmax(q k^T / sqrt(d)) v` for each head; queries `[N, T, heads * d]`, keys and values `[N, S, heads * d]`.
@@ -47,12 +69,19 @@ pub fn attention(q: &Array, k: &Array, v: &Array, heads: usize, causal: bool) ->
         Backend::Cpu => {
             let (out, lse) = cpu::attention::forward(q.host(), k.host(), v.host(), extents);
             let lse = Array::on_cpu(&[extents.batch, extents.queries, heads], lse);
-            Attended { out: Array::on_cpu(q.shape(), out), lse }
+            Attended {
+                out: Array::on_cpu(q.shape(), out),
+                lse,
+            }
         }
         Backend::Gpu(gpu) => {
-            let [out, lse] = gpu::attention::forward(gpu, [q, k, v].map(Array::device_buffer), extents);
+            let [out, lse] =
+                gpu::attention::forward(gpu, [q, k, v].map(Array::device_buffer), extents);
             let lse = Array::on_gpu(gpu, &[extents.batch, extents.queries, heads], lse);
-            Attended { out: Array::on_gpu(gpu, q.shape(), out), lse }
+            Attended {
+                out: Array::on_gpu(gpu, q.shape(), out),
+                lse,
+            }
         }
     }
 }
@@ -76,7 +105,11 @@ pub fn attention_backward(
             let inputs = [q.host(), k.host(), v.host()];
             let outputs = [attended.out.host(), attended.lse.host(), dout.host()];
             let [dq, dk, dv] = cpu::attention::backward(inputs, outputs, extents);
-            [Array::on_cpu(q.shape(), dq), Array::on_cpu(k.shape(), dk), Array::on_cpu(v.shape(), dv)]
+            [
+                Array::on_cpu(q.shape(), dq),
+                Array::on_cpu(k.shape(), dk),
+                Array::on_cpu(v.shape(), dv),
+            ]
         }
         Backend::Gpu(gpu) => {
             let inputs = [q, k, v].map(Array::device_buffer);

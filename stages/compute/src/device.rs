@@ -44,33 +44,48 @@ impl Eq for Backend {}
 impl Device {
     /// The processor this program runs on.
     pub const fn cpu() -> Device {
-        Device { backend: Backend::Cpu }
+        Device {
+            backend: Backend::Cpu,
+        }
     }
 
     /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU
     /// in use, such as full memory, unwinds to the nearest [`attempt`].
     pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
-        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, None)?)) })
+        Ok(Device {
+            backend: Backend::Gpu(Arc::new(Gpu::open(index, None)?)),
+        })
     }
 
     /// The same, as if the adapter were a weak one ([`Gpu::open`]).
     pub(crate) fn weak_gpu(index: Option<usize>, window: u64) -> Result<Device, GpuError> {
-        Ok(Device { backend: Backend::Gpu(Arc::new(Gpu::open(index, Some(window))?)) })
+        Ok(Device {
+            backend: Backend::Gpu(Arc::new(Gpu::open(index, Some(window))?)),
+        })
     }
 
     /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no
     /// such hardware, no driver is asked.
     pub fn auto() -> Device {
-        if gpu::adapter::hardware_is_likely() { Device::gpu(None).unwrap_or(Device::cpu()) } else { Device::cpu() }
+        if gpu::adapter::hardware_is_likely() {
+            Device::gpu(None).unwrap_or(Device::cpu())
+        } else {
+            Device::cpu()
+        }
     }
 
     pub(crate) fn of(gpu: &Arc<Gpu>) -> Device {
-        Device { backend: Backend::Gpu(gpu.clone()) }
+        Device {
+            backend: Backend::Gpu(gpu.clone()),
+        }
     }
 
     /// The GPUs of this machine, hardware first; or why there are none.
     pub fn adapters() -> Result<Vec<Report>, GpuError> {
-        Ok(gpu::adapter::find()?.into_iter().map(|found| found.report).collect())
+        Ok(gpu::adapter::find()?
+            .into_iter()
+            .map(|found| found.report)
+            .collect())
     }
 
     /// What results depend on: `"cpu"`, or a GPU's name and driver.
@@ -99,7 +114,9 @@ impl Device {
 
     /// Tries which tiles are the fastest, in a second or so on hardware, and takes them. No result depends on it.
     pub fn measure(&self) -> Result<(), GpuError> {
-        let Some(gpu) = self.open_gpu() else { return Ok(()) };
+        let Some(gpu) = self.open_gpu() else {
+            return Ok(());
+        };
         attempt(|| gpu.tune(Tuning::measure(gpu, 1)))
     }
 
@@ -158,7 +175,12 @@ impl Device {
             Backend::Cpu => Array::on_cpu(shape, values),
             Backend::Gpu(gpu) => {
                 let expected: usize = shape.iter().product();
-                assert_eq!(values.len(), expected, "array: {} values do not fill the shape {shape:?}", values.len());
+                assert_eq!(
+                    values.len(),
+                    expected,
+                    "array: {} values do not fill the shape {shape:?}",
+                    values.len()
+                );
                 Array::on_gpu(gpu, shape, gpu.upload(bytemuck::cast_slice(&values)))
             }
         }

@@ -10,7 +10,11 @@ use crate::gpu;
 pub(crate) fn unary(function: Unary, x: &Array) -> Array {
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::unary(function, x.host())),
-        Backend::Gpu(gpu) => Array::on_gpu(gpu, x.shape(), gpu::map::unary(gpu, function, x.device_buffer(), x.len())),
+        Backend::Gpu(gpu) => Array::on_gpu(
+            gpu,
+            x.shape(),
+            gpu::map::unary(gpu, function, x.device_buffer(), x.len()),
+        ),
     }
 }
 
@@ -20,7 +24,8 @@ pub(crate) fn binary(op: &str, function: Binary, x: &Array, y: &Array) -> Array 
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::binary(function, x.host(), y.host())),
         Backend::Gpu(gpu) => {
-            let values = gpu::map::binary(gpu, function, x.device_buffer(), y.device_buffer(), x.len());
+            let values =
+                gpu::map::binary(gpu, function, x.device_buffer(), y.device_buffer(), x.len());
             Array::on_gpu(gpu, x.shape(), values)
         }
     }
@@ -57,18 +62,35 @@ pub fn scaled_sum(terms: &[(f32, &Array)]) -> Array {
         [] => panic!("scaled_sum: no terms"),
         [(a, x)] => scale(x, a),
         [(a, x), (b, y)] => binary("scaled_sum", Binary::Sum([a, b]), x, y),
-        [ref first @ .., (a, x)] => binary("scaled_sum", Binary::Sum([1.0, a]), &scaled_sum(first), x),
+        [ref first @ .., (a, x)] => {
+            binary("scaled_sum", Binary::Sum([1.0, a]), &scaled_sum(first), x)
+        }
     }
 }
 
 /// `x [N, C, H, W]` with `bias [N, C]` added to every pixel.
 pub fn add_channels(x: &Array, bias: &Array) -> Array {
     let ([n, c, h, w], per_image) = (nchw("add_channels", x), matrix("add_channels", bias));
-    assert_eq!([n, c], per_image, "add_channels: input {:?}, bias {:?}", x.shape(), bias.shape());
+    assert_eq!(
+        [n, c],
+        per_image,
+        "add_channels: input {:?}, bias {:?}",
+        x.shape(),
+        bias.shape()
+    );
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::map::add_per_plane(x.host(), bias.host(), h * w)),
+        Backend::Cpu => Array::on_cpu(
+            x.shape(),
+            cpu::map::add_per_plane(x.host(), bias.host(), h * w),
+        ),
         Backend::Gpu(gpu) => {
-            let values = gpu::map::add_per_plane(gpu, x.device_buffer(), bias.device_buffer(), h * w, x.len());
+            let values = gpu::map::add_per_plane(
+                gpu,
+                x.device_buffer(),
+                bias.device_buffer(),
+                h * w,
+                x.len(),
+            );
             Array::on_gpu(gpu, x.shape(), values)
         }
     }

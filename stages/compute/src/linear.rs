@@ -23,7 +23,13 @@ fn rows(x: &Array) -> usize {
 pub fn linear(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>) -> Array {
     let weight = weight.into();
     let [m, k] = matrix("linear", &weight);
-    assert_eq!(x.last(), k, "linear: input {:?} and weight {:?}", x.shape(), weight.shape());
+    assert_eq!(
+        x.last(),
+        k,
+        "linear: input {:?} and weight {:?}",
+        x.shape(),
+        weight.shape()
+    );
     if let Some(bias) = bias {
         vector("linear", "bias", bias, m);
     }
@@ -39,7 +45,13 @@ pub fn linear(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>) -> Arr
         }
         Backend::Gpu(gpu) => {
             let bias = bias.map(Array::device_buffer);
-            let values = gpu::linear::linear(gpu, x.device_buffer(), weight.factor(gpu), bias, [rows(x), k, m]);
+            let values = gpu::linear::linear(
+                gpu,
+                x.device_buffer(),
+                weight.factor(gpu),
+                bias,
+                [rows(x), k, m],
+            );
             Array::on_gpu(gpu, &with_last(x, m), values)
         }
     }
@@ -49,14 +61,29 @@ pub fn linear(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>) -> Arr
 pub fn linear_backward_input(dy: &Array, weight: impl Into<Weight>) -> Array {
     let weight = weight.into();
     let [m, k] = matrix("linear_backward_input", &weight);
-    assert_eq!(dy.last(), m, "linear_backward_input: gradient {:?} and weight {:?}", dy.shape(), weight.shape());
+    assert_eq!(
+        dy.last(),
+        m,
+        "linear_backward_input: gradient {:?} and weight {:?}",
+        dy.shape(),
+        weight.shape()
+    );
     match dy.device().backend() {
         Backend::Cpu => {
-            let values = cpu::linear::backward_input(dy.host(), (weight.host(), weight.precision()), [rows(dy), k, m]);
+            let values = cpu::linear::backward_input(
+                dy.host(),
+                (weight.host(), weight.precision()),
+                [rows(dy), k, m],
+            );
             Array::on_cpu(&with_last(dy, k), values)
         }
         Backend::Gpu(gpu) => {
-            let values = gpu::linear::backward_input(gpu, dy.device_buffer(), weight.factor(gpu), [rows(dy), k, m]);
+            let values = gpu::linear::backward_input(
+                gpu,
+                dy.device_buffer(),
+                weight.factor(gpu),
+                [rows(dy), k, m],
+            );
             Array::on_gpu(gpu, &with_last(dy, k), values)
         }
     }
@@ -64,12 +91,26 @@ pub fn linear_backward_input(dy: &Array, weight: impl Into<Weight>) -> Array {
 
 /// The gradient of [`linear`] to its weight: the transpose of `dy [.., M]` times `x [.., K]`, `[M, K]`.
 pub fn linear_backward_weight(x: &Array, dy: &Array) -> Array {
-    assert_eq!(rows(x), rows(dy), "linear_backward_weight: input {:?}, gradient {:?}", x.shape(), dy.shape());
+    assert_eq!(
+        rows(x),
+        rows(dy),
+        "linear_backward_weight: input {:?}, gradient {:?}",
+        x.shape(),
+        dy.shape()
+    );
     let (m, k) = (dy.last(), x.last());
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(&[m, k], cpu::linear::backward_weight(x.host(), dy.host(), [rows(x), k, m])),
+        Backend::Cpu => Array::on_cpu(
+            &[m, k],
+            cpu::linear::backward_weight(x.host(), dy.host(), [rows(x), k, m]),
+        ),
         Backend::Gpu(gpu) => {
-            let values = gpu::linear::backward_weight(gpu, x.device_buffer(), dy.device_buffer(), [rows(x), k, m]);
+            let values = gpu::linear::backward_weight(
+                gpu,
+                x.device_buffer(),
+                dy.device_buffer(),
+                [rows(x), k, m],
+            );
             Array::on_gpu(gpu, &[m, k], values)
         }
     }

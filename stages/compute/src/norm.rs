@@ -28,24 +28,46 @@ pub(crate) struct Groups {
 }
 
 fn groups_of(op: &str, x: &Array, gamma: &Array, groups: usize, eps: f32) -> Groups {
-    let [_, channels, plane @ ..] = x.shape() else { panic!("{op}: expected [N, C, ..], got {:?}", x.shape()) };
-    assert!(groups > 0 && channels % groups == 0, "{op}: {channels} channels do not divide into {groups} groups");
+    let [_, channels, plane @ ..] = x.shape() else {
+        panic!("{op}: expected [N, C, ..], got {:?}", x.shape())
+    };
+    assert!(
+        groups > 0 && channels % groups == 0,
+        "{op}: {channels} channels do not divide into {groups} groups"
+    );
     vector(op, "gamma", gamma, *channels);
-    Groups { channels: *channels, groups, plane: plane.iter().product(), eps }
+    Groups {
+        channels: *channels,
+        groups,
+        plane: plane.iter().product(),
+        eps,
+    }
 }
 
 /// Normalises each of `groups` groups of channels of `x [N, C, ..]` to mean 0 and variance 1, scales and shifts by
 /// `gamma [C]`, `beta [C]`, and applies `activation`. Wu and He 2018, equations 1 to 7.
-pub fn group_norm(x: &Array, gamma: &Array, beta: &Array, groups: usize, eps: f32, activation: Activation) -> Array {
+pub fn group_norm(
+    x: &Array,
+    gamma: &Array,
+    beta: &Array,
+    groups: usize,
+    eps: f32,
+    activation: Activation,
+) -> Array {
     let extents = groups_of("group_norm", x, gamma, groups, eps);
     vector("group_norm", "beta", beta, extents.channels);
     match x.device().backend() {
-        Backend::Cpu => {
-            Array::on_cpu(x.shape(), cpu::norm::group(x.host(), gamma.host(), beta.host(), extents, activation))
-        }
+        Backend::Cpu => Array::on_cpu(
+            x.shape(),
+            cpu::norm::group(x.host(), gamma.host(), beta.host(), extents, activation),
+        ),
         Backend::Gpu(gpu) => {
             let (values, weights) = (x.device_buffer(), [gamma, beta].map(Array::device_buffer));
-            Array::on_gpu(gpu, x.shape(), gpu::norm::group(gpu, values, weights, x.len(), extents, activation))
+            Array::on_gpu(
+                gpu,
+                x.shape(),
+                gpu::norm::group(gpu, values, weights, x.len(), extents, activation),
+            )
         }
     }
 }
@@ -66,11 +88,19 @@ pub fn group_norm_backward(
     match x.device().backend() {
         Backend::Cpu => {
             let (gamma, beta) = (gamma.host(), beta.host());
-            Array::on_cpu(x.shape(), cpu::norm::group_backward(x.host(), gamma, beta, extents, activation, dy.host()))
+            Array::on_cpu(
+                x.shape(),
+                cpu::norm::group_backward(x.host(), gamma, beta, extents, activation, dy.host()),
+            )
         }
         Backend::Gpu(gpu) => {
-            let [inputs, weights] = [[x, dy], [gamma, beta]].map(|pair| pair.map(Array::device_buffer));
-            Array::on_gpu(gpu, x.shape(), gpu::norm::group_backward(gpu, inputs, weights, x.len(), extents, activation))
+            let [inputs, weights] =
+                [[x, dy], [gamma, beta]].map(|pair| pair.map(Array::device_buffer));
+            Array::on_gpu(
+                gpu,
+                x.shape(),
+                gpu::norm::group_backward(gpu, inputs, weights, x.len(), extents, activation),
+            )
         }
     }
 }
@@ -81,10 +111,17 @@ pub fn layer_norm(x: &Array, gamma: &Array, beta: &Array, eps: f32) -> Array {
     vector("layer_norm", "gamma", gamma, x.last());
     vector("layer_norm", "beta", beta, x.last());
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::norm::layer(x.host(), gamma.host(), beta.host(), eps)),
+        Backend::Cpu => Array::on_cpu(
+            x.shape(),
+            cpu::norm::layer(x.host(), gamma.host(), beta.host(), eps),
+        ),
         Backend::Gpu(gpu) => {
             let (values, weights) = (x.device_buffer(), [gamma, beta].map(Array::device_buffer));
-            Array::on_gpu(gpu, x.shape(), gpu::norm::layer(gpu, values, weights, x.len(), x.last(), eps))
+            Array::on_gpu(
+                gpu,
+                x.shape(),
+                gpu::norm::layer(gpu, values, weights, x.len(), x.last(), eps),
+            )
         }
     }
 }
@@ -94,10 +131,17 @@ pub fn layer_norm_backward(x: &Array, gamma: &Array, eps: f32, dy: &Array) -> Ar
     vector("layer_norm_backward", "gamma", gamma, x.last());
     same_shape("layer_norm_backward", x, dy);
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(x.shape(), cpu::norm::layer_backward(x.host(), gamma.host(), eps, dy.host())),
+        Backend::Cpu => Array::on_cpu(
+            x.shape(),
+            cpu::norm::layer_backward(x.host(), gamma.host(), eps, dy.host()),
+        ),
         Backend::Gpu(gpu) => {
             let (inputs, gamma) = ([x, dy].map(Array::device_buffer), gamma.device_buffer());
-            Array::on_gpu(gpu, x.shape(), gpu::norm::layer_backward(gpu, inputs, gamma, x.len(), x.last(), eps))
+            Array::on_gpu(
+                gpu,
+                x.shape(),
+                gpu::norm::layer_backward(gpu, inputs, gamma, x.len(), x.last(), eps),
+            )
         }
     }
 }

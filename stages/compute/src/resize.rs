@@ -40,24 +40,46 @@ pub(crate) struct Window {
 /// Resamples `x [N, C, H, W]` to `height` by `width`. `antialias` widens the filter's support where the image shrinks.
 pub fn resize(x: &Array, height: usize, width: usize, filter: Filter, antialias: bool) -> Array {
     let [n, c, h, w] = nchw("resize", x);
-    assert!(h * w * height * width > 0, "resize: {:?} to {height}x{width}", x.shape());
-    let [vertical, horizontal] = [(h, height), (w, width)].map(|(from, to)| filter.taps(from, to, antialias));
+    assert!(
+        h * w * height * width > 0,
+        "resize: {:?} to {height}x{width}",
+        x.shape()
+    );
+    let [vertical, horizontal] =
+        [(h, height), (w, width)].map(|(from, to)| filter.taps(from, to, antialias));
     match x.device().backend() {
         Backend::Cpu => {
             let values = cpu::resize::separable(x.host(), [h, w], &vertical, &horizontal);
             Array::on_cpu(&[n, c, height, width], values)
         }
         Backend::Gpu(gpu) => {
-            let values = gpu::resize::separable(gpu, x.device_buffer(), [h, w], x.len(), &vertical, &horizontal);
+            let values = gpu::resize::separable(
+                gpu,
+                x.device_buffer(),
+                [h, w],
+                x.len(),
+                &vertical,
+                &horizontal,
+            );
             Array::on_gpu(gpu, &[n, c, height, width], values)
         }
     }
 }
 
 /// The gradient of [`resize`] from images of `h_in` by `w_in`, given the gradient `dy` to its output.
-pub fn resize_backward(dy: &Array, h_in: usize, w_in: usize, filter: Filter, antialias: bool) -> Array {
+pub fn resize_backward(
+    dy: &Array,
+    h_in: usize,
+    w_in: usize,
+    filter: Filter,
+    antialias: bool,
+) -> Array {
     let [n, c, h, w] = nchw("resize_backward", dy);
-    assert!(h * w * h_in * w_in > 0, "resize_backward: {:?} from {h_in}x{w_in}", dy.shape());
+    assert!(
+        h * w * h_in * w_in > 0,
+        "resize_backward: {:?} from {h_in}x{w_in}",
+        dy.shape()
+    );
     let [vertical, horizontal] =
         [(h_in, h), (w_in, w)].map(|(from, to)| filter.taps(from, to, antialias).transposed(from));
     match dy.device().backend() {
@@ -66,7 +88,14 @@ pub fn resize_backward(dy: &Array, h_in: usize, w_in: usize, filter: Filter, ant
             Array::on_cpu(&[n, c, h_in, w_in], values)
         }
         Backend::Gpu(gpu) => {
-            let values = gpu::resize::separable(gpu, dy.device_buffer(), [h, w], dy.len(), &vertical, &horizontal);
+            let values = gpu::resize::separable(
+                gpu,
+                dy.device_buffer(),
+                [h, w],
+                dy.len(),
+                &vertical,
+                &horizontal,
+            );
             Array::on_gpu(gpu, &[n, c, h_in, w_in], values)
         }
     }
@@ -86,8 +115,18 @@ fn triangle(x: f64) -> f64 {
 }
 
 fn lanczos3(x: f64) -> f64 {
-    let sinc = |x: f64| if x == 0.0 { 1.0 } else { (PI * x).sin() / (PI * x) };
-    if x.abs() < 3.0 { sinc(x) * sinc(x / 3.0) } else { 0.0 }
+    let sinc = |x: f64| {
+        if x == 0.0 {
+            1.0
+        } else {
+            (PI * x).sin() / (PI * x)
+        }
+    };
+    if x.abs() < 3.0 {
+        sinc(x) * sinc(x / 3.0)
+    } else {
+        0.0
+    }
 }
 
 impl Filter {
@@ -95,26 +134,42 @@ impl Filter {
         let scale = from as f64 / to as f64;
         let stretch = if antialias { scale.max(1.0) } else { 1.0 };
         let window = |i: usize| match self {
-            Filter::Nearest => Window { first: i * from / to, weights: vec![1.0] },
+            Filter::Nearest => Window {
+                first: i * from / to,
+                weights: vec![1.0],
+            },
             Filter::Area => area(i, from, to),
             Filter::Bilinear if !antialias => repeated(i, scale, from, 1, triangle),
             Filter::BicubicTorch if !antialias => repeated(i, scale, from, 2, |x| cubic(x, -0.75)),
             Filter::Bilinear => renormalised(i, scale, from, 1.0, stretch, triangle),
-            Filter::BicubicTorch | Filter::BicubicPil => renormalised(i, scale, from, 2.0, stretch, |x| cubic(x, -0.5)),
+            Filter::BicubicTorch | Filter::BicubicPil => {
+                renormalised(i, scale, from, 2.0, stretch, |x| cubic(x, -0.5))
+            }
             Filter::Lanczos3 => renormalised(i, scale, from, 3.0, stretch, lanczos3),
         };
-        Taps { windows: (0..to).map(window).collect() }
+        Taps {
+            windows: (0..to).map(window).collect(),
+        }
     }
 }
 
 /// Every pixel that the output pixel touches, with equal weights.
 fn area(i: usize, from: usize, to: usize) -> Window {
     let (first, end) = (i * from / to, ((i + 1) * from).div_ceil(to));
-    Window { first, weights: vec![1.0 / (end - first) as f32; end - first] }
+    Window {
+        first,
+        weights: vec![1.0 / (end - first) as f32; end - first],
+    }
 }
 
 /// A window of `2 * reach` pixels around the centre, where pixels beyond the edge repeat the edge.
-fn repeated(i: usize, scale: f64, from: usize, reach: isize, kernel: impl Fn(f64) -> f64) -> Window {
+fn repeated(
+    i: usize,
+    scale: f64,
+    from: usize,
+    reach: isize,
+    kernel: impl Fn(f64) -> f64,
+) -> Window {
     let centre = (i as f64 + 0.5) * scale - 0.5;
     let base = centre.floor() as isize - reach + 1;
     let clamped = |k: isize| (base + k).clamp(0, from as isize - 1) as usize;
@@ -127,20 +182,38 @@ fn repeated(i: usize, scale: f64, from: usize, reach: isize, kernel: impl Fn(f64
 }
 
 /// The pixels within `reach * stretch` of the centre that exist, with weights that sum to 1.
-fn renormalised(i: usize, scale: f64, from: usize, reach: f64, stretch: f64, kernel: impl Fn(f64) -> f64) -> Window {
+fn renormalised(
+    i: usize,
+    scale: f64,
+    from: usize,
+    reach: f64,
+    stretch: f64,
+    kernel: impl Fn(f64) -> f64,
+) -> Window {
     let centre = (i as f64 + 0.5) * scale;
     let first = (centre - reach * stretch + 0.5).max(0.0) as usize;
     let end = ((centre + reach * stretch + 0.5) as usize).min(from);
-    let raw: Vec<f64> = (first..end).map(|k| kernel((k as f64 + 0.5 - centre) / stretch)).collect();
+    let raw: Vec<f64> = (first..end)
+        .map(|k| kernel((k as f64 + 0.5 - centre) / stretch))
+        .collect();
     let total: f64 = raw.iter().sum();
-    Window { first, weights: raw.iter().map(|weight| (weight / total) as f32).collect() }
+    Window {
+        first,
+        weights: raw.iter().map(|weight| (weight / total) as f32).collect(),
+    }
 }
 
 impl Taps {
     /// The taps of the adjoint map, back to `from` inputs. Windows advance monotonically, so the outputs that see one
     /// input are contiguous too.
     fn transposed(&self, from: usize) -> Taps {
-        let mut windows = vec![Window { first: 0, weights: Vec::new() }; from];
+        let mut windows = vec![
+            Window {
+                first: 0,
+                weights: Vec::new()
+            };
+            from
+        ];
         for (i, window) in self.windows.iter().enumerate() {
             for (k, &weight) in window.weights.iter().enumerate() {
                 let target = &mut windows[window.first + k];

@@ -13,7 +13,12 @@ const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
 fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for _ in 0..10 {
         let [a, b] = [0, 2].map(|lane| u64::from(MULTIPLIERS[lane / 2]) * u64::from(counter[lane]));
-        counter = [(b >> 32) as u32 ^ counter[1] ^ key[0], b as u32, (a >> 32) as u32 ^ counter[3] ^ key[1], a as u32];
+        counter = [
+            (b >> 32) as u32 ^ counter[1] ^ key[0],
+            b as u32,
+            (a >> 32) as u32 ^ counter[3] ^ key[1],
+            a as u32,
+        ];
         key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
     }
     counter
@@ -21,7 +26,9 @@ fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
 
 /// The 64-bit FNV-1a hash, which folds a domain's name into the key.
 fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3))
+    bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, &byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    })
 }
 
 /// 24 random bits as a number in [0, 1).
@@ -39,9 +46,12 @@ impl Rng {
     /// The stream of `domain`, a name for what the numbers are used for, under `seed`.
     pub fn new(seed: u64, domain: &str) -> Rng {
         let name = fnv1a(domain.as_bytes());
-        let [seed_low, seed_high, name_low, name_high] = [seed, seed >> 32, name, name >> 32].map(|x| x as u32);
+        let [seed_low, seed_high, name_low, name_high] =
+            [seed, seed >> 32, name, name >> 32].map(|x| x as u32);
         let mixed = philox4x32_10([seed_low, seed_high, name_low, name_high], [0, 0]);
-        Rng { key: [mixed[0], mixed[1]] }
+        Rng {
+            key: [mixed[0], mixed[1]],
+        }
     }
 
     /// The key of the counter, for a kernel that draws the same numbers.
@@ -50,7 +60,15 @@ impl Rng {
     }
 
     fn draw(&self, step: u64, element: u64) -> [u32; 4] {
-        philox4x32_10([element as u32, (element >> 32) as u32, step as u32, (step >> 32) as u32], self.key)
+        philox4x32_10(
+            [
+                element as u32,
+                (element >> 32) as u32,
+                step as u32,
+                (step >> 32) as u32,
+            ],
+            self.key,
+        )
     }
 
     /// Uniform in [0, 1), a multiple of 2^-24.
@@ -81,7 +99,13 @@ impl Rng {
     /// An array whose element `i` is [`Rng::normal`]`(step, i)`.
     pub fn normals(&self, step: u64, shape: &[usize], device: &Device) -> Array {
         let len = shape.iter().product::<usize>() as u64;
-        device.array(shape, (0..len).into_par_iter().map(|element| self.normal(step, element)).collect())
+        device.array(
+            shape,
+            (0..len)
+                .into_par_iter()
+                .map(|element| self.normal(step, element))
+                .collect(),
+        )
     }
 }
 
@@ -103,13 +127,19 @@ mod tests {
     #[test]
     fn normals_have_the_moments_of_the_normal_distribution() {
         let n = 1 << 20;
-        let values = Rng::new(7, "test").normals(3, &[n], &Device::cpu()).to_vec();
+        let values = Rng::new(7, "test")
+            .normals(3, &[n], &Device::cpu())
+            .to_vec();
         let moment = |p: i32| values.iter().map(|&x| f64::from(x).powi(p)).sum::<f64>() / n as f64;
         // Five standard errors of each.
         let bounds = [(1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0)];
         for (p, expected, variance) in bounds {
             let bound = 5.0 * (variance / n as f64).sqrt();
-            assert!((moment(p) - expected).abs() < bound, "moment {p} is {}", moment(p));
+            assert!(
+                (moment(p) - expected).abs() < bound,
+                "moment {p} is {}",
+                moment(p)
+            );
         }
     }
 
@@ -124,7 +154,13 @@ mod tests {
             counts[0][(u * 10.0) as usize] += 1;
             counts[1][rng.below(1, element, 10) as usize] += 1;
         }
-        assert!(counts.iter().flatten().all(|&count| count.abs_diff(10_000) < 500), "{counts:?}");
+        assert!(
+            counts
+                .iter()
+                .flatten()
+                .all(|&count| count.abs_diff(10_000) < 500),
+            "{counts:?}"
+        );
     }
 
     #[test]
@@ -137,7 +173,10 @@ mod tests {
             Rng::new(1, "a").normal(1, 2),
             Rng::new(1 << 40, "a").normal(1, 1),
         ];
-        assert!(others.iter().all(|&other| other != base), "{base} and {others:?}");
+        assert!(
+            others.iter().all(|&other| other != base),
+            "{base} and {others:?}"
+        );
     }
 
     #[test]

@@ -8,28 +8,56 @@ use crate::weight::{Weight, matrix};
 
 /// The extents before, at and after an axis.
 fn around(op: &str, x: &Array, axis: usize) -> [usize; 3] {
-    assert!(axis < x.shape().len(), "{op}: {:?} has no axis {axis}", x.shape());
+    assert!(
+        axis < x.shape().len(),
+        "{op}: {:?} has no axis {axis}",
+        x.shape()
+    );
     let product = |shape: &[usize]| shape.iter().product();
-    [product(&x.shape()[..axis]), x.shape()[axis], product(&x.shape()[axis + 1..])]
+    [
+        product(&x.shape()[..axis]),
+        x.shape()[axis],
+        product(&x.shape()[axis + 1..]),
+    ]
 }
 
 /// Joins arrays along `axis`; all other extents must agree.
 pub fn concat(parts: &[&Array], axis: usize) -> Array {
-    let [first, ..] = parts else { panic!("concat: no arrays") };
+    let [first, ..] = parts else {
+        panic!("concat: no arrays")
+    };
     let mut shape = first.shape().to_vec();
     let [outer, _, inner] = around("concat", first, axis);
-    shape[axis] = parts.iter().map(|part| around("concat", part, axis)[1]).sum();
+    shape[axis] = parts
+        .iter()
+        .map(|part| around("concat", part, axis)[1])
+        .sum();
     for part in parts {
-        let agrees = part.shape().iter().enumerate().all(|(i, &extent)| i == axis || shape.get(i) == Some(&extent));
-        assert!(agrees && part.shape().len() == shape.len(), "concat: {:?} and {:?}", first.shape(), part.shape());
+        let agrees = part
+            .shape()
+            .iter()
+            .enumerate()
+            .all(|(i, &extent)| i == axis || shape.get(i) == Some(&extent));
+        assert!(
+            agrees && part.shape().len() == shape.len(),
+            "concat: {:?} and {:?}",
+            first.shape(),
+            part.shape()
+        );
     }
     match first.device().backend() {
         Backend::Cpu => {
-            let rows: Vec<_> = parts.iter().map(|part| (part.host(), part.shape()[axis] * inner)).collect();
+            let rows: Vec<_> = parts
+                .iter()
+                .map(|part| (part.host(), part.shape()[axis] * inner))
+                .collect();
             Array::on_cpu(&shape, cpu::shape::concat(&rows, outer))
         }
         Backend::Gpu(gpu) => {
-            let rows: Vec<_> = parts.iter().map(|part| (part.device_buffer(), part.shape()[axis] * inner)).collect();
+            let rows: Vec<_> = parts
+                .iter()
+                .map(|part| (part.device_buffer(), part.shape()[axis] * inner))
+                .collect();
             Array::on_gpu(gpu, &shape, gpu::shape::concat(gpu, &rows, outer))
         }
     }
@@ -38,17 +66,29 @@ pub fn concat(parts: &[&Array], axis: usize) -> Array {
 /// The part `start..start + len` of `axis`.
 pub fn slice(x: &Array, axis: usize, start: usize, len: usize) -> Array {
     let [outer, extent, inner] = around("slice", x, axis);
-    assert!(start + len <= extent, "slice: {start}..{} of axis {axis} of {:?}", start + len, x.shape());
+    assert!(
+        start + len <= extent,
+        "slice: {start}..{} of axis {axis} of {:?}",
+        start + len,
+        x.shape()
+    );
     let mut shape = x.shape().to_vec();
     shape[axis] = len;
     match x.device().backend() {
         Backend::Cpu => {
             let rows = (start * inner)..((start + len) * inner);
-            Array::on_cpu(&shape, cpu::shape::slice(x.host(), outer, extent * inner, rows))
+            Array::on_cpu(
+                &shape,
+                cpu::shape::slice(x.host(), outer, extent * inner, rows),
+            )
         }
         Backend::Gpu(gpu) => {
             let rows = (start * inner)..((start + len) * inner);
-            Array::on_gpu(gpu, &shape, gpu::shape::slice(gpu, x.device_buffer(), outer, extent * inner, rows))
+            Array::on_gpu(
+                gpu,
+                &shape,
+                gpu::shape::slice(gpu, x.device_buffer(), outer, extent * inner, rows),
+            )
         }
     }
 }
@@ -58,21 +98,32 @@ pub fn nchw_to_tokens(x: &Array) -> Array {
     let [n, c, h, w] = nchw("nchw_to_tokens", x);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&[n, h * w, c], cpu::shape::transpose(x.host(), n, c, h * w)),
-        Backend::Gpu(gpu) => {
-            Array::on_gpu(gpu, &[n, h * w, c], gpu::shape::transpose(gpu, x.device_buffer(), n, c, h * w))
-        }
+        Backend::Gpu(gpu) => Array::on_gpu(
+            gpu,
+            &[n, h * w, c],
+            gpu::shape::transpose(gpu, x.device_buffer(), n, c, h * w),
+        ),
     }
 }
 
 /// Tokens `[N, H * W, C]` as an image `[N, C, H, W]`.
 pub fn tokens_to_nchw(x: &Array, h: usize, w: usize) -> Array {
-    let &[n, tokens, c] = x.shape() else { panic!("tokens_to_nchw: expected [N, T, C], got {:?}", x.shape()) };
-    assert_eq!(tokens, h * w, "tokens_to_nchw: {:?} is no {h}x{w} image", x.shape());
+    let &[n, tokens, c] = x.shape() else {
+        panic!("tokens_to_nchw: expected [N, T, C], got {:?}", x.shape())
+    };
+    assert_eq!(
+        tokens,
+        h * w,
+        "tokens_to_nchw: {:?} is no {h}x{w} image",
+        x.shape()
+    );
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(&[n, c, h, w], cpu::shape::transpose(x.host(), n, tokens, c)),
-        Backend::Gpu(gpu) => {
-            Array::on_gpu(gpu, &[n, c, h, w], gpu::shape::transpose(gpu, x.device_buffer(), n, tokens, c))
-        }
+        Backend::Gpu(gpu) => Array::on_gpu(
+            gpu,
+            &[n, c, h, w],
+            gpu::shape::transpose(gpu, x.device_buffer(), n, tokens, c),
+        ),
     }
 }
 
@@ -81,9 +132,10 @@ pub fn upsample_nearest(x: &Array, factor: usize) -> Array {
     let [n, c, h, w] = nchw("upsample_nearest", x);
     assert!(factor > 0, "upsample_nearest: the factor must be positive");
     match x.device().backend() {
-        Backend::Cpu => {
-            Array::on_cpu(&[n, c, h * factor, w * factor], cpu::shape::upsample(x.host(), [n * c, h, w], factor))
-        }
+        Backend::Cpu => Array::on_cpu(
+            &[n, c, h * factor, w * factor],
+            cpu::shape::upsample(x.host(), [n * c, h, w], factor),
+        ),
         Backend::Gpu(gpu) => {
             let values = gpu::shape::upsample(gpu, x.device_buffer(), [n * c, h, w], factor);
             Array::on_gpu(gpu, &[n, c, h * factor, w * factor], values)
@@ -95,12 +147,20 @@ pub fn upsample_nearest(x: &Array, factor: usize) -> Array {
 pub fn upsample_nearest_backward(dy: &Array, factor: usize) -> Array {
     let [n, c, h, w] = nchw("upsample_nearest_backward", dy);
     let whole = factor > 0 && h % factor == 0 && w % factor == 0;
-    assert!(whole, "upsample_nearest_backward: {:?} by {factor}", dy.shape());
+    assert!(
+        whole,
+        "upsample_nearest_backward: {:?} by {factor}",
+        dy.shape()
+    );
     let (h, w) = (h / factor, w / factor);
     match dy.device().backend() {
-        Backend::Cpu => Array::on_cpu(&[n, c, h, w], cpu::shape::upsample_backward(dy.host(), [n * c, h, w], factor)),
+        Backend::Cpu => Array::on_cpu(
+            &[n, c, h, w],
+            cpu::shape::upsample_backward(dy.host(), [n * c, h, w], factor),
+        ),
         Backend::Gpu(gpu) => {
-            let values = gpu::shape::upsample_backward(gpu, dy.device_buffer(), [n * c, h, w], factor);
+            let values =
+                gpu::shape::upsample_backward(gpu, dy.device_buffer(), [n * c, h, w], factor);
             Array::on_gpu(gpu, &[n, c, h, w], values)
         }
     }
@@ -112,12 +172,20 @@ pub fn pixel_shuffle(x: &Array, factor: usize) -> Array {
     let [n, c, h, w] = nchw("pixel_shuffle", x);
     let whole = factor > 0 && c % (factor * factor) == 0;
     assert!(whole, "pixel_shuffle: {:?} by {factor}", x.shape());
-    let (shape, planes) = ([n, c / (factor * factor), h * factor, w * factor], n * c / (factor * factor));
+    let (shape, planes) = (
+        [n, c / (factor * factor), h * factor, w * factor],
+        n * c / (factor * factor),
+    );
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(&shape, cpu::shape::shuffle(x.host(), [planes, h, w], factor)),
-        Backend::Gpu(gpu) => {
-            Array::on_gpu(gpu, &shape, gpu::shape::shuffle(gpu, x.device_buffer(), [planes, h, w], factor))
-        }
+        Backend::Cpu => Array::on_cpu(
+            &shape,
+            cpu::shape::shuffle(x.host(), [planes, h, w], factor),
+        ),
+        Backend::Gpu(gpu) => Array::on_gpu(
+            gpu,
+            &shape,
+            gpu::shape::shuffle(gpu, x.device_buffer(), [planes, h, w], factor),
+        ),
     }
 }
 
@@ -129,10 +197,15 @@ pub fn pixel_unshuffle(x: &Array, factor: usize) -> Array {
     let (h, w) = (h / factor, w / factor);
     let shape = [n, c * factor * factor, h, w];
     match x.device().backend() {
-        Backend::Cpu => Array::on_cpu(&shape, cpu::shape::unshuffle(x.host(), [n * c, h, w], factor)),
-        Backend::Gpu(gpu) => {
-            Array::on_gpu(gpu, &shape, gpu::shape::unshuffle(gpu, x.device_buffer(), [n * c, h, w], factor))
-        }
+        Backend::Cpu => Array::on_cpu(
+            &shape,
+            cpu::shape::unshuffle(x.host(), [n * c, h, w], factor),
+        ),
+        Backend::Gpu(gpu) => Array::on_gpu(
+            gpu,
+            &shape,
+            gpu::shape::unshuffle(gpu, x.device_buffer(), [n * c, h, w], factor),
+        ),
     }
 }
 
@@ -165,9 +238,17 @@ pub fn crop(x: &Array, top: usize, left: usize, height: usize, width: usize) -> 
 pub fn gather_rows(table: impl Into<Weight>, ids: &[u32]) -> Array {
     let table = table.into();
     let [rows, depth] = matrix("gather_rows", &table);
-    assert!(ids.iter().all(|&id| (id as usize) < rows), "gather_rows: an id is beyond the {rows} rows");
+    assert!(
+        ids.iter().all(|&id| (id as usize) < rows),
+        "gather_rows: an id is beyond the {rows} rows"
+    );
     match table.device().backend() {
-        Backend::Cpu => Array::on_cpu(&[ids.len(), depth], cpu::shape::gather_rows(table.host(), depth, ids)),
-        Backend::Gpu(gpu) => Array::on_gpu(gpu, &[ids.len(), depth], table.rows_on(gpu, depth, ids)),
+        Backend::Cpu => Array::on_cpu(
+            &[ids.len(), depth],
+            cpu::shape::gather_rows(table.host(), depth, ids),
+        ),
+        Backend::Gpu(gpu) => {
+            Array::on_gpu(gpu, &[ids.len(), depth], table.rows_on(gpu, depth, ids))
+        }
     }
 }

@@ -96,11 +96,28 @@ impl Weight {
     ) -> Weight {
         let expected = shape.iter().product::<usize>() * format.width();
         let held = (*owner).as_ref().len();
-        assert_eq!(range.len(), expected, "weight: {range:?} does not fill the shape {shape:?} of {format:?}");
-        assert!(range.end <= held, "weight: {range:?} lies beyond {held} bytes");
+        assert_eq!(
+            range.len(),
+            expected,
+            "weight: {range:?} does not fill the shape {shape:?} of {format:?}"
+        );
+        assert!(
+            range.end <= held,
+            "weight: {range:?} lies beyond {held} bytes"
+        );
         let device = device.clone();
-        let storage = Storage::Bytes(Encoded { device, format, owner, range, copy: Arc::default() });
-        Weight { shape: shape.into(), storage, precision: Precision::default() }
+        let storage = Storage::Bytes(Encoded {
+            device,
+            format,
+            owner,
+            range,
+            copy: Arc::default(),
+        });
+        Weight {
+            shape: shape.into(),
+            storage,
+            precision: Precision::default(),
+        }
     }
 
     /// The extents of the axes, outermost first.
@@ -140,7 +157,9 @@ impl Weight {
             Storage::Array(array) => array.clone(),
             Storage::Bytes(encoded) => match encoded.device.backend() {
                 Backend::Cpu => Array::on_cpu(&self.shape, encoded.values().to_buffer()),
-                Backend::Gpu(_) => encoded.device.array(&self.shape, encoded.values().to_buffer().to_vec()),
+                Backend::Gpu(_) => encoded
+                    .device
+                    .array(&self.shape, encoded.values().to_buffer().to_vec()),
             },
         }
     }
@@ -149,7 +168,10 @@ impl Weight {
     pub fn reshape(&self, shape: &[usize]) -> Weight {
         let [old, new] = [&self.shape, shape].map(|shape| shape.iter().product::<usize>());
         assert_eq!(old, new, "weight: {:?} does not fit {shape:?}", self.shape);
-        Weight { shape: shape.into(), ..self.clone() }
+        Weight {
+            shape: shape.into(),
+            ..self.clone()
+        }
     }
 
     /// The place and value of the first element that is infinite or not a number.
@@ -174,10 +196,14 @@ impl Weight {
     /// Rows of a table; of a mapped one, no others go to the device.
     pub(crate) fn rows_on(&self, gpu: &Gpu, depth: usize, ids: &[u32]) -> gpu::pool::Buffer {
         match &self.storage {
-            Storage::Array(array) => gpu::shape::gather_rows(gpu, array.device_buffer(), depth, ids),
-            Storage::Bytes(encoded) => {
-                gpu.upload(bytemuck::cast_slice(&cpu::shape::gather_rows(encoded.values(), depth, ids)))
+            Storage::Array(array) => {
+                gpu::shape::gather_rows(gpu, array.device_buffer(), depth, ids)
             }
+            Storage::Bytes(encoded) => gpu.upload(bytemuck::cast_slice(&cpu::shape::gather_rows(
+                encoded.values(),
+                depth,
+                ids,
+            ))),
         }
     }
 
@@ -192,7 +218,11 @@ impl Weight {
 
 impl From<Array> for Weight {
     fn from(array: Array) -> Weight {
-        Weight { shape: array.shape().into(), storage: Storage::Array(array), precision: Precision::default() }
+        Weight {
+            shape: array.shape().into(),
+            storage: Storage::Array(array),
+            precision: Precision::default(),
+        }
     }
 }
 
@@ -210,7 +240,13 @@ impl From<&Weight> for Weight {
 
 impl fmt::Debug for Weight {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Weight{:?} of {:?} on {}", self.shape, self.format(), self.device().kind())
+        write!(
+            f,
+            "Weight{:?} of {:?} on {}",
+            self.shape,
+            self.format(),
+            self.device().kind()
+        )
     }
 }
 
@@ -218,7 +254,10 @@ impl fmt::Debug for Weight {
 pub(crate) fn matrix(op: &str, weight: &Weight) -> [usize; 2] {
     match *weight.shape() {
         [rows, columns] => [rows, columns],
-        _ => panic!("{op}: expected a weight [rows, columns], got {:?}", weight.shape()),
+        _ => panic!(
+            "{op}: expected a weight [rows, columns], got {:?}",
+            weight.shape()
+        ),
     }
 }
 
@@ -226,6 +265,9 @@ pub(crate) fn matrix(op: &str, weight: &Weight) -> [usize; 2] {
 pub(crate) fn kernels(op: &str, weight: &Weight) -> [usize; 4] {
     match *weight.shape() {
         [o, c, kh, kw] => [o, c, kh, kw],
-        _ => panic!("{op}: expected a weight [O, C, kh, kw], got {:?}", weight.shape()),
+        _ => panic!(
+            "{op}: expected a weight [O, C, kh, kw], got {:?}",
+            weight.shape()
+        ),
     }
 }

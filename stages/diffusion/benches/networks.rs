@@ -27,18 +27,41 @@ fn main() -> Result<(), ModelError> {
     let device = Device::cpu();
     let prior = Prior::load(&ModelSource::Embedded, &device)?;
     let (unet, rng) = (&prior.unet, Rng::new(0, "timing"));
-    let (lora, text) = (unet.new_lora(4, 4.0, 0), unet.text(&prior.text(&["high resolution, 4K, photo"])));
+    let (lora, text) = (
+        unet.new_lora(4, 4.0, 0),
+        unet.text(&prior.text(&["high resolution, 4K, photo"])),
+    );
     let sample = rng.normals(0, &[BATCH, 19, 32, 32], &device);
-    let frozen =
-        Input { sample: &sample, timesteps: &[500; BATCH], class_labels: &[20; BATCH], lora: None, camera: None };
-    let adapted = Input { lora: Some(&lora), ..frozen };
-    println!("tiny-x4, 32x32, batch 4, forward: {:.0} ms", median(|| drop(unet.forward(&frozen, &text))));
+    let frozen = Input {
+        sample: &sample,
+        timesteps: &[500; BATCH],
+        class_labels: &[20; BATCH],
+        lora: None,
+        camera: None,
+    };
+    let adapted = Input {
+        lora: Some(&lora),
+        ..frozen
+    };
+    println!(
+        "tiny-x4, 32x32, batch 4, forward: {:.0} ms",
+        median(|| drop(unet.forward(&frozen, &text)))
+    );
     let training = median(|| {
         let (y, tape) = unet.forward_train(&adapted, &text, usize::MAX);
-        drop(unet.backward(&adapted, &text, tape, &scale(&y, 2.0 / y.len() as f32), true));
+        drop(unet.backward(
+            &adapted,
+            &text,
+            tape,
+            &scale(&y, 2.0 / y.len() as f32),
+            true,
+        ));
     });
     println!("tiny-x4, 32x32, batch 4, LoRA forward and backward: {training:.0} ms");
     let latent = rng.normals(2, &[1, 16, 48, 64], &device);
-    println!("tiny-x4, decode to 256x192: {:.0} ms", median(|| drop(prior.vae.decode(&latent))));
+    println!(
+        "tiny-x4, decode to 256x192: {:.0} ms",
+        median(|| drop(prior.vae.decode(&latent)))
+    );
     Ok(())
 }

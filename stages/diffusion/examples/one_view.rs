@@ -43,20 +43,34 @@ impl Trial {
         let prior = Prior::load(&ModelSource::Embedded, &Device::cpu())?;
         let low = shrink(photo);
         let interpolated = enlarge(&low);
-        let latent = scale(&prior.vae.encode(&interpolated).mean, prior.vae.scaling_factor() as f32);
-        Ok(Self { prior, photo: photo.clone(), low, interpolated, latent })
+        let latent = scale(
+            &prior.vae.encode(&interpolated).mean,
+            prior.vae.scaling_factor() as f32,
+        );
+        Ok(Self {
+            prior,
+            photo: photo.clone(),
+            low,
+            interpolated,
+            latent,
+        })
     }
 
     fn run(&self, text: &str) -> Result<(), Box<dyn Error>> {
         let options: Options = serde_json::from_str(text)?;
-        let denoiser = self.prior.denoiser(&options.prompt, &options.negative_prompt);
+        let denoiser = self
+            .prior
+            .denoiser(&options.prompt, &options.negative_prompt);
         let views = [self.view()];
         let mut optimization = Optimization::new(&denoiser, &views, &options, 0)?;
         while !optimization.is_done() {
             let log = optimization.step()?;
             let guided = (log.step + 1).saturating_sub(options.warm_up().into());
             if guided > 0 && guided % u64::from(options.steps.div_ceil(4)) == 0 {
-                self.report(&format!("{text} after {guided}"), &self.upscaled(&optimization.state().residuals[0]));
+                self.report(
+                    &format!("{text} after {guided}"),
+                    &self.upscaled(&optimization.state().residuals[0]),
+                );
             }
         }
         Ok(())
@@ -64,42 +78,87 @@ impl Trial {
 
     fn view(&self) -> ViewLatents {
         let map = |x: &Array| x.reshape(&x.shape()[1..]);
-        ViewLatents { name: "photo".into(), latent: map(&self.latent), low: map(&self.low), camera: [0.0; 16] }
+        ViewLatents {
+            name: "photo".into(),
+            latent: map(&self.latent),
+            low: map(&self.low),
+            camera: [0.0; 16],
+        }
     }
 
     /// Residual decoding: what the residual adds to the decoded latent is added to the interpolated photo.
     fn upscaled(&self, residual: &Residual) -> Array {
-        let decode = |latent| self.prior.vae.decode(&scale(latent, 1.0 / self.prior.vae.scaling_factor() as f32));
+        let decode = |latent| {
+            self.prior
+                .vae
+                .decode(&scale(latent, 1.0 / self.prior.vae.scaling_factor() as f32))
+        };
         let residual = Device::cpu().array(self.latent.shape(), residual.values.clone());
-        let gain = sub(&decode(&add(&self.latent, &residual)), &decode(&self.latent));
+        let gain = sub(
+            &decode(&add(&self.latent, &residual)),
+            &decode(&self.latent),
+        );
         add(&self.interpolated, &gain)
     }
 
     fn report(&self, name: &str, image: &Array) {
-        let line = |x: &Array| format!("{:.2} ({:.1})", psnr(x, &self.photo), psnr(&shrink(x), &self.low));
-        let projected =
-            (0..3).fold(image.clone(), |x, _| clamp(&add(&x, &enlarge(&sub(&self.low, &shrink(&x)))), -1.0, 1.0));
-        println!("{} back-projected {}  {name}", line(image), line(&projected));
+        let line = |x: &Array| {
+            format!(
+                "{:.2} ({:.1})",
+                psnr(x, &self.photo),
+                psnr(&shrink(x), &self.low)
+            )
+        };
+        let projected = (0..3).fold(image.clone(), |x, _| {
+            clamp(&add(&x, &enlarge(&sub(&self.low, &shrink(&x)))), -1.0, 1.0)
+        });
+        println!(
+            "{} back-projected {}  {name}",
+            line(image),
+            line(&projected)
+        );
     }
 }
 
 /// The centre of a picture, `[1, 3, H, W]` in [-1, 1].
 fn centre(path: &Path, size: &str) -> Result<Array, Box<dyn Error>> {
-    let (width, height) = size.split_once('x').ok_or("the size must read like 256x192")?;
+    let (width, height) = size
+        .split_once('x')
+        .ok_or("the size must read like 256x192")?;
     let (width, height): (u32, u32) = (width.parse()?, height.parse()?);
     let photo = image::open(path)?.to_rgb8();
-    let at = |x: u32, y: u32| photo.get_pixel(x + (photo.width() - width) / 2, y + (photo.height() - height) / 2);
-    let values = (0..3).flat_map(|c| (0..height).flat_map(move |y| (0..width).map(move |x| (c, x, y))));
-    let values = values.map(|(c, x, y)| f32::from(at(x, y)[c]) / 127.5 - 1.0).collect();
+    let at = |x: u32, y: u32| {
+        photo.get_pixel(
+            x + (photo.width() - width) / 2,
+            y + (photo.height() - height) / 2,
+        )
+    };
+    let values =
+        (0..3).flat_map(|c| (0..height).flat_map(move |y| (0..width).map(move |x| (c, x, y))));
+    let values = values
+        .map(|(c, x, y)| f32::from(at(x, y)[c]) / 127.5 - 1.0)
+        .collect();
     Ok(Device::cpu().array(&[1, 3, height as usize, width as usize], values))
 }
 
 fn shrink(x: &Array) -> Array {
-    resize(&clamp(x, -1.0, 1.0), x.shape()[2] / 4, x.shape()[3] / 4, Filter::BicubicTorch, true)
+    resize(
+        &clamp(x, -1.0, 1.0),
+        x.shape()[2] / 4,
+        x.shape()[3] / 4,
+        Filter::BicubicTorch,
+        true,
+    )
 }
 
 fn enlarge(x: &Array) -> Array {
-    resize(x, x.shape()[2] * 4, x.shape()[3] * 4, Filter::BicubicTorch, false)
+    resize(
+        x,
+        x.shape()[2] * 4,
+        x.shape()[3] * 4,
+        Filter::BicubicTorch,
+        false,
+    )
 }
 
 /// In decibels, over all pixels and channels.

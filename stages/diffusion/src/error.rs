@@ -38,16 +38,27 @@ pub enum ModelError {
 impl ModelError {
     /// A file that cannot be used, and why.
     pub(crate) fn file(file: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self::File { file: file.into(), problem: problem.into() }
+        Self::File {
+            file: file.into(),
+            problem: problem.into(),
+        }
     }
 
     /// A configuration field that cannot be used, and why.
     pub(crate) fn field(file: &str, field: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self::Field { file: file.to_owned(), field: field.into(), problem: problem.into() }
+        Self::Field {
+            file: file.to_owned(),
+            field: field.into(),
+            problem: problem.into(),
+        }
     }
 
     /// A tensor that cannot be used, and why.
     pub(crate) fn tensor(file: &str, tensor: &str, problem: impl Into<String>) -> Self {
-        Self::Tensor { file: file.to_owned(), tensor: tensor.to_owned(), problem: problem.into() }
+        Self::Tensor {
+            file: file.to_owned(),
+            tensor: tensor.to_owned(),
+            problem: problem.into(),
+        }
     }
 }

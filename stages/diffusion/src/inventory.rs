@@ -33,9 +33,16 @@ pub struct PartReport {
 /// used.
 pub fn inspect(source: &ModelSource, device: &Device) -> Result<Vec<PartReport>, ModelError> {
     let prior = Prior::load(source, device)?;
-    let (unet, vae, text) = (prior.unet.config(), prior.vae.config(), prior.text_encoder.config());
+    let (unet, vae, text) = (
+        prior.unet.config(),
+        prior.vae.config(),
+        prior.text_encoder.config(),
+    );
     let summaries = [
-        format!("{} to {} channels, blocks of {:?}", unet.in_channels, unet.out_channels, unet.block_out_channels),
+        format!(
+            "{} to {} channels, blocks of {:?}",
+            unet.in_channels, unet.out_channels, unet.block_out_channels
+        ),
         format!(
             "{} latent channels, scaled by {}, blocks of {:?}",
             vae.latent_channels, vae.scaling_factor, vae.block_out_channels
@@ -47,16 +54,36 @@ pub fn inspect(source: &ModelSource, device: &Device) -> Result<Vec<PartReport>,
         ("vae", "vae/diffusion_pytorch_model"),
         ("text_encoder", "text_encoder/model"),
     ];
-    stems.into_iter().zip(summaries).map(|((name, stem), summary)| report(source, name, stem, summary)).collect()
+    stems
+        .into_iter()
+        .zip(summaries)
+        .map(|((name, stem), summary)| report(source, name, stem, summary))
+        .collect()
 }
 
-fn report(source: &ModelSource, name: &'static str, stem: &str, summary: String) -> Result<PartReport, ModelError> {
-    let files = source.weights(stem)?.into_iter().map(TensorFile::new).collect::<Result<Vec<_>, _>>()?;
+fn report(
+    source: &ModelSource,
+    name: &'static str,
+    stem: &str,
+    summary: String,
+) -> Result<PartReport, ModelError> {
+    let files = source
+        .weights(stem)?
+        .into_iter()
+        .map(TensorFile::new)
+        .collect::<Result<Vec<_>, _>>()?;
     let mut types = BTreeMap::new();
     for (dtype, count) in files.iter().flat_map(TensorFile::counts) {
         *types.entry(dtype).or_default() += count;
     }
     let tensors = files.iter().map(|file| file.names().count()).sum();
     let parameters = types.values().sum();
-    Ok(PartReport { name, tensors, parameters, types, memory: weights::memory(&files), summary })
+    Ok(PartReport {
+        name,
+        tensors,
+        parameters,
+        types,
+        memory: weights::memory(&files),
+        summary,
+    })
 }

@@ -54,7 +54,12 @@ pub(crate) struct AdapterSite {
 impl AdapterSite {
     pub fn new(layer: &str, inputs: usize, outputs: usize) -> Self {
         let name = |matrix| format!("unet.{layer}.lora_{matrix}.weight");
-        Self { down: name("A"), up: name("B"), inputs, outputs }
+        Self {
+            down: name("A"),
+            up: name("B"),
+            inputs,
+            outputs,
+        }
     }
 }
 
@@ -76,11 +81,19 @@ impl LoraNetwork {
         let mut adapters = BTreeMap::new();
         for (step, site) in sites.iter().enumerate() {
             let normals = rng.normals(step as u64, &[rank, site.inputs], device);
-            adapters.insert(site.down.clone(), compute::elementwise::scale(&normals, 1.0 / rank as f32));
+            adapters.insert(
+                site.down.clone(),
+                compute::elementwise::scale(&normals, 1.0 / rank as f32),
+            );
             adapters.insert(site.up.clone(), device.zeros(&[site.outputs, rank]));
         }
         let camera = camera_embedding(width, seed, device);
-        Self { scale: (alpha / rank as f64) as f32, scales: BTreeMap::new(), adapters, camera }
+        Self {
+            scale: (alpha / rank as f64) as f32,
+            scales: BTreeMap::new(),
+            adapters,
+            camera,
+        }
     }
 
     /// What the product of a layer's adapter is multiplied by.
@@ -95,38 +108,82 @@ impl LoraNetwork {
 
     /// Fails if a tensor belongs to no layer, has another shape than its layer needs or lacks its partner; `file` is
     /// where they came from. There may be no camera embedding; if there is one, it is whole.
-    pub(crate) fn check(&self, sites: &[AdapterSite], width: usize, file: &str) -> Result<(), ModelError> {
-        let by_name: BTreeMap<&str, &AdapterSite> =
-            sites.iter().flat_map(|site| [(site.down.as_str(), site), (site.up.as_str(), site)]).collect();
+    pub(crate) fn check(
+        &self,
+        sites: &[AdapterSite],
+        width: usize,
+        file: &str,
+    ) -> Result<(), ModelError> {
+        let by_name: BTreeMap<&str, &AdapterSite> = sites
+            .iter()
+            .flat_map(|site| [(site.down.as_str(), site), (site.up.as_str(), site)])
+            .collect();
         for (name, tensor) in &self.adapters {
             match by_name.get(name.as_str()) {
                 Some(site) => self.check_adapter(site, name, tensor, file)?,
-                None => return Err(ModelError::tensor(file, name, "belongs to no attention of this model")),
+                None => {
+                    return Err(ModelError::tensor(
+                        file,
+                        name,
+                        "belongs to no attention of this model",
+                    ));
+                }
             }
         }
-        let camera = if self.camera.is_empty() { BTreeMap::new() } else { camera_shapes(width) };
+        let camera = if self.camera.is_empty() {
+            BTreeMap::new()
+        } else {
+            camera_shapes(width)
+        };
         if let Some(name) = self.camera.keys().find(|name| !camera.contains_key(*name)) {
-            return Err(ModelError::tensor(file, name, "belongs to no camera embedding"));
+            return Err(ModelError::tensor(
+                file,
+                name,
+                "belongs to no camera embedding",
+            ));
         }
-        camera.iter().try_for_each(|(name, shape)| match self.camera.get(name) {
-            Some(tensor) => check_shape(tensor, shape, name, file),
-            None => Err(ModelError::tensor(file, name, "is missing")),
-        })
+        camera
+            .iter()
+            .try_for_each(|(name, shape)| match self.camera.get(name) {
+                Some(tensor) => check_shape(tensor, shape, name, file),
+                None => Err(ModelError::tensor(file, name, "is missing")),
+            })
     }
 
-    fn check_adapter(&self, site: &AdapterSite, name: &str, tensor: &Array, file: &str) -> Result<(), ModelError> {
-        let partner = if name == site.down { &site.up } else { &site.down };
+    fn check_adapter(
+        &self,
+        site: &AdapterSite,
+        name: &str,
+        tensor: &Array,
+        file: &str,
+    ) -> Result<(), ModelError> {
+        let partner = if name == site.down {
+            &site.up
+        } else {
+            &site.down
+        };
         if !self.adapters.contains_key(partner) {
             return Err(ModelError::tensor(file, partner, "is missing"));
         }
         let rank = match (name == site.down, tensor.shape()) {
             (true, [rank, _]) | (false, [_, rank]) => *rank,
             (_, shape) => {
-                return Err(ModelError::tensor(file, name, format!("has the shape {shape:?}; an adapter is a matrix")));
+                return Err(ModelError::tensor(
+                    file,
+                    name,
+                    format!("has the shape {shape:?}; an adapter is a matrix"),
+                ));
             }
         };
-        let down = self.adapters.get(&site.down).map_or(rank, |down| down.shape()[0]);
-        let shape = if name == site.down { [rank, site.inputs] } else { [site.outputs, down] };
+        let down = self
+            .adapters
+            .get(&site.down)
+            .map_or(rank, |down| down.shape()[0]);
+        let shape = if name == site.down {
+            [rank, site.inputs]
+        } else {
+            [site.outputs, down]
+        };
         check_shape(tensor, &shape, name, file)
     }
 }
@@ -135,7 +192,14 @@ fn check_shape(tensor: &Array, shape: &[usize], name: &str, file: &str) -> Resul
     if tensor.shape() == shape {
         return Ok(());
     }
-    Err(ModelError::tensor(file, name, format!("has the shape {:?}; this model needs {shape:?}", tensor.shape())))
+    Err(ModelError::tensor(
+        file,
+        name,
+        format!(
+            "has the shape {:?}; this model needs {shape:?}",
+            tensor.shape()
+        ),
+    ))
 }
 
 fn camera_shapes(width: usize) -> BTreeMap<String, Vec<usize>> {
@@ -152,11 +216,16 @@ fn camera_embedding(width: usize, seed: u64, device: &Device) -> BTreeMap<String
     let rng = Rng::new(seed, "camera_embedding");
     let bound = 1.0 / (CAMERA_NUMBERS as f32).sqrt();
     let tensor = |(step, (name, shape)): (usize, (String, Vec<usize>))| {
-        let values = (0..shape.iter().product::<usize>()).map(|i| match name.starts_with(CAMERA_1) {
-            true => bound * (2.0 * rng.uniform(step as u64, i as u64) - 1.0),
-            false => 0.0,
-        });
+        let values =
+            (0..shape.iter().product::<usize>()).map(|i| match name.starts_with(CAMERA_1) {
+                true => bound * (2.0 * rng.uniform(step as u64, i as u64) - 1.0),
+                false => 0.0,
+            });
         (name.clone(), device.array(&shape, values.collect()))
     };
-    camera_shapes(width).into_iter().enumerate().map(tensor).collect()
+    camera_shapes(width)
+        .into_iter()
+        .enumerate()
+        .map(tensor)
+        .collect()
 }

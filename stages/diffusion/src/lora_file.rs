@@ -48,14 +48,20 @@ impl LoraFile {
         let file = TensorFile::open(path)?;
         let (mut names, mut adapters) = (BTreeMap::new(), BTreeMap::new());
         for stored in file.names() {
-            let name = canonical(stored).ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
+            let name = canonical(stored)
+                .ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
             adapters.insert(name.clone(), file.real(stored, device)?);
             if let Some(other) = names.insert(name, stored.to_owned()) {
                 return Err(file.wrong(stored, format!("is the same layer's matrix as `{other}`")));
             }
         }
         let scales = Options::of(&file, path)?.scales(&adapters);
-        let network = LoraNetwork { scale: 1.0, scales, adapters, camera: BTreeMap::new() };
+        let network = LoraNetwork {
+            scale: 1.0,
+            scales,
+            adapters,
+            camera: BTreeMap::new(),
+        };
         unet.check_lora(&network, file.name())?;
         Ok(Self { network, names })
     }
@@ -63,12 +69,15 @@ impl LoraFile {
 
 /// `unet.<layer>.lora_A.weight` or `..lora_B.weight` for a name in any of the layouts.
 fn canonical(stored: &str) -> Option<String> {
-    let layer = PREFIXES.iter().find_map(|prefix| stored.strip_prefix(prefix))?;
+    let layer = PREFIXES
+        .iter()
+        .find_map(|prefix| stored.strip_prefix(prefix))?;
     if layer.starts_with("text_encoder") {
         return None;
     }
-    let (layer, (_, dropped, matrix)) =
-        MATRICES.iter().find_map(|way| layer.strip_suffix(way.0).map(|layer| (layer, way)))?;
+    let (layer, (_, dropped, matrix)) = MATRICES
+        .iter()
+        .find_map(|way| layer.strip_suffix(way.0).map(|layer| (layer, way)))?;
     let mut layer = layer.replacen(dropped, "", usize::from(!dropped.is_empty()));
     if !dropped.is_empty() && layer.ends_with(".to_out") {
         layer.push_str(".0");
@@ -88,14 +97,24 @@ impl Options {
         };
         let fields = match file.metadata(METADATA) {
             Some(text) => parse(&format!("{}: {METADATA}", file.name()), text.as_bytes())?,
-            None if beside.is_file() => parse(&beside.display().to_string(), &ModelFile::open(&beside)?)?,
+            None if beside.is_file() => {
+                parse(&beside.display().to_string(), &ModelFile::open(&beside)?)?
+            }
             None => Map::new(),
         };
-        let plain = fields.into_iter().map(|(name, value)| (name.trim_start_matches("unet.").to_owned(), value));
+        let plain = fields
+            .into_iter()
+            .map(|(name, value)| (name.trim_start_matches("unet.").to_owned(), value));
         let options = Self(plain.collect());
-        let refused = ["use_dora", "lora_bias", "fan_in_fan_out"].into_iter().find(|name| options.flag(name));
+        let refused = ["use_dora", "lora_bias", "fan_in_fan_out"]
+            .into_iter()
+            .find(|name| options.flag(name));
         match refused {
-            Some(name) => Err(ModelError::field(file.name(), name, "is true; supported is false")),
+            Some(name) => Err(ModelError::field(
+                file.name(),
+                name,
+                "is true; supported is false",
+            )),
             None => Ok(options),
         }
     }
@@ -109,15 +128,28 @@ impl Options {
         let scale = |(name, down): (&String, &Array)| {
             let layer = name.strip_prefix("unet.")?.strip_suffix(".lora_A.weight")?;
             let rank = *down.shape().first()? as f64;
-            let divisor = if self.flag("use_rslora") { rank.sqrt() } else { rank };
-            Some((name.clone(), self.alpha(layer).map_or(1.0, |alpha| (alpha / divisor) as f32)))
+            let divisor = if self.flag("use_rslora") {
+                rank.sqrt()
+            } else {
+                rank
+            };
+            Some((
+                name.clone(),
+                self.alpha(layer)
+                    .map_or(1.0, |alpha| (alpha / divisor) as f32),
+            ))
         };
         adapters.iter().filter_map(scale).collect()
     }
 
     /// The layer's own alpha, or that of all.
     fn alpha(&self, layer: &str) -> Option<f64> {
-        let own = self.0.get("alpha_pattern").and_then(Value::as_object).into_iter().flatten();
+        let own = self
+            .0
+            .get("alpha_pattern")
+            .and_then(Value::as_object)
+            .into_iter()
+            .flatten();
         let ends = |pattern: &str| layer == pattern || layer.ends_with(&format!(".{pattern}"));
         own.filter(|(pattern, _)| ends(pattern))
             .find_map(|(_, alpha)| alpha.as_f64())
@@ -143,8 +175,14 @@ mod tests {
         ] {
             assert_eq!(canonical(stored).as_deref(), Some(name), "{stored}");
         }
-        assert_eq!(canonical("text_encoder.layers.0.q_proj.lora_A.weight"), None);
-        assert_eq!(canonical("unet.mid_block.attn1.to_q.lora_magnitude_vector"), None);
+        assert_eq!(
+            canonical("text_encoder.layers.0.q_proj.lora_A.weight"),
+            None
+        );
+        assert_eq!(
+            canonical("unet.mid_block.attn1.to_q.lora_magnitude_vector"),
+            None
+        );
     }
 
     #[test]
@@ -152,12 +190,26 @@ mod tests {
         let scales = |options: Value| {
             let down = Device::cpu().zeros(&[4, 8]);
             let names = ["unet.a.to_q.lora_A.weight", "unet.b.to_q.lora_A.weight"];
-            let adapters = names.iter().map(|name| (name.to_string(), down.clone())).collect();
-            let Value::Object(fields) = options else { unreachable!() };
-            Options(fields).scales(&adapters).into_values().collect::<Vec<_>>()
+            let adapters = names
+                .iter()
+                .map(|name| (name.to_string(), down.clone()))
+                .collect();
+            let Value::Object(fields) = options else {
+                unreachable!()
+            };
+            Options(fields)
+                .scales(&adapters)
+                .into_values()
+                .collect::<Vec<_>>()
         };
         assert_eq!(scales(json!({})), [1.0, 1.0]);
-        assert_eq!(scales(json!({"lora_alpha": 8, "alpha_pattern": {"b.to_q": 2}})), [2.0, 0.5]);
-        assert_eq!(scales(json!({"lora_alpha": 8.0, "use_rslora": true})), [4.0, 4.0]);
+        assert_eq!(
+            scales(json!({"lora_alpha": 8, "alpha_pattern": {"b.to_q": 2}})),
+            [2.0, 0.5]
+        );
+        assert_eq!(
+            scales(json!({"lora_alpha": 8.0, "use_rslora": true})),
+            [4.0, 4.0]
+        );
     }
 }

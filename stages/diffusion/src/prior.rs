@@ -39,7 +39,9 @@ struct ModelIndex {
 
 impl Default for ModelIndex {
     fn default() -> Self {
-        Self { max_noise_level: 350 }
+        Self {
+            max_noise_level: 350,
+        }
     }
 }
 
@@ -50,11 +52,20 @@ impl Prior {
     }
 
     /// [`Prior::load`] with a UNet that multiplies in `precision`. The autoencoder and the text encoder stay in `f32`.
-    pub fn load_in(source: &ModelSource, device: &Device, precision: Precision) -> Result<Self, ModelError> {
+    pub fn load_in(
+        source: &ModelSource,
+        device: &Device,
+        precision: Precision,
+    ) -> Result<Self, ModelError> {
         let unet_file = source.file("unet/config.json")?;
         let vae_config = VaeConfig::read(&source.file("vae/config.json")?)?;
         let text_config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
-        check_widths(&unet_file, &UnetConfig::read(&unet_file)?, &vae_config, &text_config)?;
+        check_widths(
+            &unet_file,
+            &UnetConfig::read(&unet_file)?,
+            &vae_config,
+            &text_config,
+        )?;
         let schedule_file = source.file("scheduler/scheduler_config.json")?;
         let low_file = source.find("low_res_scheduler/scheduler_config.json")?;
         Ok(Self {
@@ -70,7 +81,10 @@ impl Prior {
 
     /// The text states `[N, T, D]` of N prompts.
     pub fn text(&self, prompts: &[&str]) -> Array {
-        let ids: Vec<Vec<u32>> = prompts.iter().map(|prompt| self.tokenizer.encode(prompt)).collect();
+        let ids: Vec<Vec<u32>> = prompts
+            .iter()
+            .map(|prompt| self.tokenizer.encode(prompt))
+            .collect();
         self.text_encoder.forward(&ids)
     }
 }
@@ -90,11 +104,26 @@ fn max_noise_level(source: &ModelSource) -> Result<u32, ModelError> {
 }
 
 /// The UNet takes latents and a colour image, gives latents, and looks at the text's states.
-fn check_widths(file: &ModelFile, unet: &UnetConfig, vae: &VaeConfig, text: &TextConfig) -> Result<(), ModelError> {
+fn check_widths(
+    file: &ModelFile,
+    unet: &UnetConfig,
+    vae: &VaeConfig,
+    text: &TextConfig,
+) -> Result<(), ModelError> {
     let latent = vae.latent_channels;
     let mut pairs = vec![
-        ("in_channels", unet.in_channels, latent + 3, "the autoencoder's latent channels and three colours"),
-        ("out_channels", unet.out_channels, latent, "the autoencoder's latent channels"),
+        (
+            "in_channels",
+            unet.in_channels,
+            latent + 3,
+            "the autoencoder's latent channels and three colours",
+        ),
+        (
+            "out_channels",
+            unet.out_channels,
+            latent,
+            "the autoencoder's latent channels",
+        ),
     ];
     for block in 0..unet.block_out_channels.len() {
         pairs.push((
@@ -105,9 +134,11 @@ fn check_widths(file: &ModelFile, unet: &UnetConfig, vae: &VaeConfig, text: &Tex
         ));
     }
     match pairs.iter().find(|(_, is, needed, _)| is != needed) {
-        Some((field, is, needed, what)) => {
-            Err(ModelError::field(&file.name, *field, format!("is {is}; {what} ask for {needed}")))
-        }
+        Some((field, is, needed, what)) => Err(ModelError::field(
+            &file.name,
+            *field,
+            format!("is {is}; {what} ask for {needed}"),
+        )),
         None => Ok(()),
     }
 }

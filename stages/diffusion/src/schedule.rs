@@ -49,20 +49,36 @@ impl Schedule {
     /// The schedule that a configuration describes; an error names the field of `file` that is not supported.
     pub fn new(config: &SchedulerConfig, file: &str) -> Result<Self, ModelError> {
         if config.beta_schedule != "scaled_linear" {
-            let problem = format!("is {:?}; supported is \"scaled_linear\"", config.beta_schedule);
+            let problem = format!(
+                "is {:?}; supported is \"scaled_linear\"",
+                config.beta_schedule
+            );
             return Err(ModelError::field(file, "beta_schedule", problem));
         }
         if !(1..=MAX_STEPS).contains(&config.num_train_timesteps) {
-            let problem = format!("is {}; it must be from 1 to {MAX_STEPS}", config.num_train_timesteps);
+            let problem = format!(
+                "is {}; it must be from 1 to {MAX_STEPS}",
+                config.num_train_timesteps
+            );
             return Err(ModelError::field(file, "num_train_timesteps", problem));
         }
-        for (field, beta) in [("beta_start", config.beta_start), ("beta_end", config.beta_end)] {
+        for (field, beta) in [
+            ("beta_start", config.beta_start),
+            ("beta_end", config.beta_end),
+        ] {
             if !(beta > 0.0 && beta < 1.0) {
-                return Err(ModelError::field(file, field, format!("is {beta}; it must lie between 0 and 1")));
+                return Err(ModelError::field(
+                    file,
+                    field,
+                    format!("is {beta}; it must lie between 0 and 1"),
+                ));
             }
         }
         let prediction = Prediction::from_name(&config.prediction_type, file)?;
-        Ok(Self { alpha_bar: alpha_bar(config), prediction })
+        Ok(Self {
+            alpha_bar: alpha_bar(config),
+            prediction,
+        })
     }
 
     /// How many timesteps there are.
@@ -105,7 +121,9 @@ impl Schedule {
         match self.prediction {
             Prediction::Velocity => output.clone(),
             // From eps = a v + s z_t.
-            Prediction::Noise => combine(output, noisy, t, |t| [1.0 / self.a(t), -self.s(t) / self.a(t)]),
+            Prediction::Noise => combine(output, noisy, t, |t| {
+                [1.0 / self.a(t), -self.s(t) / self.a(t)]
+            }),
         }
     }
 
@@ -134,7 +152,8 @@ impl Prediction {
             "v_prediction" => Ok(Self::Velocity),
             "epsilon" => Ok(Self::Noise),
             _ => {
-                let problem = format!("is {name:?}; supported are \"v_prediction\" and \"epsilon\"");
+                let problem =
+                    format!("is {name:?}; supported are \"v_prediction\" and \"epsilon\"");
                 Err(ModelError::field(file, "prediction_type", problem))
             }
         }
@@ -177,7 +196,11 @@ pub(crate) fn scale(x: &Array, t: &[u32], factor: impl Fn(u32) -> f64) -> Array 
 
 /// One call for the whole batch where all timesteps are equal, else one for each sample, joined again.
 fn per_sample(t: &[u32], batch: usize, f: impl Fn(Option<usize>, u32) -> Array) -> Array {
-    assert!(t.len() == 1 || t.len() == batch, "{} timesteps for a batch of {batch}", t.len());
+    assert!(
+        t.len() == 1 || t.len() == batch,
+        "{} timesteps for a batch of {batch}",
+        t.len()
+    );
     if t.iter().all(|&other| other == t[0]) {
         return f(None, t[0]);
     }
@@ -207,7 +230,10 @@ mod tests {
     #[track_caller]
     fn assert_close(actual: &Array, expected: [f64; 2]) {
         for (actual, expected) in actual.to_vec().iter().zip(expected) {
-            assert!((f64::from(*actual) - expected).abs() < 1e-6, "{actual} is not {expected}");
+            assert!(
+                (f64::from(*actual) - expected).abs() < 1e-6,
+                "{actual} is not {expected}"
+            );
         }
     }
 
@@ -222,8 +248,15 @@ mod tests {
             (900, 0.0045343, 0.06734, 0.99773),
             (980, 0.0010697, 0.03271, 0.99947),
         ] {
-            assert!((schedule.alpha_bar(t) - alpha_bar).abs() < 6e-7, "alpha_bar({t}) = {}", schedule.alpha_bar(t));
-            assert!((schedule.a(t) - a).abs() < 6e-6 && (schedule.s(t) - s).abs() < 6e-6, "a, s at {t}");
+            assert!(
+                (schedule.alpha_bar(t) - alpha_bar).abs() < 6e-7,
+                "alpha_bar({t}) = {}",
+                schedule.alpha_bar(t)
+            );
+            assert!(
+                (schedule.a(t) - a).abs() < 6e-6 && (schedule.s(t) - s).abs() < 6e-6,
+                "a, s at {t}"
+            );
         }
     }
 
@@ -240,24 +273,52 @@ mod tests {
 
     #[test]
     fn predicted_noise_is_read_as_velocity() {
-        let schedule =
-            Schedule::new(&SchedulerConfig { prediction_type: "epsilon".into(), ..config() }, "config").unwrap();
+        let schedule = Schedule::new(
+            &SchedulerConfig {
+                prediction_type: "epsilon".into(),
+                ..config()
+            },
+            "config",
+        )
+        .unwrap();
         let (clean, noise, t) = (batch([0.7, -1.2]), batch([-0.4, 0.9]), [100, 100]);
         let noisy = schedule.add_noise(&clean, &noise, &t);
         let expected = schedule.velocity_target(&clean, &noise, &t).to_vec();
-        assert_close(&schedule.velocity(&noise, &noisy, &t), [expected[0].into(), expected[1].into()]);
-        assert_close(&schedule.velocity_backward(&batch([1.0, 2.0]), &t), [1.0, 2.0].map(|x| x / schedule.a(100)));
+        assert_close(
+            &schedule.velocity(&noise, &noisy, &t),
+            [expected[0].into(), expected[1].into()],
+        );
+        assert_close(
+            &schedule.velocity_backward(&batch([1.0, 2.0]), &t),
+            [1.0, 2.0].map(|x| x / schedule.a(100)),
+        );
     }
 
     #[test]
     fn what_is_not_supported_is_refused_by_name() {
         let refusals = [
-            SchedulerConfig { beta_schedule: "linear".into(), ..config() },
-            SchedulerConfig { prediction_type: "sample".into(), ..config() },
-            SchedulerConfig { num_train_timesteps: 0, ..config() },
-            SchedulerConfig { beta_end: 1.5, ..config() },
+            SchedulerConfig {
+                beta_schedule: "linear".into(),
+                ..config()
+            },
+            SchedulerConfig {
+                prediction_type: "sample".into(),
+                ..config()
+            },
+            SchedulerConfig {
+                num_train_timesteps: 0,
+                ..config()
+            },
+            SchedulerConfig {
+                beta_end: 1.5,
+                ..config()
+            },
         ]
-        .map(|config| Schedule::new(&config, "scheduler_config.json").unwrap_err().to_string());
+        .map(|config| {
+            Schedule::new(&config, "scheduler_config.json")
+                .unwrap_err()
+                .to_string()
+        });
         assert_eq!(
             refusals,
             [

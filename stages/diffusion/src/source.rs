@@ -30,13 +30,21 @@ const DESCRIPTIONS: [&str; 10] = [
 ];
 
 /// Weight files without their endings.
-const WEIGHTS: [&str; 3] = ["text_encoder/model", "unet/diffusion_pytorch_model", "vae/diffusion_pytorch_model"];
+const WEIGHTS: [&str; 3] = [
+    "text_encoder/model",
+    "unet/diffusion_pytorch_model",
+    "vae/diffusion_pytorch_model",
+];
 
 /// The endings under which diffusers saves weights whole, in the order of preference.
 const WHOLE: [&str; 3] = [".safetensors", ".fp16.safetensors", ".bf16.safetensors"];
 
 /// The endings under which diffusers saves the list of a sharded network's files.
-const INDICES: [&str; 3] = [".safetensors.index.json", ".safetensors.index.fp16.json", ".safetensors.index.bf16.json"];
+const INDICES: [&str; 3] = [
+    ".safetensors.index.json",
+    ".safetensors.index.fp16.json",
+    ".safetensors.index.bf16.json",
+];
 
 macro_rules! embedded {
     ($($name:literal),* $(,)?) => {
@@ -97,7 +105,10 @@ impl Deref for ModelFile {
 impl ModelFile {
     /// A file in memory, which messages call `name`.
     pub fn in_memory(name: &str, bytes: Vec<u8>) -> Self {
-        Self { name: name.to_owned(), bytes: Bytes::Owned(bytes) }
+        Self {
+            name: name.to_owned(),
+            bytes: Bytes::Owned(bytes),
+        }
     }
 
     /// The file's path, as messages give it.
@@ -127,21 +138,34 @@ struct Index {
 impl ModelSource {
     /// Which of the files `there` of the model `name` make it up, weights in `variant` where there are such. Fails
     /// where a network's weights are missing or pickled.
-    pub fn choose(name: &str, there: &BTreeSet<String>, variant: Option<&str>) -> Result<Vec<String>, ModelError> {
+    pub fn choose(
+        name: &str,
+        there: &BTreeSet<String>,
+        variant: Option<&str>,
+    ) -> Result<Vec<String>, ModelError> {
         let has = |file: &String| there.contains(file);
-        let mut chosen: Vec<String> = DESCRIPTIONS.map(str::to_owned).into_iter().filter(has).collect();
+        let mut chosen: Vec<String> = DESCRIPTIONS
+            .map(str::to_owned)
+            .into_iter()
+            .filter(has)
+            .collect();
         for stem in WEIGHTS {
             let endings = WHOLE.map(str::to_owned);
             let wished = variant.map(|variant| format!(".{variant}.safetensors"));
-            let mut whole = wished.into_iter().chain(endings).map(|ending| format!("{stem}{ending}"));
+            let mut whole = wished
+                .into_iter()
+                .chain(endings)
+                .map(|ending| format!("{stem}{ending}"));
             let mut indices = INDICES.iter().map(|ending| format!("{stem}{ending}"));
             if let Some(file) = whole.find(has) {
                 chosen.push(file);
             } else if let Some(index) = indices.find(has) {
-                let shard = |file: &&String| file.starts_with(stem) && file.ends_with(".safetensors");
+                let shard =
+                    |file: &&String| file.starts_with(stem) && file.ends_with(".safetensors");
                 chosen.extend(there.iter().filter(shard).cloned().chain([index]));
             } else {
-                let problem = format!("has no {stem}.safetensors; pickled weights (.bin) are not read");
+                let problem =
+                    format!("has no {stem}.safetensors; pickled weights (.bin) are not read");
                 return Err(ModelError::file(name, problem));
             }
         }
@@ -159,7 +183,9 @@ impl ModelSource {
             }
         }
         for stem in WEIGHTS {
-            self.weights(stem)?.iter().for_each(|file| absorb(&mut hasher, stem, file));
+            self.weights(stem)?
+                .iter()
+                .for_each(|file| absorb(&mut hasher, stem, file));
         }
         Ok(*hasher.finalize().as_bytes())
     }
@@ -179,10 +205,15 @@ impl ModelSource {
     /// The file of this name; `None` where there is none.
     pub(crate) fn find(&self, name: &str) -> Result<Option<ModelFile>, ModelError> {
         match self {
-            Self::Embedded => Ok(EMBEDDED
-                .iter()
-                .find(|(known, _)| *known == name)
-                .map(|(_, bytes)| ModelFile { name: format!("tiny-x4/{name}"), bytes: Bytes::Static(bytes) })),
+            Self::Embedded => {
+                Ok(EMBEDDED
+                    .iter()
+                    .find(|(known, _)| *known == name)
+                    .map(|(_, bytes)| ModelFile {
+                        name: format!("tiny-x4/{name}"),
+                        bytes: Bytes::Static(bytes),
+                    }))
+            }
             Self::Folder(folder) => map(&folder.join(name)),
         }
     }
@@ -190,7 +221,8 @@ impl ModelSource {
     /// The file of this name, which must be there.
     pub(crate) fn file(&self, name: &str) -> Result<ModelFile, ModelError> {
         let hint = "is missing; a model is a folder as diffusers saves it, with unet/, vae/, text_encoder/, tokenizer/ and scheduler/";
-        self.find(name)?.ok_or_else(|| ModelError::file(self.display(name), hint))
+        self.find(name)?
+            .ok_or_else(|| ModelError::file(self.display(name), hint))
     }
 
     /// The weight file whose name is `stem` and one of the endings that we read, or the shards of it.
@@ -211,8 +243,12 @@ impl ModelSource {
                         `save_pretrained(folder, safe_serialization=True)`, or download its .safetensors files";
             return Err(ModelError::file(self.display(&pickled), hint));
         }
-        let hint = "is missing (nor is there a .fp16.safetensors or a .safetensors.index.json beside it)";
-        Err(ModelError::file(self.display(&format!("{stem}.safetensors")), hint))
+        let hint =
+            "is missing (nor is there a .fp16.safetensors or a .safetensors.index.json beside it)";
+        Err(ModelError::file(
+            self.display(&format!("{stem}.safetensors")),
+            hint,
+        ))
     }
 
     /// The files that `index` lists, sorted; they lie beside it.
@@ -222,10 +258,14 @@ impl ModelSource {
         let folder = stem.rsplit_once('/').map_or("", |(folder, _)| folder);
         let plain = |name: &str| name.ends_with(".safetensors") && !name.contains(['/', '\\']);
         if let Some(name) = names.iter().find(|name| !plain(name)) {
-            let problem = format!("names {name:?}; a shard is a .safetensors file beside its index");
+            let problem =
+                format!("names {name:?}; a shard is a .safetensors file beside its index");
             return Err(ModelError::field(&index.name, "weight_map", problem));
         }
-        names.iter().map(|name| self.file(&format!("{folder}/{name}"))).collect()
+        names
+            .iter()
+            .map(|name| self.file(&format!("{folder}/{name}")))
+            .collect()
     }
 
     fn display(&self, name: &str) -> String {
@@ -257,7 +297,10 @@ fn map(path: &Path) -> Result<Option<ModelFile>, ModelError> {
     }
     // SAFETY: the map is read-only and private to this process; model files are not rewritten while they are loaded.
     let map = unsafe { Mmap::map(&file) }.map_err(unreadable)?;
-    Ok(Some(ModelFile { name, bytes: Bytes::Mapped(map) }))
+    Ok(Some(ModelFile {
+        name,
+        bytes: Bytes::Mapped(map),
+    }))
 }
 
 #[cfg(test)]

@@ -37,16 +37,33 @@ impl TensorFile {
 
     /// The tensors of `file`. Fails where its header does not fit it.
     pub fn new(file: ModelFile) -> Result<Self, ModelError> {
-        let (header, info) = SafeTensors::read_metadata(&file)
-            .map_err(|e| ModelError::file(&file.name, format!("is not a sound safetensors file: {e}")))?;
+        let (header, info) = SafeTensors::read_metadata(&file).map_err(|e| {
+            ModelError::file(&file.name, format!("is not a sound safetensors file: {e}"))
+        })?;
         let start = 8 + header;
         let entry = |(name, info): (String, &safetensors::tensor::TensorInfo)| {
             let (first, last) = info.data_offsets;
-            (name, Entry { dtype: info.dtype, shape: info.shape.clone(), bytes: start + first..start + last })
+            (
+                name,
+                Entry {
+                    dtype: info.dtype,
+                    shape: info.shape.clone(),
+                    bytes: start + first..start + last,
+                },
+            )
         };
         let entries = info.tensors().into_iter().map(entry).collect();
-        let metadata = info.metadata().iter().flatten().map(|(key, value)| (key.clone(), value.clone())).collect();
-        Ok(Self { file: Arc::new(file), entries, metadata })
+        let metadata = info
+            .metadata()
+            .iter()
+            .flatten()
+            .map(|(key, value)| (key.clone(), value.clone()))
+            .collect();
+        Ok(Self {
+            file: Arc::new(file),
+            entries,
+            metadata,
+        })
     }
 
     /// How messages name the file.
@@ -77,9 +94,20 @@ impl TensorFile {
             Dtype::F32 => Format::F32,
             Dtype::F16 => Format::F16,
             Dtype::BF16 => Format::Bf16,
-            other => return Err(self.wrong(name, format!("is {other:?}; supported are F32, F16 and BF16"))),
+            other => {
+                return Err(self.wrong(
+                    name,
+                    format!("is {other:?}; supported are F32, F16 and BF16"),
+                ));
+            }
         };
-        let weight = Weight::from_bytes(device, &entry.shape, format, self.file.clone(), entry.bytes.clone());
+        let weight = Weight::from_bytes(
+            device,
+            &entry.shape,
+            format,
+            self.file.clone(),
+            entry.bytes.clone(),
+        );
         match weight.first_not_finite() {
             Some((index, value)) => Err(self.wrong(name, format!("is {value} at element {index}"))),
             None => Ok(weight),
@@ -95,9 +123,21 @@ impl TensorFile {
     pub fn whole(&self, name: &str) -> Result<(Vec<usize>, Vec<i64>), ModelError> {
         let (entry, bytes) = self.find(name)?;
         let values = match entry.dtype {
-            Dtype::I64 => bytes.as_chunks().0.iter().map(|b| i64::from_le_bytes(*b)).collect(),
-            Dtype::I32 => bytes.as_chunks().0.iter().map(|b| i32::from_le_bytes(*b).into()).collect(),
-            other => return Err(self.wrong(name, format!("is {other:?}; supported are I64 and I32"))),
+            Dtype::I64 => bytes
+                .as_chunks()
+                .0
+                .iter()
+                .map(|b| i64::from_le_bytes(*b))
+                .collect(),
+            Dtype::I32 => bytes
+                .as_chunks()
+                .0
+                .iter()
+                .map(|b| i32::from_le_bytes(*b).into())
+                .collect(),
+            other => {
+                return Err(self.wrong(name, format!("is {other:?}; supported are I64 and I32")));
+            }
         };
         Ok((entry.shape.clone(), values))
     }
@@ -111,7 +151,8 @@ impl TensorFile {
     pub fn counts(&self) -> BTreeMap<String, usize> {
         let mut counts = BTreeMap::new();
         for entry in self.entries.values() {
-            *counts.entry(format!("{:?}", entry.dtype)).or_default() += entry.shape.iter().product::<usize>();
+            *counts.entry(format!("{:?}", entry.dtype)).or_default() +=
+                entry.shape.iter().product::<usize>();
         }
         counts
     }
@@ -121,7 +162,10 @@ impl TensorFile {
     }
 
     fn find(&self, name: &str) -> Result<(&Entry, &[u8]), ModelError> {
-        let entry = self.entries.get(name).ok_or_else(|| self.wrong(name, "is missing"))?;
+        let entry = self
+            .entries
+            .get(name)
+            .ok_or_else(|| self.wrong(name, "is missing"))?;
         Ok((entry, &self.file[entry.bytes.clone()]))
     }
 }
@@ -132,7 +176,14 @@ mod tests {
 
     /// A file with this header and this data.
     fn open(header: &str, data: &[u8]) -> Result<TensorFile, ModelError> {
-        open_bytes(&[&(header.len() as u64).to_le_bytes(), header.as_bytes(), data].concat())
+        open_bytes(
+            &[
+                &(header.len() as u64).to_le_bytes(),
+                header.as_bytes(),
+                data,
+            ]
+            .concat(),
+        )
     }
 
     fn open_bytes(bytes: &[u8]) -> Result<TensorFile, ModelError> {
@@ -142,44 +193,79 @@ mod tests {
     }
 
     fn pair(dtype: &str, data: &[u8]) -> TensorFile {
-        open(&format!(r#"{{"a.w":{{"dtype":"{dtype}","shape":[2],"data_offsets":[0,{}]}}}}"#, data.len()), data)
-            .unwrap()
+        open(
+            &format!(
+                r#"{{"a.w":{{"dtype":"{dtype}","shape":[2],"data_offsets":[0,{}]}}}}"#,
+                data.len()
+            ),
+            data,
+        )
+        .unwrap()
     }
 
     fn real(dtype: &str, data: &[u8]) -> Result<Vec<f32>, String> {
-        pair(dtype, data).real("a.w", &Device::cpu()).map(|array| array.to_vec()).map_err(|e| e.to_string())
+        pair(dtype, data)
+            .real("a.w", &Device::cpu())
+            .map(|array| array.to_vec())
+            .map_err(|e| e.to_string())
     }
 
     #[test]
     fn three_formats_are_widened() {
-        assert_eq!(real("F32", &[0, 0, 128, 63, 0, 0, 0, 192]).unwrap(), [1.0, -2.0]);
+        assert_eq!(
+            real("F32", &[0, 0, 128, 63, 0, 0, 0, 192]).unwrap(),
+            [1.0, -2.0]
+        );
         assert_eq!(real("F16", &[0, 60, 0, 192]).unwrap(), [1.0, -2.0]);
         assert_eq!(real("BF16", &[128, 63, 0, 192]).unwrap(), [1.0, -2.0]);
     }
 
     #[test]
     fn whole_numbers_have_two_widths() {
-        assert_eq!(pair("I32", &[1, 0, 0, 0, 255, 255, 255, 255]).whole("a.w").unwrap(), (vec![2], vec![1, -1]));
+        assert_eq!(
+            pair("I32", &[1, 0, 0, 0, 255, 255, 255, 255])
+                .whole("a.w")
+                .unwrap(),
+            (vec![2], vec![1, -1])
+        );
         let wide = [[7u8, 0, 0, 0, 0, 0, 0, 0], [255; 8]].concat();
-        assert_eq!(pair("I64", &wide).whole("a.w").unwrap(), (vec![2], vec![7, -1]));
+        assert_eq!(
+            pair("I64", &wide).whole("a.w").unwrap(),
+            (vec![2], vec![7, -1])
+        );
         let message = pair("F16", &[0; 4]).whole("a.w").unwrap_err().to_string();
-        assert!(message.ends_with("tensor `a.w` is F16; supported are I64 and I32"), "{message}");
+        assert!(
+            message.ends_with("tensor `a.w` is F16; supported are I64 and I32"),
+            "{message}"
+        );
     }
 
     #[test]
     fn a_tensor_that_cannot_be_used_is_named() {
         let says = |result: Result<Vec<f32>, String>, text: &str| {
             let message = result.unwrap_err();
-            assert!(message.contains("w.safetensors: tensor `a.w`") && message.contains(text), "{message}");
+            assert!(
+                message.contains("w.safetensors: tensor `a.w`") && message.contains(text),
+                "{message}"
+            );
         };
-        says(real("I16", &[0, 60, 0, 192]), "is I16; supported are F32, F16 and BF16");
+        says(
+            real("I16", &[0, 60, 0, 192]),
+            "is I16; supported are F32, F16 and BF16",
+        );
         says(real("F16", &[0, 60, 0, 0x7e]), "is NaN at element 1");
-        says(real("F32", &[0, 0, 128, 127, 0, 0, 0, 0]), "is inf at element 0");
+        says(
+            real("F32", &[0, 0, 128, 127, 0, 0, 0, 0]),
+            "is inf at element 0",
+        );
     }
 
     #[test]
     fn broken_headers_give_one_clear_error() {
-        let huge = format!(r#"{{"w":{{"dtype":"F32","shape":[{}],"data_offsets":[0,4]}}}}"#, u64::MAX);
+        let huge = format!(
+            r#"{{"w":{{"dtype":"F32","shape":[{}],"data_offsets":[0,4]}}}}"#,
+            u64::MAX
+        );
         let beyond = r#"{"w":{"dtype":"F32","shape":[4],"data_offsets":[0,16]}}"#;
         let hole = r#"{"w":{"dtype":"F32","shape":[1],"data_offsets":[4,8]}}"#;
         let overlap = r#"{"a":{"dtype":"F32","shape":[2],"data_offsets":[0,8]},"b":{"dtype":"F32","shape":[1],"data_offsets":[4,8]}}"#;
@@ -198,7 +284,10 @@ mod tests {
         ];
         for (case, result) in results.into_iter().enumerate() {
             let message = result.err().map(|e| e.to_string()).unwrap_or_default();
-            assert!(message.contains("w.safetensors: is not a sound safetensors file: "), "case {case}: {message}");
+            assert!(
+                message.contains("w.safetensors: is not a sound safetensors file: "),
+                "case {case}: {message}"
+            );
         }
     }
 }

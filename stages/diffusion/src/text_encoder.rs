@@ -39,20 +39,35 @@ impl TextEncoder {
     /// Reads the text encoder of `source` onto `device`. The error names the file, and the field or tensor in it.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         let config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
-        Self::read(config, Weights::open(source.weights("text_encoder/model")?, device)?)
+        Self::read(
+            config,
+            Weights::open(source.weights("text_encoder/model")?, device)?,
+        )
     }
 
     /// Reads the encoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
     fn read(config: TextConfig, weights: Weights) -> Result<Self, ModelError> {
         let root = weights.root();
         let nested = root.at("text_model");
-        let root = if nested.has("final_layer_norm.weight") { nested } else { root };
+        let root = if nested.has("final_layer_norm.weight") {
+            nested
+        } else {
+            root
+        };
         let (width, eps) = (config.hidden_size, config.layer_norm_eps);
         let layer = |i| Layer::read(&root.at(format!("encoder.layers.{i}")), &config);
         let encoder = Self {
-            tokens: root.weight("embeddings.token_embedding.weight", &[config.vocab_size, width])?,
-            positions: root.tensor("embeddings.position_embedding.weight", &[config.max_position_embeddings, width])?,
-            layers: (0..config.num_hidden_layers).map(layer).collect::<Result<_, _>>()?,
+            tokens: root.weight(
+                "embeddings.token_embedding.weight",
+                &[config.vocab_size, width],
+            )?,
+            positions: root.tensor(
+                "embeddings.position_embedding.weight",
+                &[config.max_position_embeddings, width],
+            )?,
+            layers: (0..config.num_hidden_layers)
+                .map(layer)
+                .collect::<Result<_, _>>()?,
             norm: LayerNorm::read(&root.at("final_layer_norm"), width, eps)?,
             config,
         };
@@ -69,15 +84,23 @@ impl TextEncoder {
     pub fn forward(&self, texts: &[Vec<u32>]) -> Array {
         let length = texts.first().map_or(0, Vec::len);
         let positions: Vec<u32> = texts.iter().flat_map(|_| 0..length as u32).collect();
-        let x = add(&gather_rows(&self.tokens, &texts.concat()), &gather_rows(&self.positions, &positions));
+        let x = add(
+            &gather_rows(&self.tokens, &texts.concat()),
+            &gather_rows(&self.positions, &positions),
+        );
         let x = x.reshape(&[texts.len(), length, self.config.hidden_size]);
-        self.norm.forward(&self.layers.iter().fold(x, |x, layer| layer.forward(&x)))
+        self.norm
+            .forward(&self.layers.iter().fold(x, |x, layer| layer.forward(&x)))
     }
 }
 
 impl Layer {
     fn read(scope: &Scope, config: &TextConfig) -> Result<Self, ModelError> {
-        let (width, wide, eps) = (config.hidden_size, config.intermediate_size, config.layer_norm_eps);
+        let (width, wide, eps) = (
+            config.hidden_size,
+            config.intermediate_size,
+            config.layer_norm_eps,
+        );
         let projection = |name: &str| Linear::read(&scope.at("self_attn").at(name), width, width);
         Ok(Self {
             norm1: LayerNorm::read(&scope.at("layer_norm1"), width, eps)?,
@@ -95,8 +118,14 @@ impl Layer {
 
     fn forward(&self, x: &Array) -> Array {
         let normalised = self.norm1.forward(x);
-        let [q, k, v] = [&self.query, &self.key, &self.value].map(|layer| layer.forward(&normalised));
-        let x = add(x, &self.out.forward(&attention(&q, &k, &v, self.heads, true).out));
+        let [q, k, v] =
+            [&self.query, &self.key, &self.value].map(|layer| layer.forward(&normalised));
+        let x = add(
+            x,
+            &self
+                .out
+                .forward(&attention(&q, &k, &v, self.heads, true).out),
+        );
         let expanded = self.expand.forward(&self.norm2.forward(&x));
         let activated = match self.activation {
             TextActivation::Gelu => gelu(&expanded),

@@ -78,22 +78,34 @@ impl Tokenizer {
         if largest < text.vocab_size {
             return Ok(tokenizer);
         }
-        let problem = format!("has the id {largest}; the text encoder knows {} ids", text.vocab_size);
-        Err(ModelError::file(source.file("tokenizer/vocab.json")?.name, problem))
+        let problem = format!(
+            "has the id {largest}; the text encoder knows {} ids",
+            text.vocab_size
+        );
+        Err(ModelError::file(
+            source.file("tokenizer/vocab.json")?.name,
+            problem,
+        ))
     }
 
     /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder has.
     fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
         let vocabulary_file = source.file("tokenizer/vocab.json")?;
-        let vocabulary = serde_json::from_slice(&vocabulary_file)
-            .map_err(|e| ModelError::file(&vocabulary_file.name, format!("is not a JSON object of ids: {e}")))?;
+        let vocabulary = serde_json::from_slice(&vocabulary_file).map_err(|e| {
+            ModelError::file(
+                &vocabulary_file.name,
+                format!("is not a JSON object of ids: {e}"),
+            )
+        })?;
         let mut config = match source.find("tokenizer/tokenizer_config.json")? {
             Some(file) => config::parse::<TokenizerConfig>(&file, &json!({}), &[])?,
             None => TokenizerConfig::default(),
         };
         let map = match source.find("tokenizer/special_tokens_map.json")? {
             // Newer files say all in the configuration.
-            Some(file) if config.added_tokens_decoder.is_none() => config::parse(&file, &json!({}), &[])?,
+            Some(file) if config.added_tokens_decoder.is_none() => {
+                config::parse(&file, &json!({}), &[])?
+            }
             _ => Specials::default(),
         };
         let own = std::mem::take(&mut config.specials);
@@ -103,9 +115,16 @@ impl Tokenizer {
             Special::choose([map.pad_token, own.pad_token], "<|endoftext|>"),
             Special::choose([map.unk_token, own.unk_token], "<|endoftext|>"),
         ];
-        let length = config.model_max_length.map_or(longest, |length| longest.min(length as usize));
-        Self::new(vocabulary, &source.file("tokenizer/merges.txt")?, &names, length)
-            .map_err(|problem| ModelError::file(&vocabulary_file.name, problem))
+        let length = config
+            .model_max_length
+            .map_or(longest, |length| longest.min(length as usize));
+        Self::new(
+            vocabulary,
+            &source.file("tokenizer/merges.txt")?,
+            &names,
+            length,
+        )
+        .map_err(|problem| ModelError::file(&vocabulary_file.name, problem))
     }
 
     fn new(
@@ -114,15 +133,30 @@ impl Tokenizer {
         names: &[String; 4],
         length: usize,
     ) -> Result<Self, String> {
-        let id = |name: &String| vocabulary.get(name).copied().ok_or_else(|| format!("lacks the token {name:?}"));
-        let [begin, end, pad, unknown] = [id(&names[0])?, id(&names[1])?, id(&names[2])?, id(&names[3])?];
+        let id = |name: &String| {
+            vocabulary
+                .get(name)
+                .copied()
+                .ok_or_else(|| format!("lacks the token {name:?}"))
+        };
+        let [begin, end, pad, unknown] = [
+            id(&names[0])?,
+            id(&names[1])?,
+            id(&names[2])?,
+            id(&names[3])?,
+        ];
         let mut longest_first = names.clone().map(|name| regex::escape(&name));
         longest_first.sort_by_key(|name| std::cmp::Reverse(name.len()));
         let regex = |pattern: &str| Regex::new(pattern).map_err(|e| e.to_string());
         let merges = String::from_utf8_lossy(merges);
-        let pairs = merges.lines().filter(|line| !line.starts_with("#version") && line.contains(' '));
+        let pairs = merges
+            .lines()
+            .filter(|line| !line.starts_with("#version") && line.contains(' '));
         Ok(Self {
-            merges: pairs.enumerate().map(|(rank, pair)| (pair.trim_end().to_owned(), rank)).collect(),
+            merges: pairs
+                .enumerate()
+                .map(|(rank, pair)| (pair.trim_end().to_owned(), rank))
+                .collect(),
             words: regex(WORDS)?,
             spaces: regex(r"\s+")?,
             specials: regex(&longest_first.join("|"))?,
@@ -158,9 +192,18 @@ impl Tokenizer {
 
     fn encode_plain(&self, text: &str, ids: &mut Vec<u32>) {
         let composed: String = text.nfc().collect();
-        let lower: String = self.spaces.replace_all(&composed, " ").chars().flat_map(char::to_lowercase).collect();
+        let lower: String = self
+            .spaces
+            .replace_all(&composed, " ")
+            .chars()
+            .flat_map(char::to_lowercase)
+            .collect();
         for word in self.words.find_iter(&lower) {
-            ids.extend(self.merge(word.as_str()).iter().map(|symbol| self.id(symbol)));
+            ids.extend(
+                self.merge(word.as_str())
+                    .iter()
+                    .map(|symbol| self.id(symbol)),
+            );
         }
     }
 
@@ -213,16 +256,27 @@ mod tests {
     fn bytes_have_distinct_printable_letters() {
         let letters: std::collections::BTreeSet<char> = (0..=255).map(letter).collect();
         assert_eq!(letters.len(), 256);
-        assert_eq!([letter(b'a'), letter(b' '), letter(0), letter(173)], ['a', 'Ġ', 'Ā', 'Ń']);
+        assert_eq!(
+            [letter(b'a'), letter(b' '), letter(0), letter(173)],
+            ['a', 'Ġ', 'Ā', 'Ń']
+        );
     }
 
     #[test]
     fn a_text_is_framed_cut_and_filled() {
         let tokenizer = Tokenizer::read(&ModelSource::Embedded, 8).unwrap();
         let (begin, end) = (tokenizer.begin, tokenizer.end);
-        assert_eq!(tokenizer.encode(""), [begin, end, end, end, end, end, end, end]);
+        assert_eq!(
+            tokenizer.encode(""),
+            [begin, end, end, end, end, end, end, end]
+        );
         let long = tokenizer.encode("0 1 2 3 4 5 6 7 8 9");
         assert_eq!((long.len(), long[0], long[7]), (8, begin, end));
-        assert_eq!(long[1..7], (0..6).map(|i| tokenizer.id(&format!("{i}</w>"))).collect::<Vec<_>>());
+        assert_eq!(
+            long[1..7],
+            (0..6)
+                .map(|i| tokenizer.id(&format!("{i}</w>")))
+                .collect::<Vec<_>>()
+        );
     }
 }

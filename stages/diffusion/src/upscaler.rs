@@ -27,8 +27,13 @@ pub struct Upscaler<'a> {
 impl Prior {
     /// This prior as the optimisation asks it: guided from `negative_prompt` to `prompt`.
     pub fn denoiser(&self, prompt: &str, negative_prompt: &str) -> Upscaler<'_> {
-        let [good, bad] = [prompt, negative_prompt].map(|prompt| self.unet.text(&self.text(&[prompt])));
-        Upscaler { prior: self, good, bad }
+        let [good, bad] =
+            [prompt, negative_prompt].map(|prompt| self.unet.text(&self.text(&[prompt])));
+        Upscaler {
+            prior: self,
+            good,
+            bad,
+        }
     }
 }
 
@@ -48,14 +53,27 @@ impl Upscaler<'_> {
         target: &Array,
         lora: &LoraNetwork,
     ) -> (f64, LoraParameters) {
-        let (schedule, unet, labels) = (&self.prior.schedule, &self.prior.unet, [query.noise_level]);
+        let (schedule, unet, labels) =
+            (&self.prior.schedule, &self.prior.unet, [query.noise_level]);
         let sample = joined(query);
-        let input = Input { lora: Some(lora), camera: Some(camera), ..asked(query, &sample, &labels) };
+        let input = Input {
+            lora: Some(lora),
+            camera: Some(camera),
+            ..asked(query, &sample, &labels)
+        };
         let (output, tape) = unet.forward_train(&input, &self.good, KEPT);
         let error = sub(&schedule.velocity(&output, query.noisy, query.t), target);
-        let gradient = schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
+        let gradient =
+            schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
         let gradients = unet.backward(&input, &self.good, tape, &gradient, false);
-        (reduce::mean_square(&error).into(), gradients.adapters.into_iter().chain(gradients.camera).collect())
+        (
+            reduce::mean_square(&error).into(),
+            gradients
+                .adapters
+                .into_iter()
+                .chain(gradients.camera)
+                .collect(),
+        )
     }
 }
 
@@ -79,8 +97,14 @@ impl Denoiser for Upscaler<'_> {
     fn velocities(&self, query: &Query, prompts: &[Prompt]) -> Vec<Array> {
         let (sample, labels) = (joined(query), vec![query.noise_level; query.t.len()]);
         let texts: Vec<&TextContext> = prompts.iter().map(|prompt| self.text(*prompt)).collect();
-        let outputs = self.prior.unet.forward_each(&asked(query, &sample, &labels), &texts);
-        outputs.iter().map(|output| self.prior.schedule.velocity(output, query.noisy, query.t)).collect()
+        let outputs = self
+            .prior
+            .unet
+            .forward_each(&asked(query, &sample, &labels), &texts);
+        outputs
+            .iter()
+            .map(|output| self.prior.schedule.velocity(output, query.noisy, query.t))
+            .collect()
     }
 
     fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters {
@@ -91,7 +115,11 @@ impl Denoiser for Upscaler<'_> {
     fn lora_velocity(&self, query: &Query, cameras: &Array, lora: &LoraParameters) -> Array {
         let (sample, labels) = (joined(query), vec![query.noise_level; query.t.len()]);
         let lora = network(lora);
-        let input = Input { lora: Some(&lora), camera: Some(cameras), ..asked(query, &sample, &labels) };
+        let input = Input {
+            lora: Some(&lora),
+            camera: Some(cameras),
+            ..asked(query, &sample, &labels)
+        };
         let output = self.prior.unet.forward(&input, &self.good);
         self.prior.schedule.velocity(&output, query.noisy, query.t)
     }
@@ -109,8 +137,14 @@ impl Denoiser for Upscaler<'_> {
         for i in 0..query.t.len() {
             let part = |x: &Array| slice(x, 0, i, 1);
             let (noisy, low) = (part(query.noisy), part(query.low));
-            let sample = Query { noisy: &noisy, low: &low, t: &query.t[i..=i], noise_level: query.noise_level };
-            let (sample_loss, gradients) = self.sample_gradients(&sample, &part(cameras), &part(target), &lora);
+            let sample = Query {
+                noisy: &noisy,
+                low: &low,
+                t: &query.t[i..=i],
+                noise_level: query.noise_level,
+            };
+            let (sample_loss, gradients) =
+                self.sample_gradients(&sample, &part(cameras), &part(target), &lora);
             loss += sample_loss * f64::from(share);
             add_scaled(&mut sum, gradients, share);
         }
@@ -125,14 +159,22 @@ fn joined(query: &Query) -> Array {
 
 /// What the frozen network is asked.
 fn asked<'a>(query: &Query<'a>, sample: &'a Array, class_labels: &'a [u32]) -> Input<'a> {
-    Input { sample, timesteps: query.t, class_labels, lora: None, camera: None }
+    Input {
+        sample,
+        timesteps: query.t,
+        class_labels,
+        lora: None,
+        camera: None,
+    }
 }
 
 /// `sum + factor * terms`, name by name.
 fn add_scaled(sum: &mut LoraParameters, terms: LoraParameters, factor: f32) {
     for (name, term) in terms {
         let scaled = scale(&term, factor);
-        let total = sum.get(&name).map(|sum| compute::elementwise::add(sum, &scaled));
+        let total = sum
+            .get(&name)
+            .map(|sum| compute::elementwise::add(sum, &scaled));
         sum.insert(name, total.unwrap_or(scaled));
     }
 }
@@ -140,7 +182,14 @@ fn add_scaled(sum: &mut LoraParameters, terms: LoraParameters, factor: f32) {
 /// The parameters as the network takes them; the adapters' product is not scaled.
 fn network(parameters: &LoraParameters) -> LoraNetwork {
     let is_adapter = |name: &String| name.contains(".lora_");
-    let (adapters, camera): (LoraParameters, LoraParameters) =
-        parameters.iter().map(|(name, values)| (name.clone(), values.clone())).partition(|(name, _)| is_adapter(name));
-    LoraNetwork { scale: 1.0, scales: BTreeMap::new(), adapters, camera }
+    let (adapters, camera): (LoraParameters, LoraParameters) = parameters
+        .iter()
+        .map(|(name, values)| (name.clone(), values.clone()))
+        .partition(|(name, _)| is_adapter(name));
+    LoraNetwork {
+        scale: 1.0,
+        scales: BTreeMap::new(),
+        adapters,
+        camera,
+    }
 }

@@ -32,7 +32,10 @@ impl Weights {
     /// Reads the headers of `files`. Fails where a header and its file do not fit together, and where two hold one
     /// tensor.
     pub fn open(files: Vec<ModelFile>, device: &Device) -> Result<Self, ModelError> {
-        let files = files.into_iter().map(TensorFile::new).collect::<Result<Vec<_>, _>>()?;
+        let files = files
+            .into_iter()
+            .map(TensorFile::new)
+            .collect::<Result<Vec<_>, _>>()?;
         let mut places = BTreeMap::new();
         for (i, file) in files.iter().enumerate() {
             for name in file.names() {
@@ -43,7 +46,14 @@ impl Weights {
         }
         let unread = RefCell::new(places.keys().cloned().collect());
         let widen = are_widened(&files);
-        Ok(Self { files, device: device.clone(), places, unread, widen, precision: Precision::F32 })
+        Ok(Self {
+            files,
+            device: device.clone(),
+            places,
+            unread,
+            widen,
+            precision: Precision::F32,
+        })
     }
 
     /// The same weights, multiplied in another precision.
@@ -53,19 +63,28 @@ impl Weights {
 
     /// The root of all names.
     pub fn root(&self) -> Scope<'_> {
-        Scope { weights: self, path: String::new() }
+        Scope {
+            weights: self,
+            path: String::new(),
+        }
     }
 
     /// Renames tensors; for files written under older names.
     pub fn rename(&mut self, new_name: impl Fn(&str) -> String) {
-        self.places = std::mem::take(&mut self.places).into_iter().map(|(old, at)| (new_name(&old), at)).collect();
+        self.places = std::mem::take(&mut self.places)
+            .into_iter()
+            .map(|(old, at)| (new_name(&old), at))
+            .collect();
         self.unread = RefCell::new(self.places.keys().cloned().collect());
     }
 
     /// Fails if there is a tensor that nothing has asked for, except those whose name ends with one of `ignored`.
     pub fn finish(self, ignored: &[&str]) -> Result<(), ModelError> {
         let unread = self.unread.into_inner();
-        match unread.iter().find(|name| !ignored.iter().any(|end| name.ends_with(end))) {
+        match unread
+            .iter()
+            .find(|name| !ignored.iter().any(|end| name.ends_with(end)))
+        {
             Some(name) => {
                 let (file, name) = &self.places[name];
                 Err(self.files[*file].wrong(name, "belongs to no layer of the configuration"))
@@ -77,17 +96,28 @@ impl Weights {
     fn weight(&self, name: &str, shape: &[usize]) -> Result<Weight, ModelError> {
         let Some((file, stored)) = self.places.get(name) else {
             let file = self.files.first().map_or("", TensorFile::name);
-            return Err(ModelError::tensor(file, name, format!("of shape {shape:?} is missing")));
+            return Err(ModelError::tensor(
+                file,
+                name,
+                format!("of shape {shape:?} is missing"),
+            ));
         };
         let file = &self.files[*file];
-        let extents = file.shape(stored).map_or(&[][..], |stored| without_pixels(stored, shape));
+        let extents = file
+            .shape(stored)
+            .map_or(&[][..], |stored| without_pixels(stored, shape));
         if extents != shape {
-            let problem = format!("has the shape {extents:?}; the configuration asks for {shape:?}");
+            let problem =
+                format!("has the shape {extents:?}; the configuration asks for {shape:?}");
             return Err(file.wrong(stored, problem));
         }
         let weight = file.weight(stored, &self.device)?.reshape(shape);
         self.unread.borrow_mut().remove(name);
-        let weight = if self.widen { weight.to_array().into() } else { weight };
+        let weight = if self.widen {
+            weight.to_array().into()
+        } else {
+            weight
+        };
         Ok(weight.with_precision(self.precision))
     }
 }
@@ -99,7 +129,13 @@ fn are_widened(files: &[TensorFile]) -> bool {
 /// The bytes of memory that the weights of `files` take once they are read.
 pub(crate) fn memory(files: &[TensorFile]) -> usize {
     match are_widened(files) {
-        true => 4 * files.iter().flat_map(TensorFile::counts).map(|(_, count)| count).sum::<usize>(),
+        true => {
+            4 * files
+                .iter()
+                .flat_map(TensorFile::counts)
+                .map(|(_, count)| count)
+                .sum::<usize>()
+        }
         false => files.iter().map(TensorFile::bytes).sum(),
     }
 }
@@ -122,8 +158,15 @@ pub(crate) struct Scope<'a> {
 impl Scope<'_> {
     /// The place `name` below this one; `name` may have several parts.
     pub fn at(&self, name: impl std::fmt::Display) -> Self {
-        let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
-        Self { weights: self.weights, path }
+        let path = if self.path.is_empty() {
+            name.to_string()
+        } else {
+            format!("{}.{name}", self.path)
+        };
+        Self {
+            weights: self.weights,
+            path,
+        }
     }
 
     /// This place's full name.
@@ -159,11 +202,28 @@ mod tests {
         let source = ModelSource::Folder(folder.path().to_owned());
         let file = |(i, names): (usize, &&[&str])| {
             let entry = |(k, name): (usize, &&str)| {
-                format!(r#""{name}":{{"dtype":"F16","shape":[2],"data_offsets":[{},{}]}}"#, 4 * k, 4 * k + 4)
+                format!(
+                    r#""{name}":{{"dtype":"F16","shape":[2],"data_offsets":[{},{}]}}"#,
+                    4 * k,
+                    4 * k + 4
+                )
             };
-            let header = format!("{{{}}}", names.iter().enumerate().map(entry).collect::<Vec<_>>().join(","));
+            let header = format!(
+                "{{{}}}",
+                names
+                    .iter()
+                    .enumerate()
+                    .map(entry)
+                    .collect::<Vec<_>>()
+                    .join(",")
+            );
             let data = vec![0; 4 * names.len()];
-            let bytes = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &data].concat();
+            let bytes = [
+                &(header.len() as u64).to_le_bytes(),
+                header.as_bytes(),
+                &data,
+            ]
+            .concat();
             std::fs::write(folder.path().join(format!("{i}.safetensors")), bytes).unwrap();
             source.file(&format!("{i}.safetensors")).unwrap()
         };
@@ -180,18 +240,29 @@ mod tests {
         scope.tensor("b", &[2]).unwrap();
         weights.finish(&[]).unwrap();
         let twice = open(&[&["a"], &["b", "a"]]).err().unwrap();
-        assert!(twice.contains("1.safetensors: tensor `a` is also in ") && twice.ends_with("0.safetensors"), "{twice}");
+        assert!(
+            twice.contains("1.safetensors: tensor `a` is also in ")
+                && twice.ends_with("0.safetensors"),
+            "{twice}"
+        );
     }
 
     #[test]
     fn what_does_not_fit_is_named() {
         let weights = open(&[&["w"], &["v"]]).unwrap();
         let shape = weights.root().tensor("v", &[3]).unwrap_err().to_string();
-        let expected = "1.safetensors: tensor `v` has the shape [2]; the configuration asks for [3]";
+        let expected =
+            "1.safetensors: tensor `v` has the shape [2]; the configuration asks for [3]";
         assert!(shape.ends_with(expected), "{shape}");
         let missing = weights.root().tensor("b", &[4]).unwrap_err().to_string();
-        assert!(missing.ends_with("tensor `b` of shape [4] is missing"), "{missing}");
+        assert!(
+            missing.ends_with("tensor `b` of shape [4] is missing"),
+            "{missing}"
+        );
         let extra = weights.finish(&["w"]).unwrap_err().to_string();
-        assert!(extra.ends_with("1.safetensors: tensor `v` belongs to no layer of the configuration"), "{extra}");
+        assert!(
+            extra.ends_with("1.safetensors: tensor `v` belongs to no layer of the configuration"),
+            "{extra}"
+        );
     }
 }

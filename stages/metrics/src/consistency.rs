@@ -10,12 +10,17 @@ use compute::resize::{Filter, resize};
 /// sRGB-encoded numbers clamped to 0..1 before and after. Needs no high-resolution truth; a drift in brightness or
 /// invented structure shows here. Bounded by the inputs' own 8-bit rounding, about 59 dB.
 pub fn psnr_lr_consistency(render: Image, low_resolution: Image) -> f64 {
-    let planes = (0..3).flat_map(|channel| render.channel(channel)).map(|value| value as f32).collect();
+    let planes = (0..3)
+        .flat_map(|channel| render.channel(channel))
+        .map(|value| value as f32)
+        .collect();
     let full = Device::cpu().array(&[1, 3, render.height(), render.width()], planes);
     let (width, height) = (low_resolution.width(), low_resolution.height());
     let reduced = resize(&full, height, width, Filter::BicubicPil, true).to_vec();
     let pixels = width * height;
-    let rgb: Vec<f32> = (0..pixels * 3).map(|i| reduced[i % 3 * pixels + i / 3]).collect();
+    let rgb: Vec<f32> = (0..pixels * 3)
+        .map(|i| reduced[i % 3 * pixels + i / 3])
+        .collect();
     psnr(low_resolution, Image::new(width, height, &rgb))
 }
 
@@ -33,7 +38,9 @@ mod tests {
     /// Detail that the low resolution cannot hold costs nothing: a fine checkerboard reduces to its mean.
     #[test]
     fn detail_above_the_low_resolution_is_free() {
-        let board: Vec<f32> = (0..32 * 32 * 3).map(|i| ((i / 3 % 32 + i / 96) % 2) as f32 * 0.5 + 0.25).collect();
+        let board: Vec<f32> = (0..32 * 32 * 3)
+            .map(|i| ((i / 3 % 32 + i / 96) % 2) as f32 * 0.5 + 0.25)
+            .collect();
         let low = vec![0.5f32; 8 * 8 * 3];
         let value = psnr_lr_consistency(Image::new(32, 32, &board), Image::new(8, 8, &low));
         assert!(value > 35.0, "{value}");

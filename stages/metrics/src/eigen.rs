@@ -14,7 +14,9 @@ pub(crate) struct Eigen {
 /// Eigenvalues and vectors of a symmetric matrix given by rows. The order of rotations is fixed.
 pub(crate) fn eigen(mut matrix: Vec<Vec<f64>>) -> Eigen {
     let n = matrix.len();
-    let mut vectors: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+    let mut vectors: Vec<Vec<f64>> = (0..n)
+        .map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect())
+        .collect();
     for _ in 0..MAX_SWEEPS {
         let mut rotated = false;
         for p in 0..n {
@@ -26,15 +28,24 @@ pub(crate) fn eigen(mut matrix: Vec<Vec<f64>>) -> Eigen {
             break;
         }
     }
-    Eigen { values: (0..n).map(|i| matrix[i][i]).collect(), vectors }
+    Eigen {
+        values: (0..n).map(|i| matrix[i][i]).collect(),
+        vectors,
+    }
 }
 
 /// `d^T pinv(matrix) d`. Eigenvalues below `1e-15` of the largest count as zero, as numpy's `pinv` has it.
 pub(crate) fn pinv_quadratic_form(matrix: Vec<Vec<f64>>, d: &[f64]) -> f64 {
     let Eigen { values, vectors } = eigen(matrix);
-    let largest = values.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
-    let kept = values.iter().zip(&vectors).filter(|(value, _)| value.abs() > 1e-15 * largest);
-    kept.map(|(value, vector)| dot(vector, d).powi(2) / value).sum()
+    let largest = values
+        .iter()
+        .fold(0.0f64, |largest, value| largest.max(value.abs()));
+    let kept = values
+        .iter()
+        .zip(&vectors)
+        .filter(|(value, _)| value.abs() > 1e-15 * largest);
+    kept.map(|(value, vector)| dot(vector, d).powi(2) / value)
+        .sum()
 }
 
 /// Whether entry (p, q) is too small to move either eigenvalue by a bit.
@@ -62,7 +73,10 @@ fn rotate(matrix: &mut [Vec<f64>], vectors: &mut [Vec<f64>], p: usize, q: usize)
 
 fn rotate_rows(rows: &mut [Vec<f64>], p: usize, q: usize, c: f64, s: f64) {
     for i in 0..rows[p].len() {
-        (rows[p][i], rows[q][i]) = (c * rows[p][i] - s * rows[q][i], s * rows[p][i] + c * rows[q][i]);
+        (rows[p][i], rows[q][i]) = (
+            c * rows[p][i] - s * rows[q][i],
+            s * rows[p][i] + c * rows[q][i],
+        );
     }
 }
 
@@ -77,14 +91,19 @@ mod tests {
     /// A symmetric matrix without structure: 36 rows of residues.
     fn residues(n: usize) -> Vec<Vec<f64>> {
         let entry = |i: usize, j: usize| ((i * j * 31 + i + j) % 17) as f64 - 8.0;
-        (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
+        (0..n)
+            .map(|i| (0..n).map(|j| entry(i, j)).collect())
+            .collect()
     }
 
     #[test]
     fn two_by_two_is_the_schoolbook_case() {
         let Eigen { mut values, .. } = eigen(vec![vec![2.0, 1.0], vec![1.0, 2.0]]);
         values.sort_by(f64::total_cmp);
-        assert!((values[0] - 1.0).abs() < 1e-15 && (values[1] - 3.0).abs() < 1e-15, "{values:?}");
+        assert!(
+            (values[0] - 1.0).abs() < 1e-15 && (values[1] - 3.0).abs() < 1e-15,
+            "{values:?}"
+        );
     }
 
     #[test]
@@ -93,10 +112,19 @@ mod tests {
         let Eigen { values, vectors } = eigen(matrix.clone());
         for i in 0..36 {
             for j in 0..36 {
-                let entry: f64 = (0..36).map(|k| values[k] * vectors[k][i] * vectors[k][j]).sum();
-                assert!((entry - matrix[i][j]).abs() < 1e-12, "({i}, {j}): {entry} is not {}", matrix[i][j]);
+                let entry: f64 = (0..36)
+                    .map(|k| values[k] * vectors[k][i] * vectors[k][j])
+                    .sum();
+                assert!(
+                    (entry - matrix[i][j]).abs() < 1e-12,
+                    "({i}, {j}): {entry} is not {}",
+                    matrix[i][j]
+                );
                 let product = dot(&vectors[i], &vectors[j]);
-                assert!((product - f64::from(u8::from(i == j))).abs() < 1e-13, "vectors {i}, {j}: {product}");
+                assert!(
+                    (product - f64::from(u8::from(i == j))).abs() < 1e-13,
+                    "vectors {i}, {j}: {product}"
+                );
             }
         }
     }

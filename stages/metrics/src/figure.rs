@@ -52,14 +52,26 @@ pub struct Figure {
 /// outlined in its picture. Colours are clamped to 0..1 and shown as they are (sRGB). Panics without panels, or if
 /// their sizes differ.
 pub fn comparison(panels: &[Panel]) -> Figure {
-    let [truth, ..] = panels else { panic!("comparison: no panels") };
-    panels.iter().for_each(|panel| truth.image.assert_same_size(&panel.image, "comparison"));
+    let [truth, ..] = panels else {
+        panic!("comparison: no panels")
+    };
+    panels
+        .iter()
+        .for_each(|panel| truth.image.assert_same_size(&panel.image, "comparison"));
     let layout = Layout::of(panels, truth.image);
-    let mut canvas = Canvas::new(layout.panel_left(panels.len()) - GUTTER + MARGIN, layout.height, PAPER);
+    let mut canvas = Canvas::new(
+        layout.panel_left(panels.len()) - GUTTER + MARGIN,
+        layout.height,
+        PAPER,
+    );
     for (index, panel) in panels.iter().enumerate() {
         layout.draw(&mut canvas, panel, layout.panel_left(index));
     }
-    Figure { width: canvas.width, height: canvas.height, rgb8: canvas.rgb8 }
+    Figure {
+        width: canvas.width,
+        height: canvas.height,
+        rgb8: canvas.rgb8,
+    }
 }
 
 /// How a picture is brought to a width that is pleasant to look at.
@@ -72,7 +84,9 @@ enum Overview {
 impl Overview {
     fn of(width: usize) -> Overview {
         match width {
-            narrow if narrow < *PANEL_WIDTHS.start() => Overview::Enlarged(PANEL_WIDTHS.start().div_ceil(narrow)),
+            narrow if narrow < *PANEL_WIDTHS.start() => {
+                Overview::Enlarged(PANEL_WIDTHS.start().div_ceil(narrow))
+            }
             wide => Overview::Reduced(wide.div_ceil(*PANEL_WIDTHS.end())),
         }
     }
@@ -99,12 +113,22 @@ impl Overview {
             Overview::Reduced(divisor) => at / divisor,
         };
         let (width, height) = (self.length(crop.width), self.length(crop.height));
-        Rect { left: left + place(crop.left), top: top + place(crop.top), width, height }
+        Rect {
+            left: left + place(crop.left),
+            top: top + place(crop.top),
+            width,
+            height,
+        }
     }
 }
 
 fn whole(image: Image) -> Rect {
-    Rect { left: 0, top: 0, width: image.width(), height: image.height() }
+    Rect {
+        left: 0,
+        top: 0,
+        width: image.width(),
+        height: image.height(),
+    }
 }
 
 /// Where everything goes; the same for all panels.
@@ -123,15 +147,26 @@ impl Layout {
     fn of(panels: &[Panel], truth: Image) -> Layout {
         let overview = Overview::of(truth.width());
         let panel_width = overview.length(truth.width());
-        let crowded = |panel: &Panel| text_width(panel.label) + GUTTER + text_width(panel.note) > panel_width;
-        let notes_below = panels.iter().any(|panel| !panel.note.is_empty() && crowded(panel));
+        let crowded =
+            |panel: &Panel| text_width(panel.label) + GUTTER + text_width(panel.note) > panel_width;
+        let notes_below = panels
+            .iter()
+            .any(|panel| !panel.note.is_empty() && crowded(panel));
         let lines = if notes_below { 2 } else { 1 };
         let picture_top = MARGIN + lines * (TEXT_HEIGHT + GAP / 2);
         let crops_top = picture_top + overview.length(truth.height()) + GAP;
         let side = (panel_width - GAP) / 2 / ZOOM;
         let crops = detail::most_detailed(truth, side.min(truth.width()), side.min(truth.height()));
         let height = crops_top + crops[0].height * ZOOM + MARGIN;
-        Layout { overview, panel_width, notes_below, picture_top, crops_top, crops, height }
+        Layout {
+            overview,
+            panel_width,
+            notes_below,
+            picture_top,
+            crops_top,
+            crops,
+            height,
+        }
     }
 
     fn panel_left(&self, index: usize) -> usize {
@@ -140,13 +175,27 @@ impl Layout {
 
     fn draw(&self, canvas: &mut Canvas, panel: &Panel, left: usize) {
         self.draw_text(canvas, panel, left);
-        self.overview.draw(canvas, left, self.picture_top, panel.image);
+        self.overview
+            .draw(canvas, left, self.picture_top, panel.image);
         for (index, (crop, colour)) in self.crops.into_iter().zip(CROPS).enumerate() {
-            canvas.frame(self.overview.outline(crop, left, self.picture_top), 2, colour);
+            canvas.frame(
+                self.overview.outline(crop, left, self.picture_top),
+                2,
+                colour,
+            );
             let (width, height) = (crop.width * ZOOM, crop.height * ZOOM);
             let left = left + index * (self.panel_width - width);
             canvas.enlarged(left, self.crops_top, panel.image, crop, ZOOM);
-            canvas.frame(Rect { left, top: self.crops_top, width, height }, 3, colour);
+            canvas.frame(
+                Rect {
+                    left,
+                    top: self.crops_top,
+                    width,
+                    height,
+                },
+                3,
+                colour,
+            );
         }
     }
 
@@ -154,7 +203,10 @@ impl Layout {
         canvas.text(left, MARGIN, self.panel_width, panel.label, INK);
         let (left, top) = match self.notes_below {
             true => (left, MARGIN + TEXT_HEIGHT + GAP / 2),
-            false => ((left + self.panel_width).saturating_sub(text_width(panel.note)), MARGIN),
+            false => (
+                (left + self.panel_width).saturating_sub(text_width(panel.note)),
+                MARGIN,
+            ),
         };
         canvas.text(left, top, self.panel_width, panel.note, FAINT);
     }
@@ -165,17 +217,26 @@ mod tests {
     use super::*;
 
     fn picture(width: usize, height: usize) -> Vec<f32> {
-        (0..width * height * 3).map(|i| (i * 31 % 97) as f32 / 97.0).collect()
+        (0..width * height * 3)
+            .map(|i| (i * 31 % 97) as f32 / 97.0)
+            .collect()
     }
 
     fn panel<'a>(label: &'a str, width: usize, height: usize, rgb: &'a [f32]) -> Panel<'a> {
-        Panel { label, note: "20.00 dB", image: Image::new(width, height, rgb) }
+        Panel {
+            label,
+            note: "20.00 dB",
+            image: Image::new(width, height, rgb),
+        }
     }
 
     #[test]
     fn a_figure_holds_its_panels_and_is_the_same_every_time() {
         let rgb = picture(400, 300);
-        let panels = [panel("truth", 400, 300, &rgb), panel("bicubic", 400, 300, &rgb)];
+        let panels = [
+            panel("truth", 400, 300, &rgb),
+            panel("bicubic", 400, 300, &rgb),
+        ];
         let figure = comparison(&panels);
         assert_eq!(figure.width, 24 + 400 + 20 + 400 + 24);
         assert_eq!(figure.height, 24 + 31 + 300 + 8 + 49 * 4 + 24);
@@ -185,9 +246,18 @@ mod tests {
 
     #[test]
     fn pictures_of_any_size_find_room() {
-        for (width, height, figure_width) in [(1, 1, 304), (16, 200, 304), (2016, 3, 24 + 504 + 24), (641, 2, 369)] {
+        for (width, height, figure_width) in [
+            (1, 1, 304),
+            (16, 200, 304),
+            (2016, 3, 24 + 504 + 24),
+            (641, 2, 369),
+        ] {
             let rgb = picture(width, height);
-            assert_eq!(comparison(&[panel("ours", width, height, &rgb)]).width, figure_width, "{width}x{height}");
+            assert_eq!(
+                comparison(&[panel("ours", width, height, &rgb)]).width,
+                figure_width,
+                "{width}x{height}"
+            );
         }
     }
 
@@ -196,6 +266,9 @@ mod tests {
         let rgb = picture(256, 64);
         let label = "a label that leaves no room beside";
         let plain = comparison(&[panel("short", 256, 64, &rgb)]);
-        assert_eq!(comparison(&[panel(label, 256, 64, &rgb)]).height, plain.height + 31);
+        assert_eq!(
+            comparison(&[panel(label, 256, 64, &rgb)]).height,
+            plain.height + 31
+        );
     }
 }

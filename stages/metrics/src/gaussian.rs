@@ -12,13 +12,19 @@ pub(crate) fn average(plane: &[f64], width: usize) -> Vec<f64> {
     let (window, inner) = (window(), width - 2 * RADIUS);
     let rows: Vec<f64> = plane
         .par_chunks(width)
-        .flat_map_iter(|row| (0..inner).map(move |x| (0..window.len()).map(|k| window[k] * row[x + k]).sum()))
+        .flat_map_iter(|row| {
+            (0..inner).map(move |x| (0..window.len()).map(|k| window[k] * row[x + k]).sum())
+        })
         .collect();
     (0..rows.len() / inner - 2 * RADIUS)
         .into_par_iter()
         .flat_map_iter(|y| {
             let rows = &rows;
-            (0..inner).map(move |x| (0..window.len()).map(|k| window[k] * rows[(y + k) * inner + x]).sum())
+            (0..inner).map(move |x| {
+                (0..window.len())
+                    .map(|k| window[k] * rows[(y + k) * inner + x])
+                    .sum()
+            })
         })
         .collect()
 }
@@ -37,11 +43,19 @@ mod tests {
 
     #[test]
     fn a_constant_stays_and_a_lone_point_becomes_the_window() {
-        assert!(average(&[3.0; 12 * 13], 12).iter().all(|v| (v - 3.0).abs() < 1e-14));
+        assert!(
+            average(&[3.0; 12 * 13], 12)
+                .iter()
+                .all(|v| (v - 3.0).abs() < 1e-14)
+        );
         let mut plane = vec![0.0; 11 * 13];
         plane[7 * 11 + 5] = 1.0;
         let centre = window()[RADIUS];
-        let expected = [window()[7] * centre, window()[6] * centre, window()[5] * centre];
+        let expected = [
+            window()[7] * centre,
+            window()[6] * centre,
+            window()[5] * centre,
+        ];
         assert_eq!(average(&plane, 11), expected);
     }
 }

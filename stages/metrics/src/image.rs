@@ -13,8 +13,16 @@ pub struct Image<'a> {
 impl<'a> Image<'a> {
     /// A view of `rgb`. Panics if its length is not `height * width * 3`, or the picture is empty.
     pub fn new(width: usize, height: usize, rgb: &'a [f32]) -> Image<'a> {
-        assert!(width > 0 && height > 0, "Image::new: {width}x{height} has no pixels");
-        assert_eq!(rgb.len(), width * height * 3, "Image::new: {} numbers for {width}x{height}x3", rgb.len());
+        assert!(
+            width > 0 && height > 0,
+            "Image::new: {width}x{height} has no pixels"
+        );
+        assert_eq!(
+            rgb.len(),
+            width * height * 3,
+            "Image::new: {} numbers for {width}x{height}x3",
+            rgb.len()
+        );
         Image { width, height, rgb }
     }
 
@@ -31,7 +39,11 @@ impl<'a> Image<'a> {
     /// The colour at column `x`, row `y`, clamped to 0..1.
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         let at = (y * self.width + x) * 3;
-        [unit(self.rgb[at]), unit(self.rgb[at + 1]), unit(self.rgb[at + 2])]
+        [
+            unit(self.rgb[at]),
+            unit(self.rgb[at + 1]),
+            unit(self.rgb[at + 2]),
+        ]
     }
 
     /// All numbers, interleaved, clamped to 0..1.
@@ -41,7 +53,11 @@ impl<'a> Image<'a> {
 
     /// One channel as a plane of `height * width` numbers, clamped to 0..1.
     pub fn channel(&self, channel: usize) -> Vec<f64> {
-        self.clamped().skip(channel).step_by(3).map(f64::from).collect()
+        self.clamped()
+            .skip(channel)
+            .step_by(3)
+            .map(f64::from)
+            .collect()
     }
 
     /// Panics unless `other` has the same size: comparing different sizes is a programmer's error.

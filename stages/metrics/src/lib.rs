@@ -32,7 +32,10 @@ pub const DEFINITIONS: [(&str, &str); 6] = [
         "ssim_hr",
         "SSIM against a held-out photo: sRGB, 11x11 Gaussian of sigma 1.5, mean over channels; higher is better",
     ),
-    ("niqe_y", "NIQE, no reference: BT.601 luma, BasicSR's parameters; compare at equal size only; lower is better"),
+    (
+        "niqe_y",
+        "NIQE, no reference: BT.601 luma, BasicSR's parameters; compare at equal size only; lower is better",
+    ),
     (
         "psnr_lr_consistency",
         "PSNR in dB of the bicubically reduced render against the low-resolution input; higher is better",
@@ -41,5 +44,8 @@ pub const DEFINITIONS: [(&str, &str); 6] = [
         "psnr_warped",
         "PSNR in dB of a view carried into another by its depth, over the visible part; higher is more consistent",
     ),
-    ("coverage_warped", "the share of a view's pixels that psnr_warped could compare, 0 to 1"),
+    (
+        "coverage_warped",
+        "the share of a view's pixels that psnr_warped could compare, 0 to 1",
+    ),
 ];

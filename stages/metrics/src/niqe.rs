@@ -39,9 +39,16 @@ pub fn niqe(image: Image) -> Option<Niqe> {
         return None;
     }
     let features = features::of_blocks(luma(image, columns * BLOCK, rows * BLOCK), columns, rows);
-    let complete: Vec<Features> = features.iter().filter(|row| row.iter().all(|v| v.is_finite())).copied().collect();
+    let complete: Vec<Features> = features
+        .iter()
+        .filter(|row| row.iter().all(|v| v.is_finite()))
+        .copied()
+        .collect();
     let value = distance(&Pristine::read(), &mean_of_numbers(&features), &complete)?;
-    Some(Niqe { value, blocks: complete.len() })
+    Some(Niqe {
+        value,
+        blocks: complete.len(),
+    })
 }
 
 /// The top left `width * height` pixels as BT.601 luma in 16..235, rounded half to even, as BasicSR's chain of single
@@ -51,7 +58,9 @@ fn luma(image: Image, width: usize, height: usize) -> Vec<f32> {
         let luma = 65.481 * f64::from(r) + 128.553 * f64::from(g) + 24.966 * f64::from(b) + 16.0;
         ((luma / 255.0) as f32 * 255.0).round_ties_even()
     };
-    (0..height).flat_map(|row| (0..width).map(move |column| y(image.pixel(column, row)))).collect()
+    (0..height)
+        .flat_map(|row| (0..width).map(move |column| y(image.pixel(column, row))))
+        .collect()
 }
 
 /// `sqrt(d^T pinv((C_pristine + C) / 2) d)` with d the difference of the means (Eq. 10). The mean takes every finite
@@ -62,7 +71,9 @@ fn distance(pristine: &Pristine, mean: &Features, complete: &[Features]) -> Opti
     }
     let own = covariance(complete);
     let average = |i: usize, j: usize| 0.5 * (pristine.covariance[i][j] + own[i][j]);
-    let average = (0..FEATURES).map(|i| (0..FEATURES).map(|j| average(i, j)).collect()).collect();
+    let average = (0..FEATURES)
+        .map(|i| (0..FEATURES).map(|j| average(i, j)).collect())
+        .collect();
     let difference: Vec<f64> = (0..FEATURES).map(|i| pristine.mean[i] - mean[i]).collect();
     let value = eigen::pinv_quadratic_form(average, &difference).sqrt();
     value.is_finite().then_some(value)
@@ -80,10 +91,14 @@ fn mean_of_numbers(features: &[Features]) -> Features {
 fn covariance(rows: &[Features]) -> Vec<Vec<f64>> {
     let mean = mean_of_numbers(rows);
     let entry = |i: usize, j: usize| -> f64 {
-        let products = rows.iter().map(|row| (row[i] - mean[i]) * (row[j] - mean[j]));
+        let products = rows
+            .iter()
+            .map(|row| (row[i] - mean[i]) * (row[j] - mean[j]));
         products.sum::<f64>() / (rows.len() - 1) as f64
     };
-    (0..FEATURES).map(|i| (0..FEATURES).map(|j| entry(i, j)).collect()).collect()
+    (0..FEATURES)
+        .map(|i| (0..FEATURES).map(|j| entry(i, j)).collect())
+        .collect()
 }
 
 #[cfg(test)]
@@ -91,7 +106,9 @@ mod tests {
     use super::*;
 
     fn texture(width: usize, height: usize) -> Vec<f32> {
-        (0..width * height * 3).map(|i| (i / 3 * 7919 % 251) as f32 / 251.0).collect()
+        (0..width * height * 3)
+            .map(|i| (i / 3 * 7919 % 251) as f32 / 251.0)
+            .collect()
     }
 
     #[test]
@@ -100,7 +117,10 @@ mod tests {
         assert_eq!(niqe(Image::new(191, 191, &rgb)), None);
         let rgb = texture(96, 192);
         let niqe = niqe(Image::new(96, 192, &rgb)).unwrap();
-        assert!(niqe.value > 0.0 && niqe.blocks == 2 && niqe.rank_deficient(), "{niqe:?}");
+        assert!(
+            niqe.value > 0.0 && niqe.blocks == 2 && niqe.rank_deficient(),
+            "{niqe:?}"
+        );
     }
 
     #[test]

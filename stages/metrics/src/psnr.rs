@@ -12,7 +12,11 @@ pub const MAX_PSNR: f64 = 100.0;
 /// do not average the MSE (`docs/metrics.md`). Panics if the sizes differ.
 pub fn psnr(truth: Image, image: Image) -> f64 {
     truth.assert_same_size(&image, "psnr");
-    let squares: f64 = truth.clamped().zip(image.clamped()).map(|(a, b)| squared_difference(a, b)).sum();
+    let squares: f64 = truth
+        .clamped()
+        .zip(image.clamped())
+        .map(|(a, b)| squared_difference(a, b))
+        .sum();
     from_mse(squares / (truth.width() * truth.height() * 3) as f64)
 }
 
@@ -44,8 +48,14 @@ mod tests {
     #[test]
     fn identical_pictures_reach_the_cap_and_black_against_white_the_floor() {
         let (ramp, black, white) = (ramp(48), vec![0.0; 48], vec![1.0; 48]);
-        assert_eq!(psnr(Image::new(4, 4, &ramp), Image::new(4, 4, &ramp)), MAX_PSNR);
-        assert_eq!(psnr(Image::new(4, 4, &black), Image::new(4, 4, &white)), 0.0);
+        assert_eq!(
+            psnr(Image::new(4, 4, &ramp), Image::new(4, 4, &ramp)),
+            MAX_PSNR
+        );
+        assert_eq!(
+            psnr(Image::new(4, 4, &black), Image::new(4, 4, &white)),
+            0.0
+        );
     }
 
     /// Oracle (g): against white, PSNR measures brightness only. Mean 0.40 and deviation 0.20 give the 3.98 dB that
@@ -60,7 +70,9 @@ mod tests {
         let value = psnr(Image::new(10, 10, &white), Image::new(10, 10, &rgb));
         assert!((value - expected).abs() < 1e-9, "{value} {expected}");
 
-        let paper: Vec<f32> = (0..300).map(|i| if i % 2 == 0 { 0.2 } else { 0.6 }).collect();
+        let paper: Vec<f32> = (0..300)
+            .map(|i| if i % 2 == 0 { 0.2 } else { 0.6 })
+            .collect();
         let value = psnr(Image::new(10, 10, &white), Image::new(10, 10, &paper));
         assert!((value - 3.98).abs() < 0.005, "{value}");
     }

@@ -22,14 +22,16 @@ pub fn ssim(truth: Image, image: Image) -> Option<f64> {
 
 /// SSIM of two planes of the same size, at least 11x11.
 fn ssim_plane(x: &[f64], y: &[f64], width: usize) -> f64 {
-    let product = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
+    let product =
+        |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
     let (mean_x, mean_y) = (gaussian::average(x, width), gaussian::average(y, width));
     let xx = gaussian::average(&product(x, x), width);
     let yy = gaussian::average(&product(y, y), width);
     let xy = gaussian::average(&product(x, y), width);
     let at = |i: usize| {
         let (mx, my) = (mean_x[i], mean_y[i]);
-        let (variance_x, variance_y, covariance) = (xx[i] - mx * mx, yy[i] - my * my, xy[i] - mx * my);
+        let (variance_x, variance_y, covariance) =
+            (xx[i] - mx * mx, yy[i] - my * my, xy[i] - mx * my);
         let luminance = (2.0 * mx * my + C1) / (mx * mx + my * my + C1);
         luminance * (2.0 * covariance + C2) / (variance_x + variance_y + C2)
     };
@@ -41,7 +43,13 @@ mod tests {
     use super::*;
 
     fn checker(width: usize, height: usize, dark: f32, light: f32) -> Vec<f32> {
-        let colour = |i: usize| if (i % width + i / width).is_multiple_of(2) { dark } else { light };
+        let colour = |i: usize| {
+            if (i % width + i / width).is_multiple_of(2) {
+                dark
+            } else {
+                light
+            }
+        };
         (0..width * height).flat_map(|i| [colour(i); 3]).collect()
     }
 
@@ -65,6 +73,9 @@ mod tests {
     #[test]
     fn pictures_smaller_than_the_window_have_no_ssim() {
         let board = checker(10, 40, 0.2, 0.8);
-        assert_eq!(ssim(Image::new(10, 40, &board), Image::new(10, 40, &board)), None);
+        assert_eq!(
+            ssim(Image::new(10, 40, &board), Image::new(10, 40, &board)),
+            None
+        );
     }
 }

@@ -36,13 +36,22 @@ pub struct Warped {
 /// depth]` in the target, or `None` behind its camera. A pixel is visible if it is opaque, lands among the centres of
 /// the target's pixels, and the target there is opaque and equally deep within 2 % (the z-test: hidden surfaces
 /// drop out). Its colour is compared with the target's, interpolated bilinearly. Panics if lengths and sizes differ.
-pub fn warped(source: Surface, target: Surface, project: impl Fn(f64, f64, f64) -> Option<[f64; 3]>) -> Warped {
+pub fn warped(
+    source: Surface,
+    target: Surface,
+    project: impl Fn(f64, f64, f64) -> Option<[f64; 3]>,
+) -> Warped {
     source.assert_complete();
     target.assert_complete();
     let (width, height) = (source.image.width(), source.image.height());
     let (mut squares, mut visible) = (0.0, 0usize);
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-        let Some([u, v, depth]) = source.point(x, y).and_then(|[x, y, depth]| project(x, y, depth)) else { continue };
+        let Some([u, v, depth]) = source
+            .point(x, y)
+            .and_then(|[x, y, depth]| project(x, y, depth))
+        else {
+            continue;
+        };
         if let Some(colour) = target.seen(u, v, depth) {
             let pairs = source.image.pixel(x, y).into_iter().zip(colour);
             squares += pairs.map(|(a, b)| squared_difference(a, b)).sum::<f64>();
@@ -50,21 +59,31 @@ pub fn warped(source: Surface, target: Surface, project: impl Fn(f64, f64, f64) 
         }
     }
     let psnr = (visible > 0).then(|| from_mse(squares / (3 * visible) as f64));
-    Warped { psnr, coverage: visible as f64 / (width * height) as f64 }
+    Warped {
+        psnr,
+        coverage: visible as f64 / (width * height) as f64,
+    }
 }
 
 impl Surface<'_> {
     fn assert_complete(&self) {
         let pixels = self.image.width() * self.image.height();
         let lengths = [self.depth.len(), self.opacity.len()];
-        assert_eq!(lengths, [pixels; 2], "warped: depth and opacity need one number per pixel");
+        assert_eq!(
+            lengths, [pixels; 2],
+            "warped: depth and opacity need one number per pixel"
+        );
     }
 
     /// The centre and depth of an opaque pixel.
     fn point(&self, x: usize, y: usize) -> Option<[f64; 3]> {
         let at = y * self.image.width() + x;
         let depth = f64::from(self.depth[at]);
-        (self.opacity[at] >= OPAQUE && depth > 0.0).then_some([x as f64 + 0.5, y as f64 + 0.5, depth])
+        (self.opacity[at] >= OPAQUE && depth > 0.0).then_some([
+            x as f64 + 0.5,
+            y as f64 + 0.5,
+            depth,
+        ])
     }
 
     /// The colour at (`u`, `v`), if a surface at `depth` is what this view sees there.
@@ -81,11 +100,23 @@ impl Surface<'_> {
     /// The bilinear colour at (`u`, `v`), counted from the first pixel's centre.
     fn interpolated(&self, u: f64, v: f64) -> [f32; 3] {
         let (x, y) = (u as usize, v as usize);
-        let (right, below) = ((x + 1).min(self.image.width() - 1), (y + 1).min(self.image.height() - 1));
+        let (right, below) = (
+            (x + 1).min(self.image.width() - 1),
+            (y + 1).min(self.image.height() - 1),
+        );
         let (s, t) = ((u - x as f64) as f32, (v - y as f64) as f32);
-        let mix = |a: [f32; 3], b: [f32; 3], s: f32| std::array::from_fn(|c| a[c] + s * (b[c] - a[c]));
+        let mix =
+            |a: [f32; 3], b: [f32; 3], s: f32| std::array::from_fn(|c| a[c] + s * (b[c] - a[c]));
         let top = mix(self.image.pixel(x, y), self.image.pixel(right, y), s);
-        mix(top, mix(self.image.pixel(x, below), self.image.pixel(right, below), s), t)
+        mix(
+            top,
+            mix(
+                self.image.pixel(x, below),
+                self.image.pixel(right, below),
+                s,
+            ),
+            t,
+        )
     }
 }
 
@@ -96,7 +127,11 @@ mod tests {
     const PIXELS: usize = 64;
 
     fn surface<'a>(rgb: &'a [f32], depth: &'a [f32], opacity: &'a [f32]) -> Surface<'a> {
-        Surface { image: Image::new(8, 8, rgb), depth, opacity }
+        Surface {
+            image: Image::new(8, 8, rgb),
+            depth,
+            opacity,
+        }
     }
 
     /// Columns of brightness x / 8.
@@ -109,7 +144,13 @@ mod tests {
         let (rgb, ones) = (ramp(), vec![1.0; PIXELS]);
         let view = surface(&rgb, &ones, &ones);
         let warped = warped(view, view, |x, y, depth| Some([x, y, depth]));
-        assert_eq!(warped, Warped { psnr: Some(crate::MAX_PSNR), coverage: 1.0 });
+        assert_eq!(
+            warped,
+            Warped {
+                psnr: Some(crate::MAX_PSNR),
+                coverage: 1.0
+            }
+        );
     }
 
     /// Shifted by one and a half columns the ramp is off by 1.5 / 8 everywhere, and two of eight columns leave.
@@ -119,18 +160,35 @@ mod tests {
         let view = surface(&rgb, &ones, &ones);
         let warped = warped(view, view, |x, y, depth| Some([x + 1.5, y, depth]));
         assert_eq!(warped.coverage, 0.75);
-        assert!((warped.psnr.unwrap() + 20.0 * (1.5f64 / 8.0).log10()).abs() < 1e-6, "{warped:?}");
+        assert!(
+            (warped.psnr.unwrap() + 20.0 * (1.5f64 / 8.0).log10()).abs() < 1e-6,
+            "{warped:?}"
+        );
     }
 
     #[test]
     fn hidden_transparent_and_unprojected_pixels_are_not_compared() {
         let (rgb, ones, black) = (ramp(), vec![1.0; PIXELS], vec![0.0; PIXELS * 3]);
-        let half: Vec<f32> = (0..PIXELS).map(|i| if i < 32 { 1.0 } else { 0.4 }).collect();
+        let half: Vec<f32> = (0..PIXELS)
+            .map(|i| if i < 32 { 1.0 } else { 0.4 })
+            .collect();
         let (view, other) = (surface(&rgb, &ones, &ones), surface(&black, &ones, &half));
-        let nothing = Warped { psnr: None, coverage: 0.0 };
-        assert_eq!(warped(view, other, |x, y, depth| Some([x, y, 1.03 * depth])), nothing);
+        let nothing = Warped {
+            psnr: None,
+            coverage: 0.0,
+        };
+        assert_eq!(
+            warped(view, other, |x, y, depth| Some([x, y, 1.03 * depth])),
+            nothing
+        );
         assert_eq!(warped(view, other, |_, _, _| None), nothing);
-        assert_eq!(warped(view, other, |x, y, depth| Some([x, y, 1.01 * depth])).coverage, 0.5);
-        assert_eq!(warped(other, view, |x, y, depth| Some([x, y, depth])).coverage, 0.5);
+        assert_eq!(
+            warped(view, other, |x, y, depth| Some([x, y, 1.01 * depth])).coverage,
+            0.5
+        );
+        assert_eq!(
+            warped(other, view, |x, y, depth| Some([x, y, depth])).coverage,
+            0.5
+        );
     }
 }

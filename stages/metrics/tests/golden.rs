@@ -17,29 +17,52 @@ impl Picture {
     fn read(name: &str) -> Picture {
         let path = format!("{}/tests/golden/{name}.png", env!("CARGO_MANIFEST_DIR"));
         let rgb = image::open(path).unwrap().into_rgb8();
-        Picture { width: rgb.width() as usize, height: rgb.height() as usize, rgb8: rgb.into_raw() }
+        Picture {
+            width: rgb.width() as usize,
+            height: rgb.height() as usize,
+            rgb8: rgb.into_raw(),
+        }
     }
 
     /// `texture` of metrics.py: waves with noise, and a flat quarter that NIQE has no statistics for.
     fn texture(width: usize, height: usize) -> Picture {
         let value = |x: usize, y: usize, c: usize| match x < width / 2 && y < height / 2 {
             true => 200,
-            false => (x * x / 64 + y * 3 + c * 40) % 128 + (x * 7919 + y * 104_729 + c * 1_299_709 + x * y * 31) % 97,
+            false => {
+                (x * x / 64 + y * 3 + c * 40) % 128
+                    + (x * 7919 + y * 104_729 + c * 1_299_709 + x * y * 31) % 97
+            }
         };
-        let rgb8 = (0..width * height * 3).map(|i| value(i / 3 % width, i / 3 / width, i % 3) as u8).collect();
-        Picture { width, height, rgb8 }
+        let rgb8 = (0..width * height * 3)
+            .map(|i| value(i / 3 % width, i / 3 / width, i % 3) as u8)
+            .collect();
+        Picture {
+            width,
+            height,
+            rgb8,
+        }
     }
 
     /// `degraded` of metrics.py.
     fn degraded(&self) -> Picture {
-        let at = |x: usize, y: usize, c: usize| usize::from(self.rgb8[(y * self.width + x) * 3 + c]);
-        let mixed = |x: usize, y: usize, c: usize| (at(x, y, c) + at((x + self.width - 1) % self.width, y, c)) / 2;
-        let value = |i: usize| mixed(i / 3 % self.width, i / 3 / self.width, i % 3) * 9 / 10 / 8 * 8;
-        Picture { rgb8: (0..self.rgb8.len()).map(|i| value(i) as u8).collect(), ..*self }
+        let at =
+            |x: usize, y: usize, c: usize| usize::from(self.rgb8[(y * self.width + x) * 3 + c]);
+        let mixed = |x: usize, y: usize, c: usize| {
+            (at(x, y, c) + at((x + self.width - 1) % self.width, y, c)) / 2
+        };
+        let value =
+            |i: usize| mixed(i / 3 % self.width, i / 3 / self.width, i % 3) * 9 / 10 / 8 * 8;
+        Picture {
+            rgb8: (0..self.rgb8.len()).map(|i| value(i) as u8).collect(),
+            ..*self
+        }
     }
 
     fn floats(&self) -> Vec<f32> {
-        self.rgb8.iter().map(|&value| f32::from(value) / 255.0).collect()
+        self.rgb8
+            .iter()
+            .map(|&value| f32::from(value) / 255.0)
+            .collect()
     }
 
     fn image<'a>(&self, rgb: &'a [f32]) -> Image<'a> {
@@ -51,7 +74,10 @@ fn assert_agrees_with_the_references(name: &str, truth: Picture) {
     let golden: Value = serde_json::from_str(include_str!("golden/metrics.json")).unwrap();
     let near = |metric: &str, value: f64, tolerance: f64| {
         let expected = golden[name][metric].as_f64().unwrap();
-        assert!((value - expected).abs() < tolerance, "{name} {metric}: {value}, the reference says {expected}");
+        assert!(
+            (value - expected).abs() < tolerance,
+            "{name} {metric}: {value}, the reference says {expected}"
+        );
     };
     let (a, b) = (truth.floats(), truth.degraded().floats());
     let (a, b) = (truth.image(&a), truth.image(&b));
@@ -86,8 +112,16 @@ fn the_number_of_threads_does_not_change_a_bit() {
     let (a, b) = (picture.floats(), picture.degraded().floats());
     let (a, b) = (picture.image(&a), picture.image(&b));
     let with_threads = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| (ssim(a, b).map(f64::to_bits), niqe(a).map(|niqe| niqe.value.to_bits())))
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            (
+                ssim(a, b).map(f64::to_bits),
+                niqe(a).map(|niqe| niqe.value.to_bits()),
+            )
+        })
     };
     assert_eq!(with_threads(1), with_threads(3));
 }

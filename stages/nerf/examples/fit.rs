@@ -20,7 +20,9 @@ struct Settings {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let source = arguments.next().ok_or("name a scene: still_life or an LLFF folder")?;
+    let source = arguments
+        .next()
+        .ok_or("name a scene: still_life or an LLFF folder")?;
     let mut settings = Settings {
         config: FieldConfig::default(),
         options: TrainOptions::default(),
@@ -30,7 +32,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         render: RenderOptions::default(),
     };
     for argument in arguments {
-        let (name, value) = argument.split_once('=').ok_or("settings look like name=value")?;
+        let (name, value) = argument
+            .split_once('=')
+            .ok_or("settings look like name=value")?;
         set(&mut settings, name, value)?;
     }
     settings.config.check()?;
@@ -42,7 +46,14 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn Error>> {
-    let Settings { config, options, supersample, factor, size, render } = settings;
+    let Settings {
+        config,
+        options,
+        supersample,
+        factor,
+        size,
+        render,
+    } = settings;
     match name {
         "levels" => config.levels = value.parse()?,
         "table" => config.log2_table = value.parse()?,
@@ -91,17 +102,36 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
         if step.is_power_of_two() || step % 500 == 0 {
             let per_ray = stats.samples as f64 / stats.rays as f64;
             let seconds = start.elapsed().as_secs_f64();
-            println!("step {step}: {:.2} dB, {per_ray:.1} samples a ray, {seconds:.1} s", stats.psnr);
+            println!(
+                "step {step}: {:.2} dB, {per_ray:.1} samples a ray, {seconds:.1} s",
+                stats.psnr
+            );
         }
     }
     let seconds = start.elapsed().as_secs_f64();
-    println!("{} samples in {seconds:.1} s: {:.3} million a second", samples, samples as f64 / seconds / 1e6);
+    println!(
+        "{} samples in {seconds:.1} s: {:.3} million a second",
+        samples,
+        samples as f64 / seconds / 1e6
+    );
     let field = trainer.into_field();
-    let averaged = RenderOptions { supersample: 2, ..settings.render.clone() };
-    println!("low-resolution training views: {:.2} dB", mean(&low, |photo| quality(&field, photo, &averaged)));
+    let averaged = RenderOptions {
+        supersample: 2,
+        ..settings.render.clone()
+    };
+    println!(
+        "low-resolution training views: {:.2} dB",
+        mean(&low, |photo| quality(&field, photo, &averaged))
+    );
     let test_low = test.iter().map(small).collect::<Result<Vec<_>, _>>()?;
-    println!("held out, low resolution: {:.2} dB", mean(&test_low, |photo| quality(&field, photo, &averaged)));
-    println!("held out, full resolution: {:.2} dB", mean(&test, |photo| quality(&field, photo, &settings.render)));
+    println!(
+        "held out, low resolution: {:.2} dB",
+        mean(&test_low, |photo| quality(&field, photo, &averaged))
+    );
+    println!(
+        "held out, full resolution: {:.2} dB",
+        mean(&test, |photo| quality(&field, photo, &settings.render))
+    );
     let enlarged = |(photo, low): (&Photo, &Photo)| {
         let image = render(&field, &low.camera, &averaged);
         psnr(&bicubic(&image.rgb, low, photo), &photo.rgb)
@@ -111,8 +141,13 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
         "held out, enlarged low-resolution render: {:.2} dB",
         pairs.clone().map(enlarged).sum::<f64>() / test.len() as f64
     );
-    let photos = pairs.map(|(photo, low)| psnr(&bicubic(&low.rgb, low, photo), &photo.rgb)).sum::<f64>();
-    println!("held out, enlarged low-resolution photo: {:.2} dB", photos / test.len() as f64);
+    let photos = pairs
+        .map(|(photo, low)| psnr(&bicubic(&low.rgb, low, photo), &photo.rgb))
+        .sum::<f64>();
+    println!(
+        "held out, enlarged low-resolution photo: {:.2} dB",
+        photos / test.len() as f64
+    );
     Ok(())
 }
 
@@ -125,7 +160,11 @@ fn quality(field: &Field, photo: &Photo, options: &RenderOptions) -> f64 {
 }
 
 fn psnr(a: &[f32], b: &[f32]) -> f64 {
-    let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from((a - b) * (a - b))).sum();
+    let sum: f64 = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| f64::from((a - b) * (a - b)))
+        .sum();
     -10.0 * (sum / a.len() as f64).log10()
 }
 
@@ -133,7 +172,9 @@ fn psnr(a: &[f32], b: &[f32]) -> f64 {
 fn bicubic(rgb: &[f32], from: &Photo, to: &Photo) -> Vec<f32> {
     let [w, h] = [from.camera.width as usize, from.camera.height as usize];
     let [width, height] = [to.camera.width as usize, to.camera.height as usize];
-    let planes = (0..3).flat_map(|c| rgb.iter().skip(c).step_by(3).copied()).collect();
+    let planes = (0..3)
+        .flat_map(|c| rgb.iter().skip(c).step_by(3).copied())
+        .collect();
     let image = Device::cpu().array(&[1, 3, h, w], planes);
     let planes = resize(&image, height, width, Filter::BicubicPil, false).to_vec();
     let pixel = |i: usize| [0, 1, 2].map(|c| planes[c * width * height + i].clamp(0.0, 1.0));

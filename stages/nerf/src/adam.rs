@@ -25,7 +25,10 @@ pub struct Moments {
 impl Moments {
     /// Zero moments for `len` parameters.
     pub fn new(len: usize) -> Self {
-        Self { first: vec![0.0; len], second: vec![0.0; len] }
+        Self {
+            first: vec![0.0; len],
+            second: vec![0.0; len],
+        }
     }
 }
 
@@ -35,27 +38,63 @@ pub fn correction(n: i32) -> f64 {
 }
 
 /// [`correction`] for n = 0 (which has none), 1, 2, ...
-static CORRECTIONS: LazyLock<[f32; CORRECTED + 1]> =
-    LazyLock::new(|| std::array::from_fn(|n| if n == 0 { 0.0 } else { correction(n as i32) as f32 }));
+static CORRECTIONS: LazyLock<[f32; CORRECTED + 1]> = LazyLock::new(|| {
+    std::array::from_fn(|n| {
+        if n == 0 {
+            0.0
+        } else {
+            correction(n as i32) as f32
+        }
+    })
+});
 
 /// A step of some values: value, first and second moment after it.
 #[inline(always)]
-fn advance<S: Simd>(simd: S, [value, first, second]: [S::f32s; 3], gradient: S::f32s, rate: S::f32s) -> [S::f32s; 3] {
+fn advance<S: Simd>(
+    simd: S,
+    [value, first, second]: [S::f32s; 3],
+    gradient: S::f32s,
+    rate: S::f32s,
+) -> [S::f32s; 3] {
     let mean = |beta: f32, mean, fresh| {
-        simd.mul_add_f32s(simd.splat_f32s(beta), mean, simd.mul_f32s(simd.splat_f32s(1.0 - beta), fresh))
+        simd.mul_add_f32s(
+            simd.splat_f32s(beta),
+            mean,
+            simd.mul_f32s(simd.splat_f32s(1.0 - beta), fresh),
+        )
     };
     let first = mean(BETA1, first, gradient);
     let second = mean(BETA2, second, simd.mul_f32s(gradient, gradient));
     let size = simd.add_f32s(simd.sqrt_f32s(second), simd.splat_f32s(EPSILON));
-    [simd.sub_f32s(value, simd.div_f32s(simd.mul_f32s(rate, first), size)), first, second]
+    [
+        simd.sub_f32s(value, simd.div_f32s(simd.mul_f32s(rate, first), size)),
+        first,
+        second,
+    ]
 }
 
 /// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient. Their sizes are
 /// multiples of 16.
-pub fn update_dense(parameters: &mut [f32], gradient: &[f32], moments: &mut Moments, rate: f32, step: u32, l2: f32) {
-    assert!(parameters.len() == gradient.len() && parameters.len().is_multiple_of(16), "update_dense: sizes");
+pub fn update_dense(
+    parameters: &mut [f32],
+    gradient: &[f32],
+    moments: &mut Moments,
+    rate: f32,
+    step: u32,
+    l2: f32,
+) {
+    assert!(
+        parameters.len() == gradient.len() && parameters.len().is_multiple_of(16),
+        "update_dense: sizes"
+    );
     let rate = rate * CORRECTIONS[(step as usize).min(CORRECTED)];
-    Arch::new().dispatch(UpdateDense { parameters, gradient, moments, rate, l2 });
+    Arch::new().dispatch(UpdateDense {
+        parameters,
+        gradient,
+        moments,
+        rate,
+        l2,
+    });
 }
 
 struct UpdateDense<'a> {
@@ -74,10 +113,14 @@ impl WithSimd for UpdateDense<'_> {
         let (rate, l2) = (simd.splat_f32s(self.rate), simd.splat_f32s(self.l2));
         let first = S::as_mut_simd_f32s(&mut self.moments.first).0.iter_mut();
         let moments = first.zip(S::as_mut_simd_f32s(&mut self.moments.second).0);
-        let parameters = S::as_mut_simd_f32s(self.parameters).0.iter_mut().zip(S::as_simd_f32s(self.gradient).0);
+        let parameters = S::as_mut_simd_f32s(self.parameters)
+            .0
+            .iter_mut()
+            .zip(S::as_simd_f32s(self.gradient).0);
         for ((parameter, gradient), (first, second)) in parameters.zip(moments) {
             let gradient = simd.mul_add_f32s(l2, *parameter, *gradient);
-            [*parameter, *first, *second] = advance(simd, [*parameter, *first, *second], gradient, rate);
+            [*parameter, *first, *second] =
+                advance(simd, [*parameter, *first, *second], gradient, rate);
         }
     }
 }
@@ -90,14 +133,28 @@ mod tests {
     fn the_first_step_has_the_size_of_the_rate() {
         let (mut parameters, mut gradient) = ([1.0; 16], [0.3; 16]);
         gradient[1] = -7.0;
-        update_dense(&mut parameters, &gradient, &mut Moments::new(16), 0.01, 1, 0.0);
+        update_dense(
+            &mut parameters,
+            &gradient,
+            &mut Moments::new(16),
+            0.01,
+            1,
+            0.0,
+        );
         assert!((parameters[0] - 0.99).abs() < 1e-6 && (parameters[1] - 1.01).abs() < 1e-6);
     }
 
     #[test]
     fn l2_pulls_towards_zero() {
         let mut parameters = [1.0; 16];
-        update_dense(&mut parameters, &[0.0; 16], &mut Moments::new(16), 0.01, 1, 1e-6);
+        update_dense(
+            &mut parameters,
+            &[0.0; 16],
+            &mut Moments::new(16),
+            0.01,
+            1,
+            1e-6,
+        );
         assert!((parameters[0] - 0.99).abs() < 1e-6);
     }
 }

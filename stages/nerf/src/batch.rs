@@ -48,7 +48,10 @@ impl Sampler {
             *end += count(view);
             Some(*end)
         });
-        Self { ends: sums.collect(), rng: Rng::new(seed, "training batch") }
+        Self {
+            ends: sums.collect(),
+            rng: Rng::new(seed, "training batch"),
+        }
     }
 
     /// Pixel `element` of the `count` of a step. Each lies at a random place in its own equal share of all pixels, so
@@ -61,11 +64,22 @@ impl Sampler {
         let inside = index - if view == 0 { 0 } else { self.ends[view - 1] };
         let width = u64::from(views[view].camera.width);
         let background = [1, 2, 3].map(|i| self.random(step, element, i));
-        Pixel { view, x: (inside % width) as u32, y: (inside / width) as u32, element, background }
+        Pixel {
+            view,
+            x: (inside % width) as u32,
+            y: (inside / width) as u32,
+            element,
+            background,
+        }
     }
 
     /// Where in the image the sub-rays of a pixel go, with the jitter of their steps.
-    pub fn sub_rays(&self, pixel: Pixel, side: u32, step: u64) -> impl Iterator<Item = (f64, f64, f32)> + '_ {
+    pub fn sub_rays(
+        &self,
+        pixel: Pixel,
+        side: u32,
+        step: u64,
+    ) -> impl Iterator<Item = (f64, f64, f32)> + '_ {
         let cell = 1.0 / f64::from(side);
         (0..side * side).map(move |sub| {
             let random = |i: u64| self.random(step, pixel.element, 4 + 3 * u64::from(sub) + i);
@@ -73,7 +87,11 @@ impl Sampler {
                 let inside = if side == 1 { 0.5 } else { f64::from(random(i)) };
                 f64::from(pixel) + (f64::from(sub) + inside) * cell
             };
-            (place(pixel.x, sub % side, 0), place(pixel.y, sub / side, 1), random(2))
+            (
+                place(pixel.x, sub % side, 0),
+                place(pixel.y, sub / side, 1),
+                random(2),
+            )
         })
     }
 
@@ -99,9 +117,21 @@ impl TrainView {
     /// Panics if the sizes do not fit together: views are checked where they are read.
     pub(crate) fn check(&self) {
         let pixels = self.camera.width as usize * self.camera.height as usize;
-        assert_eq!(self.rgb.len(), 3 * pixels, "a training view's colours do not fit its camera");
-        assert!(self.alpha.as_ref().is_none_or(|alpha| alpha.len() == pixels), "a training view's alpha does not fit");
-        assert!((1..=16).contains(&self.supersample), "a training view's supersample is not 1 to 16");
+        assert_eq!(
+            self.rgb.len(),
+            3 * pixels,
+            "a training view's colours do not fit its camera"
+        );
+        assert!(
+            self.alpha
+                .as_ref()
+                .is_none_or(|alpha| alpha.len() == pixels),
+            "a training view's alpha does not fit"
+        );
+        assert!(
+            (1..=16).contains(&self.supersample),
+            "a training view's supersample is not 1 to 16"
+        );
     }
 }
 
@@ -111,8 +141,19 @@ mod tests {
     use glam::DMat4;
 
     fn view(width: u32, height: u32) -> TrainView {
-        let camera = Camera::centered((width, height), f64::from(width), DMat4::IDENTITY, [1.0, 2.0]);
-        TrainView { camera, rgb: vec![0.25; (3 * width * height) as usize], alpha: None, weight: 1.0, supersample: 2 }
+        let camera = Camera::centered(
+            (width, height),
+            f64::from(width),
+            DMat4::IDENTITY,
+            [1.0, 2.0],
+        );
+        TrainView {
+            camera,
+            rgb: vec![0.25; (3 * width * height) as usize],
+            alpha: None,
+            weight: 1.0,
+            supersample: 2,
+        }
     }
 
     #[test]
@@ -123,7 +164,10 @@ mod tests {
         for element in 0..100 {
             let pixel = sampler.pixel(&views, 3, element, 100);
             counts[pixel.view] += 1;
-            assert!(pixel.x < views[pixel.view].camera.width && pixel.y < views[pixel.view].camera.height);
+            assert!(
+                pixel.x < views[pixel.view].camera.width
+                    && pixel.y < views[pixel.view].camera.height
+            );
         }
         assert_eq!(counts, [20, 80]);
     }
@@ -132,7 +176,10 @@ mod tests {
     fn as_many_elements_as_pixels_take_each_once() {
         let views = [view(8, 4), view(16, 8)];
         let sampler = Sampler::new(&views, 1);
-        let mut seen: Vec<_> = (0..160).map(|e| sampler.pixel(&views, 0, e, 160)).map(|p| (p.view, p.y, p.x)).collect();
+        let mut seen: Vec<_> = (0..160)
+            .map(|e| sampler.pixel(&views, 0, e, 160))
+            .map(|p| (p.view, p.y, p.x))
+            .collect();
         seen.dedup();
         assert_eq!(seen.len(), 160);
     }
@@ -144,7 +191,12 @@ mod tests {
         let pixel = sampler.pixel(&views, 0, 5, 32);
         let cells: Vec<_> = sampler
             .sub_rays(pixel, 2, 0)
-            .map(|(x, y, _)| ((2.0 * (x - f64::from(pixel.x))) as u32, (2.0 * (y - f64::from(pixel.y))) as u32))
+            .map(|(x, y, _)| {
+                (
+                    (2.0 * (x - f64::from(pixel.x))) as u32,
+                    (2.0 * (y - f64::from(pixel.y))) as u32,
+                )
+            })
             .collect();
         assert_eq!(cells, [(0, 0), (1, 0), (0, 1), (1, 1)]);
         let (x, y, _) = sampler.sub_rays(pixel, 1, 0).next().unwrap();
@@ -154,7 +206,13 @@ mod tests {
     #[test]
     fn a_transparent_photo_shows_the_background() {
         let mut photo = view(8, 4);
-        let pixel = Pixel { view: 0, x: 1, y: 0, element: 0, background: [1.0, 0.5, 0.0] };
+        let pixel = Pixel {
+            view: 0,
+            x: 1,
+            y: 0,
+            element: 0,
+            background: [1.0, 0.5, 0.0],
+        };
         assert_eq!(photo.target(&pixel), [0.25; 3]);
         photo.alpha = Some(vec![0.0; 32]);
         assert_eq!(photo.target(&pixel), [1.0, 0.5, 0.0]);

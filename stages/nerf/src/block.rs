@@ -70,7 +70,9 @@ impl FieldGradient {
     /// Fills the last group of positions with some that get nothing.
     pub fn pad(&mut self) {
         self.positions.pad();
-        self.levels.iter_mut().for_each(|level| level.resize(self.positions.len(), [0.0; FEATURES]));
+        self.levels
+            .iter_mut()
+            .for_each(|level| level.resize(self.positions.len(), [0.0; FEATURES]));
     }
 }
 
@@ -98,9 +100,10 @@ impl Rays<'_> {
     fn each(&self) -> impl Iterator<Item = (&Segment, Range<usize>)> {
         let rays = &self.samples.rays[self.range.clone()];
         let first = rays[0].start;
-        self.samples.segments[self.range.clone()]
-            .iter()
-            .zip(rays.iter().map(move |ray| ray.start - first..ray.end - first))
+        self.samples.segments[self.range.clone()].iter().zip(
+            rays.iter()
+                .map(move |ray| ray.start - first..ray.end - first),
+        )
     }
 }
 
@@ -122,21 +125,34 @@ impl Block {
     pub fn forward(&mut self, field: &Field, rays: &Rays<'_>) -> &[Seen] {
         let span = rays.span();
         let rows = rays.rows[span.clone()].iter().map(|&row| row as usize);
-        rays.features.rows(rows, field.encoding_width(), &mut self.activations.encoding);
+        rays.features
+            .rows(rows, field.encoding_width(), &mut self.activations.encoding);
         field.network.density(&mut self.activations);
         self.sigma.clear();
-        self.sigma.extend(self.activations.geometry.chunks_exact(GEOMETRY).take(span.len()).map(|row| sigma(row[0])));
+        self.sigma.extend(
+            self.activations
+                .geometry
+                .chunks_exact(GEOMETRY)
+                .take(span.len())
+                .map(|row| sigma(row[0])),
+        );
         self.color(field, rays);
         self.composite(rays);
         &self.seen
     }
 
     fn color(&mut self, field: &Field, rays: &Rays<'_>) {
-        self.activations.see(rays.each().map(|(segment, ray)| (segment.view, ray)));
+        self.activations
+            .see(rays.each().map(|(segment, ray)| (segment.view, ray)));
         field.network.color(&mut self.activations);
-        let rows = self.activations.color.chunks_exact(COLOR_OUTPUT).take(self.sigma.len());
+        let rows = self
+            .activations
+            .color
+            .chunks_exact(COLOR_OUTPUT)
+            .take(self.sigma.len());
         self.colors.clear();
-        self.colors.extend(rows.map(|row| [sigmoid(row[0]), sigmoid(row[1]), sigmoid(row[2])]));
+        self.colors
+            .extend(rows.map(|row| [sigmoid(row[0]), sigmoid(row[1]), sigmoid(row[2])]));
     }
 
     fn composite(&mut self, rays: &Rays<'_>) {
@@ -145,11 +161,18 @@ impl Block {
         self.seen.clear();
         for (_, ray) in rays.each() {
             let weights = &mut self.weights[ray.clone()];
-            let transmittance = composite::weights(&self.sigma[ray.clone()], &dt[ray.clone()], weights);
-            let mut seen = Seen { transmittance, ..Seen::default() };
+            let transmittance =
+                composite::weights(&self.sigma[ray.clone()], &dt[ray.clone()], weights);
+            let mut seen = Seen {
+                transmittance,
+                ..Seen::default()
+            };
             for ((weight, t), color) in weights.iter().zip(&t[ray.clone()]).zip(&self.colors[ray]) {
                 seen.distance += weight * t;
-                seen.rgb.iter_mut().zip(color).for_each(|(sum, color)| *sum += weight * color);
+                seen.rgb
+                    .iter_mut()
+                    .zip(color)
+                    .for_each(|(sum, color)| *sum += weight * color);
             }
             self.seen.push(seen);
         }
@@ -174,10 +197,15 @@ impl Block {
         for (r, ((segment, ray), d)) in rays.each().zip(d_seen).enumerate() {
             distortion += self.ray_backward(rays, r, segment, ray, d, regularizer);
         }
-        field.network.color_backward(transposed, &mut self.activations, &mut gradient.weights);
+        field
+            .network
+            .color_backward(transposed, &mut self.activations, &mut gradient.weights);
         let rows = self.activations.geometry.chunks_exact_mut(GEOMETRY);
-        rows.zip(&self.d_sigma).for_each(|(row, d_sigma)| row[0] += d_sigma);
-        field.network.density_backward(transposed, &mut self.activations, &mut gradient.weights);
+        rows.zip(&self.d_sigma)
+            .for_each(|(row, d_sigma)| row[0] += d_sigma);
+        field
+            .network
+            .density_backward(transposed, &mut self.activations, &mut gradient.weights);
         self.append(rays, field.encoding_width(), gradient);
         distortion
     }
@@ -194,8 +222,10 @@ impl Block {
     ) -> f32 {
         let (weights, d_weights) = (&self.weights[ray.clone()], &mut self.d_weights[ray.clone()]);
         let raw = self.activations.color[ray.start * COLOR_OUTPUT..].chunks_exact_mut(COLOR_OUTPUT);
-        for (((raw, color), weight), d_weight) in
-            raw.zip(&self.colors[ray.clone()]).zip(weights).zip(d_weights.iter_mut())
+        for (((raw, color), weight), d_weight) in raw
+            .zip(&self.colors[ray.clone()])
+            .zip(weights)
+            .zip(d_weights.iter_mut())
         {
             for ((raw, color), d_rgb) in raw.iter_mut().zip(color).zip(d.rgb) {
                 *d_weight += d_rgb * color;
@@ -207,14 +237,31 @@ impl Block {
         let mut distortion = 0.0;
         if regularizer.distortion > 0.0 {
             let s: Vec<f32> = t.iter().map(|&t| segment.fraction(t)).collect();
-            let ds: Vec<f32> = dt.iter().map(|dt| dt / (segment.range[1] - segment.range[0])).collect();
+            let ds: Vec<f32> = dt
+                .iter()
+                .map(|dt| dt / (segment.range[1] - segment.range[0]))
+                .collect();
             distortion = composite::distortion(&s, &ds, weights, regularizer.distortion, d_weights);
         }
         let d_sigma = &mut self.d_sigma[ray.clone()];
-        composite::weights_backward(dt, weights, self.seen[r].transmittance, d_weights, d.transmittance, d_sigma);
-        for (((d_sigma, sigma), t), i) in d_sigma.iter_mut().zip(&self.sigma[ray.clone()]).zip(t).zip(ray) {
+        composite::weights_backward(
+            dt,
+            weights,
+            self.seen[r].transmittance,
+            d_weights,
+            d.transmittance,
+            d_sigma,
+        );
+        for (((d_sigma, sigma), t), i) in d_sigma
+            .iter_mut()
+            .zip(&self.sigma[ray.clone()])
+            .zip(t)
+            .zip(ray)
+        {
             *d_sigma *= sigma_backward(*sigma);
-            if segment.fraction(*t) < regularizer.fog_range && self.activations.geometry[i * GEOMETRY] > -10.0 {
+            if segment.fraction(*t) < regularizer.fog_range
+                && self.activations.geometry[i * GEOMETRY] > -10.0
+            {
                 *d_sigma += regularizer.fog;
             }
         }
@@ -224,7 +271,11 @@ impl Block {
     fn append(&self, rays: &Rays<'_>, width: usize, to: &mut FieldGradient) {
         to.positions.extend(&rays.samples.positions, rays.span());
         for (l, level) in to.levels.iter_mut().enumerate() {
-            let rows = self.activations.encoding.chunks_exact(width).take(self.sigma.len());
+            let rows = self
+                .activations
+                .encoding
+                .chunks_exact(width)
+                .take(self.sigma.len());
             level.extend(rows.map(|row| [row[FEATURES * l], row[FEATURES * l + 1]]));
         }
     }

@@ -37,7 +37,14 @@ pub fn weights(sigma: &[f32], dt: &[f32], weights: &mut [f32]) -> f32 {
 /// The backward pass of [`weights`]: from the gradients to the weights and to T_end, the gradients to sigma.
 ///
 /// dL/dsigma_i = dt_i (T_{i+1} dL/dw_i - sum_{j>i} w_j dL/dw_j - T_end dL/dT_end).
-pub fn weights_backward(dt: &[f32], weights: &[f32], end: f32, d_weights: &[f32], d_end: f32, d_sigma: &mut [f32]) {
+pub fn weights_backward(
+    dt: &[f32],
+    weights: &[f32],
+    end: f32,
+    d_weights: &[f32],
+    d_end: f32,
+    d_sigma: &mut [f32],
+) {
     // Both the transmittance and the sum over what lies behind are gathered from the back.
     let (mut behind, mut transmittance) = (end * d_end, end);
     for i in (0..weights.len()).rev() {
@@ -50,7 +57,13 @@ pub fn weights_backward(dt: &[f32], weights: &[f32], end: f32, d_weights: &[f32]
 /// The distortion loss of Barron et al. 2022 (equation 15), which draws a ray's weights together:
 /// sum_ij w_i w_j |s_i - s_j| + sum_i w_i^2 ds_i / 3. Adds `scale` times its gradient to `d_weights`, returns the loss.
 /// `s` ascends.
-pub fn distortion(s: &[f32], ds: &[f32], weights: &[f32], scale: f32, d_weights: &mut [f32]) -> f32 {
+pub fn distortion(
+    s: &[f32],
+    ds: &[f32],
+    weights: &[f32],
+    scale: f32,
+    d_weights: &mut [f32],
+) -> f32 {
     let total: f32 = weights.iter().sum();
     let moment: f32 = weights.iter().zip(s).map(|(w, s)| w * s).sum();
     let (mut before, mut moment_before, mut loss) = (0.0, 0.0, 0.0);
@@ -85,9 +98,15 @@ mod tests {
 
     /// sum_i w_i g_i + T_end g_end by the defining products, in f64.
     fn brute_force(sigma: &[f32], dt: &[f32], g: &[f32], g_end: f32) -> f64 {
-        let alpha: Vec<f64> = sigma.iter().zip(dt).map(|(s, d)| 1.0 - (-f64::from(*s) * f64::from(*d)).exp()).collect();
+        let alpha: Vec<f64> = sigma
+            .iter()
+            .zip(dt)
+            .map(|(s, d)| 1.0 - (-f64::from(*s) * f64::from(*d)).exp())
+            .collect();
         let through = |i: usize| alpha[..i].iter().map(|a| 1.0 - a).product::<f64>();
-        let seen: f64 = (0..alpha.len()).map(|i| through(i) * alpha[i] * f64::from(g[i])).sum();
+        let seen: f64 = (0..alpha.len())
+            .map(|i| through(i) * alpha[i] * f64::from(g[i]))
+            .sum();
         seen + through(alpha.len()) * f64::from(g_end)
     }
 
@@ -147,9 +166,17 @@ mod tests {
     #[test]
     fn a_wall_hides_what_is_behind_it() {
         assert_eq!(visible([0.1, 20.0, 0.1, 0.1].into_iter(), &mut 0.0), 2);
-        assert_eq!(visible([5.0; 4].into_iter(), &mut 0.0), 2, "exp(-10) is below the cut, exp(-5) is not");
+        assert_eq!(
+            visible([5.0; 4].into_iter(), &mut 0.0),
+            2,
+            "exp(-10) is below the cut, exp(-5) is not"
+        );
         let mut optical_depth = 0.0;
         assert_eq!(visible([0.1; 4].into_iter(), &mut optical_depth), 4);
-        assert_eq!(visible([9.0; 4].into_iter(), &mut optical_depth), 1, "what came before counts");
+        assert_eq!(
+            visible([9.0; 4].into_iter(), &mut optical_depth),
+            1,
+            "what came before counts"
+        );
     }
 }

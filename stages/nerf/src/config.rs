@@ -49,13 +49,21 @@ impl FieldConfig {
         within("levels", self.levels, 1, 32)?;
         within("log2_table", self.log2_table, 4, 24)?;
         within("base_resolution", self.base_resolution, 2, 4096)?;
-        within("finest_resolution", self.finest_resolution, self.base_resolution, 1 << 16)?;
+        within(
+            "finest_resolution",
+            self.finest_resolution,
+            self.base_resolution,
+            1 << 16,
+        )?;
         within("occupancy_resolution", self.occupancy_resolution, 1, 512)?;
         within("march_steps", self.march_steps, 8, 1 << 16)?;
         if (0.0..=0.25).contains(&self.march_cone) {
             return Ok(());
         }
-        Err(format!("march_cone is {}; it must be 0 to 0.25", self.march_cone))
+        Err(format!(
+            "march_cone is {}; it must be 0 to 0.25",
+            self.march_cone
+        ))
     }
 
     /// The levels of a box whose sides have the given lengths in unit space, coarse to fine.
@@ -98,11 +106,18 @@ pub struct Level {
 impl Level {
     fn new(scale: f64, extent: [f32; 3], most_entries: usize, offset: usize) -> Self {
         // N_min e^(l ln b) misses whole numbers by rounding; a vertex more for that would change the table's size.
-        let resolution = extent.map(|side| (scale * f64::from(side) - 1e-6).ceil().max(1.0) as u32 + 1);
+        let resolution =
+            extent.map(|side| (scale * f64::from(side) - 1e-6).ceil().max(1.0) as u32 + 1);
         let vertices = resolution.iter().map(|&n| n as usize).product::<usize>();
         let dense = vertices <= most_entries;
         let entries = vertices.next_multiple_of(8).min(most_entries);
-        Self { scale: scale as f32, resolution, dense, entries, offset }
+        Self {
+            scale: scale as f32,
+            resolution,
+            dense,
+            entries,
+            offset,
+        }
     }
 }
 
@@ -112,17 +127,30 @@ mod tests {
 
     /// Sixteen levels up to 4096 vertices, as its NeRF configuration.
     fn instant_ngp() -> FieldConfig {
-        FieldConfig { levels: 16, log2_table: 19, finest_resolution: 4096, ..FieldConfig::default() }
+        FieldConfig {
+            levels: 16,
+            log2_table: 19,
+            finest_resolution: 4096,
+            ..FieldConfig::default()
+        }
     }
 
     #[test]
     fn levels_have_the_sizes_of_instant_ngp() {
         let levels = instant_ngp().levels([1.0; 3]);
         let resolutions: Vec<u32> = levels.iter().map(|level| level.resolution[0]).collect();
-        assert_eq!(resolutions, [16, 24, 34, 49, 71, 102, 148, 213, 308, 446, 646, 934, 1352, 1956, 2831, 4096]);
+        assert_eq!(
+            resolutions,
+            [
+                16, 24, 34, 49, 71, 102, 148, 213, 308, 446, 646, 934, 1352, 1956, 2831, 4096
+            ]
+        );
         let entries: Vec<usize> = levels.iter().map(|level| level.entries).collect();
         assert_eq!(entries[..5], [4096, 13824, 39304, 117656, 357912]);
-        assert!(entries[5..].iter().all(|&n| n == 524_288) && levels[5..].iter().all(|level| !level.dense));
+        assert!(
+            entries[5..].iter().all(|&n| n == 524_288)
+                && levels[5..].iter().all(|level| !level.dense)
+        );
         assert_eq!(entries.iter().sum::<usize>(), 6_299_960);
         assert_eq!(levels[15].offset + levels[15].entries, 6_299_960);
     }
@@ -131,14 +159,27 @@ mod tests {
     fn a_flat_box_keeps_more_levels_dense() {
         let flat = instant_ngp().levels([1.0, 0.5, 0.1]);
         assert_eq!(flat[0].resolution, [16, 9, 3]);
-        assert!(flat[7].dense, "213 x 107 x 23 vertices fit into 2^19 entries");
+        assert!(
+            flat[7].dense,
+            "213 x 107 x 23 vertices fit into 2^19 entries"
+        );
     }
 
     #[test]
     fn a_bad_value_is_named() {
-        let problem = FieldConfig { levels: 0, ..FieldConfig::default() }.check().unwrap_err();
+        let problem = FieldConfig {
+            levels: 0,
+            ..FieldConfig::default()
+        }
+        .check()
+        .unwrap_err();
         assert_eq!(problem, "levels is 0; it must be 1 to 32");
-        let problem = FieldConfig { march_cone: f64::NAN, ..FieldConfig::default() }.check().unwrap_err();
+        let problem = FieldConfig {
+            march_cone: f64::NAN,
+            ..FieldConfig::default()
+        }
+        .check()
+        .unwrap_err();
         assert!(problem.starts_with("march_cone is NaN"), "{problem}");
         assert_eq!(FieldConfig::default().check(), Ok(()));
     }

@@ -50,14 +50,26 @@ pub struct Batch<'a> {
 impl Batch<'_> {
     /// Begins a part with some of the batch's pixels: marches along their sub-rays.
     pub fn march(&self, elements: Range<u32>, part: &mut Contribution) {
-        let Contribution { pixels, samples, look, .. } = part;
+        let Contribution {
+            pixels,
+            samples,
+            look,
+            ..
+        } = part;
         pixels.clear();
         pixels.extend(elements.map(|element| self.pixel(element)));
         samples.clear();
         for &pixel in pixels.iter() {
             let view = &self.views[pixel.view];
-            for (px, py, shift) in self.sampler.sub_rays(pixel, view.supersample, u64::from(self.step)) {
-                samples.march(self.field, Segment::new(&self.field.space, &view.camera, px, py), shift);
+            for (px, py, shift) in
+                self.sampler
+                    .sub_rays(pixel, view.supersample, u64::from(self.step))
+            {
+                samples.march(
+                    self.field,
+                    Segment::new(&self.field.space, &view.camera, px, py),
+                    shift,
+                );
             }
         }
         look.start(samples);
@@ -65,19 +77,47 @@ impl Batch<'_> {
 
     /// Ends a part for which everything has been looked up: what its rays see, compared with the photos, and all the
     /// way back; `per_block` pixels at a time.
-    pub fn learn(&self, features: &Features, per_block: usize, block: &mut Block, part: &mut Contribution) {
-        let Contribution { pixels, samples, look, gradient, loss, squared_error } = part;
+    pub fn learn(
+        &self,
+        features: &Features,
+        per_block: usize,
+        block: &mut Block,
+        part: &mut Contribution,
+    ) {
+        let Contribution {
+            pixels,
+            samples,
+            look,
+            gradient,
+            loss,
+            squared_error,
+        } = part;
         look.cut(samples);
         gradient.clear(self.field);
         (*loss, *squared_error) = (0.0, 0.0);
         let mut first = 0;
         for pixels in pixels.chunks(per_block) {
-            let count = pixels.iter().map(|pixel| self.views[pixel.view].rays_per_pixel()).sum::<usize>();
-            let rays = Rays { samples, range: first..first + count, features, rows: &look.rows };
+            let count = pixels
+                .iter()
+                .map(|pixel| self.views[pixel.view].rays_per_pixel())
+                .sum::<usize>();
+            let rays = Rays {
+                samples,
+                range: first..first + count,
+                features,
+                rows: &look.rows,
+            };
             first += count;
             let (d_seen, more, squared) = self.compare(pixels, block.forward(self.field, &rays));
             let regularizer = self.regularizer(count as f32 / pixels.len() as f32);
-            block.backward(self.field, self.transposed, &rays, &d_seen, regularizer, gradient);
+            block.backward(
+                self.field,
+                self.transposed,
+                &rays,
+                &d_seen,
+                regularizer,
+                gradient,
+            );
             *loss += more;
             *squared_error += squared;
         }
@@ -86,7 +126,9 @@ impl Batch<'_> {
 
     fn pixel(&self, element: u32) -> Pixel {
         let (step, count) = (u64::from(self.step), u64::from(self.pixels));
-        let mut pixel = self.sampler.pixel(self.views, step, u64::from(element), count);
+        let mut pixel = self
+            .sampler
+            .pixel(self.views, step, u64::from(element), count);
         if !self.options.random_background {
             pixel.background = [0.0; 3];
         }
@@ -120,7 +162,8 @@ impl Batch<'_> {
                 let beta = self.options.beta as f32;
                 loss += f64::from(view.weight * smooth_l1(residual, beta));
                 squared_error += f64::from(residual * residual);
-                d.rgb[c] = view.weight * share * smooth_l1_backward(residual, beta) / (3.0 * self.pixels as f32);
+                d.rgb[c] = view.weight * share * smooth_l1_backward(residual, beta)
+                    / (3.0 * self.pixels as f32);
                 d.transmittance += d.rgb[c] * pixel.background[c];
             }
             d_seen.extend(std::iter::repeat_n(d, rays.len()));

@@ -32,7 +32,11 @@ mod tests {
         for i in -8700..=8800 {
             let x = i as f32 * 0.01;
             let want = f64::from(x).exp();
-            assert!((f64::from(exp(x)) / want - 1.0).abs() < 3e-7, "exp({x}) = {} but {want}", exp(x));
+            assert!(
+                (f64::from(exp(x)) / want - 1.0).abs() < 3e-7,
+                "exp({x}) = {} but {want}",
+                exp(x)
+            );
         }
         assert_eq!(exp(0.0), 1.0);
         assert!(exp(-1e9) < 1e-37 && exp(1e9).is_finite());
@@ -41,6 +45,8 @@ mod tests {
     #[test]
     fn sigmoid_is_the_logistic_function() {
         assert_eq!(sigmoid(0.0), 0.5);
-        assert!((sigmoid(2.0) - 0.880_797).abs() < 1e-6 && (sigmoid(-2.0) - 0.119_203).abs() < 1e-6);
+        assert!(
+            (sigmoid(2.0) - 0.880_797).abs() < 1e-6 && (sigmoid(-2.0) - 0.119_203).abs() < 1e-6
+        );
     }
 }

@@ -29,7 +29,12 @@ impl LookUp<'_> {
     pub fn run(self) {
         let done = self.features.len();
         self.features.resize(self.positions.len(), [0.0; FEATURES]);
-        encode(self.level, self.table, self.positions.since(done), &mut self.features[done..]);
+        encode(
+            self.level,
+            self.table,
+            self.positions.since(done),
+            &mut self.features[done..],
+        );
     }
 }
 
@@ -44,18 +49,36 @@ impl Features {
     /// The look-ups that the positions added since the last call need, one for each level; each may run on any thread.
     pub fn look_ups<'a>(&'a mut self, field: &'a Field) -> impl Iterator<Item = LookUp<'a>> {
         let positions = &self.positions;
-        self.levels.iter_mut().zip(&field.levels).map(|(features, level)| {
-            let table = &field.table[level.offset..level.offset + level.entries];
-            LookUp { level, table, positions, features }
-        })
+        self.levels
+            .iter_mut()
+            .zip(&field.levels)
+            .map(|(features, level)| {
+                let table = &field.table[level.offset..level.offset + level.entries];
+                LookUp {
+                    level,
+                    table,
+                    positions,
+                    features,
+                }
+            })
     }
 
     /// Writes the features of some positions as rows of `width`, and rows of zeros until the kernels' tiles are whole.
-    pub fn rows(&self, positions: impl ExactSizeIterator<Item = usize>, width: usize, rows: &mut Vec<f32>) {
+    pub fn rows(
+        &self,
+        positions: impl ExactSizeIterator<Item = usize>,
+        width: usize,
+        rows: &mut Vec<f32>,
+    ) {
         rows.resize(positions.len().next_multiple_of(ROWS) * width, 0.0);
         rows[positions.len() * width..].fill(0.0);
         for (row, position) in rows.chunks_exact_mut(width).zip(positions) {
-            for (out, level) in row.as_chunks_mut::<FEATURES>().0.iter_mut().zip(&self.levels) {
+            for (out, level) in row
+                .as_chunks_mut::<FEATURES>()
+                .0
+                .iter_mut()
+                .zip(&self.levels)
+            {
                 *out = level[position];
             }
         }

@@ -38,15 +38,29 @@ impl Field {
     ///
     /// Panics if [`FieldConfig::check`] refuses the configuration.
     pub fn in_space(config: &FieldConfig, space: Space, seed: u64) -> Self {
-        assert_eq!(config.check(), Ok(()), "a field configuration is checked before it is used");
+        assert_eq!(
+            config.check(),
+            Ok(()),
+            "a field configuration is checked before it is used"
+        );
         let levels = config.levels(space.extent);
         let entries: usize = levels.iter().map(|level| level.entries).sum();
         let rng = Rng::new(seed, "hash table");
-        let small = |i: usize, f: u64| 1e-4 * (2.0 * rng.uniform(0, (FEATURES * i) as u64 + f) - 1.0);
-        let table = (0..entries).map(|i| [small(i, 0), small(i, 1)].map(f16::from_f32)).collect();
+        let small =
+            |i: usize, f: u64| 1e-4 * (2.0 * rng.uniform(0, (FEATURES * i) as u64 + f) - 1.0);
+        let table = (0..entries)
+            .map(|i| [small(i, 0), small(i, 1)].map(f16::from_f32))
+            .collect();
         let network = Network::new(encoding_width(config), FEATURES * levels.len(), seed);
         let occupancy = OccupancyGrid::new(config.occupancy_resolution, &space);
-        Self { config: config.clone(), space, levels, table, network, occupancy }
+        Self {
+            config: config.clone(),
+            space,
+            levels,
+            table,
+            network,
+            occupancy,
+        }
     }
 
     /// The shape of the field.
@@ -66,7 +80,10 @@ impl Field {
 
     pub(crate) fn stride(&self) -> Stride {
         let cone = self.space.cone(&self.config) as f32;
-        Stride { shortest: 1.0 / self.config.march_steps as f32, cone }
+        Stride {
+            shortest: 1.0 / self.config.march_steps as f32,
+            cone,
+        }
     }
 
     /// Looks up the features at points in unit space.
@@ -80,7 +97,12 @@ impl Field {
     /// Looks up the features at points in world space. Points outside the box are taken as they are.
     pub(crate) fn look_up_in_world(&self, points: &[[f32; 3]]) -> Features {
         let mut features = Features::default();
-        self.look_up(points.iter().map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))), &mut features);
+        self.look_up(
+            points
+                .iter()
+                .map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))),
+            &mut features,
+        );
         features
     }
 
@@ -97,7 +119,13 @@ impl Field {
             let count = rows.len();
             features.rows(rows, self.encoding_width(), &mut scratch.encoding);
             self.network.density(scratch);
-            sigmas.extend(scratch.geometry.chunks_exact(GEOMETRY).take(count).map(|row| sigma(row[0])));
+            sigmas.extend(
+                scratch
+                    .geometry
+                    .chunks_exact(GEOMETRY)
+                    .take(count)
+                    .map(|row| sigma(row[0])),
+            );
         }
     }
 
@@ -105,8 +133,17 @@ impl Field {
     pub fn densities(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut sigmas = Vec::with_capacity(points.len());
         let features = self.look_up_in_world(points);
-        self.sigmas(&features, 0..points.len(), &mut Activations::default(), &mut sigmas);
-        sigmas.iter().zip(points).map(|(sigma, &point)| sigma * self.space.scale_at(point)).collect()
+        self.sigmas(
+            &features,
+            0..points.len(),
+            &mut Activations::default(),
+            &mut sigmas,
+        );
+        sigmas
+            .iter()
+            .zip(points)
+            .map(|(sigma, &point)| sigma * self.space.scale_at(point))
+            .collect()
     }
 }
 
@@ -134,20 +171,36 @@ pub(crate) mod tests {
     pub const BOUNDS: [[f32; 3]; 2] = [[-1.0, 0.0, 2.0], [3.0, 1.0, 4.0]];
 
     pub fn small() -> FieldConfig {
-        FieldConfig { levels: 5, log2_table: 8, finest_resolution: 40, occupancy_resolution: 8, ..Default::default() }
+        FieldConfig {
+            levels: 5,
+            log2_table: 8,
+            finest_resolution: 40,
+            occupancy_resolution: 8,
+            ..Default::default()
+        }
     }
 
     #[test]
     fn the_seed_decides_the_field() {
-        assert_eq!(Field::new(&small(), BOUNDS, 7), Field::new(&small(), BOUNDS, 7));
-        assert_ne!(Field::new(&small(), BOUNDS, 7), Field::new(&small(), BOUNDS, 8));
+        assert_eq!(
+            Field::new(&small(), BOUNDS, 7),
+            Field::new(&small(), BOUNDS, 7)
+        );
+        assert_ne!(
+            Field::new(&small(), BOUNDS, 7),
+            Field::new(&small(), BOUNDS, 8)
+        );
     }
 
     #[test]
     fn a_new_field_is_a_thin_haze_per_world_length() {
-        let densities = Field::new(&small(), BOUNDS, 7).densities(&[[0.0, 0.5, 3.0], [1.0, 0.1, 2.5]]);
+        let densities =
+            Field::new(&small(), BOUNDS, 7).densities(&[[0.0, 0.5, 3.0], [1.0, 0.1, 2.5]]);
         for density in densities {
-            assert!((density - (-1f32).exp() / 4.0).abs() < 1e-3, "{density}: the longest side is 4");
+            assert!(
+                (density - (-1f32).exp() / 4.0).abs() < 1e-3,
+                "{density}: the longest side is 4"
+            );
         }
     }
 }

@@ -43,7 +43,10 @@ impl Look {
     /// Begins with the rays of `samples`.
     pub fn start(&mut self, samples: &Samples) {
         self.open.clear();
-        self.open.extend(samples.rays.iter().map(|ray| Open { rest: ray.clone(), optical_depth: 0.0 }));
+        self.open.extend(samples.rays.iter().map(|ray| Open {
+            rest: ray.clone(),
+            optical_depth: 0.0,
+        }));
         self.rows.clear();
         self.rows.resize(samples.t.len(), NONE);
         self.looked = 0;
@@ -52,7 +55,12 @@ impl Look {
 
     fn next_wave(&mut self, samples: &Samples) {
         self.wave.clear();
-        self.wave.extend(self.open.iter().flat_map(|ray| ray.rest.clone().take(WAVE)).map(|sample| sample as u32));
+        self.wave.extend(
+            self.open
+                .iter()
+                .flat_map(|ray| ray.rest.clone().take(WAVE))
+                .map(|sample| sample as u32),
+        );
         self.positions.clear();
         self.positions.gather(&samples.positions, &self.wave);
         self.positions.pad();
@@ -61,15 +69,28 @@ impl Look {
     /// Adds the positions of the next samples of every open ray to `features`; whether there are any.
     pub fn ask(&mut self, features: &mut Features) -> bool {
         self.first = features.positions.len();
-        features.positions.extend(&self.positions, 0..self.positions.len());
+        features
+            .positions
+            .extend(&self.positions, 0..self.positions.len());
         self.looked += self.wave.len();
         !self.wave.is_empty()
     }
 
     /// Notes which samples of the wave are seen, closes the rays that end, and goes on to the next wave.
-    pub fn answer(&mut self, field: &Field, samples: &Samples, features: &Features, scratch: &mut Activations) {
+    pub fn answer(
+        &mut self,
+        field: &Field,
+        samples: &Samples,
+        features: &Features,
+        scratch: &mut Activations,
+    ) {
         self.depths.clear();
-        field.sigmas(features, self.first..self.first + self.wave.len(), scratch, &mut self.depths);
+        field.sigmas(
+            features,
+            self.first..self.first + self.wave.len(),
+            scratch,
+            &mut self.depths,
+        );
         for (depth, &sample) in self.depths.iter_mut().zip(&self.wave) {
             *depth *= samples.dt[sample as usize];
         }
@@ -90,13 +111,21 @@ impl Look {
 
     /// Drops the samples that are not seen.
     pub fn cut(&mut self, samples: &mut Samples) {
-        let kept: Vec<u32> = (0..self.rows.len() as u32).filter(|&sample| self.rows[sample as usize] != NONE).collect();
+        let kept: Vec<u32> = (0..self.rows.len() as u32)
+            .filter(|&sample| self.rows[sample as usize] != NONE)
+            .collect();
         self.rows.retain(|&row| row != NONE);
         samples.keep(&kept);
     }
 
     /// The whole search on one thread.
-    pub fn along(&mut self, field: &Field, samples: &mut Samples, features: &mut Features, scratch: &mut Activations) {
+    pub fn along(
+        &mut self,
+        field: &Field,
+        samples: &mut Samples,
+        features: &mut Features,
+        scratch: &mut Activations,
+    ) {
         features.clear(field);
         self.start(samples);
         while self.ask(features) {

@@ -4,7 +4,11 @@
 /// [0, 1] and beta = 1 that is exactly half the squared error.
 pub fn smooth_l1(residual: f32, beta: f32) -> f32 {
     let size = residual.abs();
-    if size < beta { 0.5 * size * size / beta } else { size - 0.5 * beta }
+    if size < beta {
+        0.5 * size * size / beta
+    } else {
+        size - 0.5 * beta
+    }
 }
 
 /// The derivative of [`smooth_l1`].
@@ -33,8 +37,12 @@ mod tests {
     #[test]
     fn the_derivative_matches_differences_on_both_branches() {
         for residual in [-0.9, -0.12, -0.05, 0.02, 0.3] {
-            let numeric = (smooth_l1(residual + 1e-3, 0.1) - smooth_l1(residual - 1e-3, 0.1)) / 2e-3;
-            assert!((numeric - smooth_l1_backward(residual, 0.1)).abs() < 1e-3, "{residual}: {numeric}");
+            let numeric =
+                (smooth_l1(residual + 1e-3, 0.1) - smooth_l1(residual - 1e-3, 0.1)) / 2e-3;
+            assert!(
+                (numeric - smooth_l1_backward(residual, 0.1)).abs() < 1e-3,
+                "{residual}: {numeric}"
+            );
         }
     }
 

@@ -30,7 +30,11 @@ impl Segment {
         }
         let origin = space.to_unit(ray.origin);
         let distance_per_depth = ray.distance_per_depth * space.scale_at(ray.origin);
-        let range = space.clip(origin, ray.direction, depths.map(|depth| depth * distance_per_depth));
+        let range = space.clip(
+            origin,
+            ray.direction,
+            depths.map(|depth| depth * distance_per_depth),
+        );
         Self {
             origin,
             direction: ray.direction,
@@ -41,7 +45,12 @@ impl Segment {
     }
 
     /// The segment of a ray in perspective; distances start at its near plane.
-    fn in_perspective(space: &Space, perspective: &Perspective, ray: &Ray, depths: [f32; 2]) -> Self {
+    fn in_perspective(
+        space: &Space,
+        perspective: &Perspective,
+        ray: &Ray,
+        depths: [f32; 2],
+    ) -> Self {
         let range = depths.map(|depth| depth * ray.distance_per_depth);
         let ends = perspective.behind_front(ray.origin, ray.direction, range);
         let at = |s: f32| [0, 1, 2].map(|axis| ray.origin[axis] + s * ray.direction[axis]);
@@ -54,9 +63,23 @@ impl Segment {
         // Linear in the distance are 1 over the depth before the front camera, and the depth before this one over that.
         let growth = perspective.depth(first) / perspective.depth(last);
         let [near, far] = ends.map(|s| s / ray.distance_per_depth);
-        let depth = [near, (far * growth - near) / length, (growth - 1.0) / length];
-        let range = if nowhere { [0.0; 2] } else { space.clip(origin, direction, [0.0, length]) };
-        Self { origin, direction, range, view: ray.direction, depth }
+        let depth = [
+            near,
+            (far * growth - near) / length,
+            (growth - 1.0) / length,
+        ];
+        let range = if nowhere {
+            [0.0; 2]
+        } else {
+            space.clip(origin, direction, [0.0, length])
+        };
+        Self {
+            origin,
+            direction,
+            range,
+            view: ray.direction,
+            depth,
+        }
     }
 
     /// The world depth along the view axis at distance `t`.
@@ -98,7 +121,13 @@ impl Stride {
 /// Calls `visit` with the middle and the length of every step that ends up in an occupied cell, front to back. The
 /// first step starts `jitter` steps behind the segment's start.
 #[inline]
-pub fn march(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f32, mut visit: impl FnMut(f32, f32)) {
+pub fn march(
+    grid: &OccupancyGrid,
+    stride: Stride,
+    segment: &Segment,
+    jitter: f32,
+    mut visit: impl FnMut(f32, f32),
+) {
     let [start, end] = segment.range;
     let mut t = start + jitter * stride.at(start);
     // Written so that a range that is not a number ends the march at once.
@@ -126,8 +155,17 @@ pub fn march(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f3
 fn exit(grid: &OccupancyGrid, segment: &Segment, cell: [usize; 3]) -> f32 {
     let leave = |axis: usize| {
         let direction = segment.direction[axis];
-        let face = if direction > 0.0 { cell[axis] + 1 } else { cell[axis] } as f32 / grid.resolution;
-        if direction == 0.0 { f32::INFINITY } else { (face - segment.origin[axis]) / direction }
+        let face = if direction > 0.0 {
+            cell[axis] + 1
+        } else {
+            cell[axis]
+        } as f32
+            / grid.resolution;
+        if direction == 0.0 {
+            f32::INFINITY
+        } else {
+            (face - segment.origin[axis]) / direction
+        }
     };
     leave(0).min(leave(1)).min(leave(2)).min(segment.range[1])
 }
@@ -139,10 +177,21 @@ mod tests {
 
     fn segment(origin: [f32; 3], direction: [f32; 3], range: [f32; 2]) -> Segment {
         let length = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
-        Segment { origin, direction: direction.map(|x| x / length), range, view: direction, depth: [0.0, 1.0, 0.0] }
+        Segment {
+            origin,
+            direction: direction.map(|x| x / length),
+            range,
+            view: direction,
+            depth: [0.0, 1.0, 0.0],
+        }
     }
 
-    fn collect(grid: &OccupancyGrid, stride: Stride, segment: &Segment, jitter: f32) -> Vec<(f32, f32)> {
+    fn collect(
+        grid: &OccupancyGrid,
+        stride: Stride,
+        segment: &Segment,
+        jitter: f32,
+    ) -> Vec<(f32, f32)> {
         let mut steps = vec![];
         march(grid, stride, segment, jitter, |t, dt| steps.push((t, dt)));
         steps
@@ -151,15 +200,26 @@ mod tests {
     #[test]
     fn a_full_grid_is_sampled_at_every_step() {
         let grid = OccupancyGrid::new(8, &Space::new([[0.0; 3], [1.0; 3]]));
-        let stride = Stride { shortest: 0.125, cone: 0.0 };
-        let steps = collect(&grid, stride, &segment([0.5, 0.5, -1.0], [0.0, 0.0, 1.0], [1.0, 2.0]), 0.0);
+        let stride = Stride {
+            shortest: 0.125,
+            cone: 0.0,
+        };
+        let steps = collect(
+            &grid,
+            stride,
+            &segment([0.5, 0.5, -1.0], [0.0, 0.0, 1.0], [1.0, 2.0]),
+            0.0,
+        );
         assert_eq!(steps.len(), 8);
         assert_eq!(steps[0], (1.0625, 0.125));
     }
 
     #[test]
     fn steps_grow_with_distance() {
-        let stride = Stride { shortest: 0.01, cone: 0.1 };
+        let stride = Stride {
+            shortest: 0.01,
+            cone: 0.1,
+        };
         assert_eq!((stride.at(0.05), stride.at(2.0)), (0.01, 0.2));
     }
 

@@ -4,7 +4,9 @@
 //! Matrices are kept as [inputs, outputs], padded with zero columns to whole vectors; [`crate::Field::tensors`] turns
 //! them into PyTorch's [outputs, inputs].
 
-use crate::kernels::matrix::{COLUMNS, Epilogue, Matrix, Prologue, add_transposed_product, product};
+use crate::kernels::matrix::{
+    COLUMNS, Epilogue, Matrix, Prologue, add_transposed_product, product,
+};
 use crate::spherical::COEFFICIENTS;
 use crate::views::Views;
 use compute::rng::Rng;
@@ -90,7 +92,8 @@ impl Network {
             for row in 0..layer.used[0] {
                 for column in 0..layer.used[1] {
                     let at = row * layer.outputs + column;
-                    network.weights[layer.offset + at] = limit * (2.0 * rng.uniform(l as u64, at as u64) - 1.0);
+                    network.weights[layer.offset + at] =
+                        limit * (2.0 * rng.uniform(l as u64, at as u64) - 1.0);
                 }
             }
         }
@@ -110,9 +113,18 @@ impl Network {
         let layers = shapes.map(|(name, inputs, outputs, used)| {
             let offset = end;
             end += inputs * outputs;
-            Layer { name, inputs, outputs, used, offset }
+            Layer {
+                name,
+                inputs,
+                outputs,
+                used,
+                offset,
+            }
         });
-        Self { layers, weights: vec![0.0; end] }
+        Self {
+            layers,
+            weights: vec![0.0; end],
+        }
     }
 
     /// The matrix of layer `l`, [inputs, outputs].
@@ -131,17 +143,34 @@ impl Network {
         let mut turned = vec![0.0; self.weights.len()];
         for layer in &self.layers {
             for (i, &weight) in self.weights[layer.range()].iter().enumerate() {
-                turned[layer.offset + i % layer.outputs * layer.inputs + i / layer.outputs] = weight;
+                turned[layer.offset + i % layer.outputs * layer.inputs + i / layer.outputs] =
+                    weight;
             }
         }
         Transposed(turned)
     }
 
-    fn forward_layer(&self, l: usize, input: &[f32], output: &mut Vec<f32>, epilogue: Epilogue<'_>) {
+    fn forward_layer(
+        &self,
+        l: usize,
+        input: &[f32],
+        output: &mut Vec<f32>,
+        epilogue: Epilogue<'_>,
+    ) {
         let layer = &self.layers[l];
-        let (shape, input) = ([layer.inputs, layer.outputs], Matrix::new(input, layer.inputs));
+        let (shape, input) = (
+            [layer.inputs, layer.outputs],
+            Matrix::new(input, layer.inputs),
+        );
         output.resize(input.rows() * layer.outputs, 0.0);
-        product(output, input, Matrix::new(self.matrix(l), layer.outputs), shape, Prologue::Zero, epilogue);
+        product(
+            output,
+            input,
+            Matrix::new(self.matrix(l), layer.outputs),
+            shape,
+            Prologue::Zero,
+            epilogue,
+        );
     }
 
     /// `encoding` to `geometry`.
@@ -154,10 +183,20 @@ impl Network {
     pub fn color(&self, a: &mut Activations) {
         let [first, second] = &mut a.color_hidden;
         let (of_geometry, of_view) = self.matrix(2).split_at(GEOMETRY * HIDDEN);
-        let (geometry, of_geometry) = (Matrix::new(&a.geometry, GEOMETRY), Matrix::new(of_geometry, HIDDEN));
+        let (geometry, of_geometry) = (
+            Matrix::new(&a.geometry, GEOMETRY),
+            Matrix::new(of_geometry, HIDDEN),
+        );
         first.resize(geometry.rows() * HIDDEN, 0.0);
         a.views.forward(of_view, first);
-        product(first, geometry, of_geometry, [GEOMETRY, HIDDEN], Prologue::Add, Epilogue::Relu);
+        product(
+            first,
+            geometry,
+            of_geometry,
+            [GEOMETRY, HIDDEN],
+            Prologue::Add,
+            Epilogue::Relu,
+        );
         self.forward_layer(3, first, second, Epilogue::Relu);
         self.forward_layer(4, second, &mut a.color, Epilogue::Keep);
     }
@@ -172,9 +211,16 @@ impl Network {
         epilogue: Epilogue<'_>,
         d_weights: &mut [f32],
     ) {
-        let Layer { inputs, outputs, .. } = self.layers[l];
+        let Layer {
+            inputs, outputs, ..
+        } = self.layers[l];
         let [input, d_output] = [Matrix::new(input, inputs), Matrix::new(d_output, outputs)];
-        add_transposed_product(&mut d_weights[self.layers[l].range()], input, d_output, [inputs, outputs]);
+        add_transposed_product(
+            &mut d_weights[self.layers[l].range()],
+            input,
+            d_output,
+            [inputs, outputs],
+        );
         self.input_backward(l, transposed, d_output, (d_input, inputs), epilogue);
     }
 
@@ -190,32 +236,87 @@ impl Network {
         let layer = &self.layers[l];
         let turned = Matrix::new(&transposed.0[layer.range()], layer.inputs);
         d_input.resize(d_output.rows() * columns, 0.0);
-        product(d_input, d_output, turned, [layer.used[1], columns], Prologue::Zero, epilogue);
+        product(
+            d_input,
+            d_output,
+            turned,
+            [layer.used[1], columns],
+            Prologue::Zero,
+            epilogue,
+        );
     }
 
     /// The backward pass of [`Network::color`]: takes the gradient from `color`, leaves the one to `geometry` there.
-    pub fn color_backward(&self, transposed: &Transposed, a: &mut Activations, d_weights: &mut [f32]) {
+    pub fn color_backward(
+        &self,
+        transposed: &Transposed,
+        a: &mut Activations,
+        d_weights: &mut [f32],
+    ) {
         let [first, second] = &a.color_hidden;
         let [d_a, d_b] = &mut a.d_hidden;
         let d_color = Matrix::new(&a.color, COLOR_OUTPUT);
-        add_narrow_gradient(&mut d_weights[self.layers[4].range()], Matrix::new(second, HIDDEN), d_color);
-        self.input_backward(4, transposed, d_color, (d_a, HIDDEN), Epilogue::ReluBackward(second));
-        self.backward_layer(3, transposed, [first, d_a], d_b, Epilogue::ReluBackward(first), d_weights);
-        let (of_geometry, of_view) = d_weights[self.layers[2].range()].split_at_mut(GEOMETRY * HIDDEN);
+        add_narrow_gradient(
+            &mut d_weights[self.layers[4].range()],
+            Matrix::new(second, HIDDEN),
+            d_color,
+        );
+        self.input_backward(
+            4,
+            transposed,
+            d_color,
+            (d_a, HIDDEN),
+            Epilogue::ReluBackward(second),
+        );
+        self.backward_layer(
+            3,
+            transposed,
+            [first, d_a],
+            d_b,
+            Epilogue::ReluBackward(first),
+            d_weights,
+        );
+        let (of_geometry, of_view) =
+            d_weights[self.layers[2].range()].split_at_mut(GEOMETRY * HIDDEN);
         a.views.backward(d_b, of_view);
         let (geometry, d_first) = (Matrix::new(&a.geometry, GEOMETRY), Matrix::new(d_b, HIDDEN));
         add_transposed_product(of_geometry, geometry, d_first, [GEOMETRY, HIDDEN]);
-        self.input_backward(2, transposed, d_first, (&mut a.geometry, GEOMETRY), Epilogue::Keep);
+        self.input_backward(
+            2,
+            transposed,
+            d_first,
+            (&mut a.geometry, GEOMETRY),
+            Epilogue::Keep,
+        );
     }
 
     /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the one to `encoding`
     /// there.
-    pub fn density_backward(&self, transposed: &Transposed, a: &mut Activations, d_weights: &mut [f32]) {
+    pub fn density_backward(
+        &self,
+        transposed: &Transposed,
+        a: &mut Activations,
+        d_weights: &mut [f32],
+    ) {
         let [d_a, d_b] = &mut a.d_hidden;
         let hidden = &a.density_hidden;
-        self.backward_layer(1, transposed, [hidden, &a.geometry], d_a, Epilogue::ReluBackward(hidden), d_weights);
+        self.backward_layer(
+            1,
+            transposed,
+            [hidden, &a.geometry],
+            d_a,
+            Epilogue::ReluBackward(hidden),
+            d_weights,
+        );
         std::mem::swap(&mut a.encoding, d_b);
-        self.backward_layer(0, transposed, [d_b, d_a], &mut a.encoding, Epilogue::Keep, d_weights);
+        self.backward_layer(
+            0,
+            transposed,
+            [d_b, d_a],
+            &mut a.encoding,
+            Epilogue::Keep,
+            d_weights,
+        );
     }
 }
 

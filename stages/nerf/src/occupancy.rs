@@ -34,10 +34,19 @@ pub struct OccupancyGrid {
 impl OccupancyGrid {
     /// A grid in which everything may be occupied, with `resolution` cells along the box's longest side.
     pub fn new(resolution: u32, space: &Space) -> Self {
-        let size = space.extent.map(|side| (side * resolution as f32).ceil().max(1.0) as usize);
+        let size = space
+            .extent
+            .map(|side| (side * resolution as f32).ceil().max(1.0) as usize);
         let cells = size.iter().product();
         let values = vec![UNKNOWN; cells];
-        let mut grid = Self { size, resolution: resolution as f32, values, updates: 0, seen: vec![], occupied: vec![] };
+        let mut grid = Self {
+            size,
+            resolution: resolution as f32,
+            values,
+            updates: 0,
+            seen: vec![],
+            occupied: vec![],
+        };
         grid.refresh();
         grid
     }
@@ -91,10 +100,14 @@ impl OccupancyGrid {
     fn mean(&self) -> f32 {
         let part = |values: &[f32]| {
             let seen = values.iter().filter(|&&v| v >= 0.0);
-            seen.fold((0f64, 0u32), |(sum, count), &v| (sum + f64::from(v), count + 1))
+            seen.fold((0f64, 0u32), |(sum, count), &v| {
+                (sum + f64::from(v), count + 1)
+            })
         };
         let parts: Vec<_> = self.values.par_chunks(CHUNK).map(part).collect();
-        let (sum, count) = parts.iter().fold((0.0, 0), |(sum, count), part| (sum + part.0, count + part.1));
+        let (sum, count) = parts.iter().fold((0.0, 0), |(sum, count), part| {
+            (sum + part.0, count + part.1)
+        });
         (sum / f64::from(count.max(1))) as f32
     }
 
@@ -116,7 +129,9 @@ impl OccupancyGrid {
     /// The cell of a unit-space point; points outside belong to the nearest cell.
     #[inline]
     pub fn cell(&self, point: [f32; 3]) -> [usize; 3] {
-        std::array::from_fn(|axis| ((point[axis] * self.resolution).max(0.0) as usize).min(self.size[axis] - 1))
+        std::array::from_fn(|axis| {
+            ((point[axis] * self.resolution).max(0.0) as usize).min(self.size[axis] - 1)
+        })
     }
 
     /// Whether there may be something in a cell.
@@ -128,7 +143,12 @@ impl OccupancyGrid {
 
 /// The set of cells whose values are not below a threshold, a bit each.
 fn members(values: &[f32], threshold: f32) -> Vec<u64> {
-    let word = |values: &[f32]| values.iter().rev().fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold));
+    let word = |values: &[f32]| {
+        values
+            .iter()
+            .rev()
+            .fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold))
+    };
     let words = |values: &[f32]| values.chunks(64).map(word).collect::<Vec<u64>>();
     values.par_chunks(CHUNK).flat_map_iter(words).collect()
 }
@@ -181,7 +201,11 @@ mod tests {
         assert_eq!(grid.occupied_cells(), [3], "0.5 is above 0.01");
         (0..200).for_each(|_| grid.update(&all, &[0.0; 16]));
         grid.update(&[5], &[0.004]);
-        assert_eq!(grid.occupied_cells(), [5], "0.004 is above half the mean of 0.004 / 16");
+        assert_eq!(
+            grid.occupied_cells(),
+            [5],
+            "0.004 is above half the mean of 0.004 / 16"
+        );
     }
 
     #[test]
@@ -194,6 +218,9 @@ mod tests {
         assert_eq!(grid.values[7], -1.0);
         assert!(!grid.occupied_cells().contains(&7) && !grid.seen_cells().contains(&7));
         grid.see(&[true; 16]);
-        assert!(grid.occupied_cells().contains(&7), "another set of cameras sees it");
+        assert!(
+            grid.occupied_cells().contains(&7),
+            "another set of cameras sees it"
+        );
     }
 }

@@ -40,12 +40,17 @@ impl Perspective {
             DVec3::new(x, y, 1.0) / depth
         };
         let corners = cameras.iter().flat_map(|camera| corners(camera)).map(flat);
-        let [low, high] =
-            corners.fold([DVec3::INFINITY, -DVec3::INFINITY], |[low, high], at| [low.min(at), high.max(at)]);
+        let [low, high] = corners.fold([DVec3::INFINITY, -DVec3::INFINITY], |[low, high], at| {
+            [low.min(at), high.max(at)]
+        });
         let size = high - low;
         let (across, deep) = (1.0 / size.x.max(size.y), 1.0 / size.z);
         let [x, y, depth] = rows;
-        let place = [across * (x - low.x * depth), across * (y - low.y * depth), deep * (high.z * depth - DVec4::W)];
+        let place = [
+            across * (x - low.x * depth),
+            across * (y - low.y * depth),
+            deep * (high.z * depth - DVec4::W),
+        ];
         let matrix = [place[0], place[1], place[2], depth].map(|row| row.as_vec4().to_array());
         let extent = [across * size.x, across * size.y, 1.0].map(|side| side as f32);
         Some((Self::new(matrix), extent))
@@ -54,10 +59,16 @@ impl Perspective {
     /// The map of a matrix; see [`Perspective::matrix`].
     pub fn new(matrix: [[f32; 4]; 4]) -> Self {
         let rows = matrix.map(|row| DVec4::from(row.map(f64::from)));
-        let inverse = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose().inverse();
+        let inverse = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3])
+            .transpose()
+            .inverse();
         // The third row is `deep` times (a times the last less 1), whose direction is a unit vector.
         let a = rows[2].truncate().dot(rows[3].truncate());
-        Self { matrix, inverse, deep: (a * rows[3].w - rows[2].w) as f32 }
+        Self {
+            matrix,
+            inverse,
+            deep: (a * rows[3].w - rows[2].w) as f32,
+        }
     }
 
     /// Whether every place of unit space has one in the world.
@@ -79,7 +90,11 @@ impl Perspective {
     /// A world point in unit space; what is not before the front camera is nowhere in it.
     pub fn to_unit(&self, point: [f32; 3]) -> [f32; 3] {
         let depth = self.depth(point);
-        if depth > 0.0 { [0, 1, 2].map(|i| self.row(i, point, 1.0) / depth) } else { [-1.0; 3] }
+        if depth > 0.0 {
+            [0, 1, 2].map(|i| self.row(i, point, 1.0) / depth)
+        } else {
+            [-1.0; 3]
+        }
     }
 
     /// A point of unit space in world space.
@@ -90,11 +105,20 @@ impl Perspective {
     /// Unit lengths per world length at a world point, along the front camera's axis; 0 where it is not in front.
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
         let depth = self.depth(point);
-        if depth > 0.0 { self.deep / (depth * depth) } else { 0.0 }
+        if depth > 0.0 {
+            self.deep / (depth * depth)
+        } else {
+            0.0
+        }
     }
 
     /// The part of a range of distances along a world ray in which it is behind the front face of unit space.
-    pub fn behind_front(&self, origin: [f32; 3], direction: [f32; 3], [start, end]: [f32; 2]) -> [f32; 2] {
+    pub fn behind_front(
+        &self,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        [start, end]: [f32; 2],
+    ) -> [f32; 2] {
         let (place, growth) = (self.row(2, origin, 1.0), self.row(2, direction, 0.0));
         match growth {
             _ if growth > 0.0 => [start.max(-place / growth), end],
@@ -107,7 +131,9 @@ impl Perspective {
 /// The front camera as rows that give right, up and depth of a world point: it looks as all do on average, from among
 /// them or from as far behind as it takes for all that they see to lie before it.
 fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
-    let axes = cameras.iter().map(|camera| -camera.camera_to_world.z_axis.truncate());
+    let axes = cameras
+        .iter()
+        .map(|camera| -camera.camera_to_world.z_axis.truncate());
     let ahead = axes.sum::<DVec3>().try_normalize()?;
     let aside = |camera: &&Camera| {
         let position = camera.position();
@@ -116,11 +142,24 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
     if cameras.iter().any(aside) {
         return None;
     }
-    let up = cameras.iter().map(|camera| camera.camera_to_world.y_axis.truncate()).sum::<DVec3>();
+    let up = cameras
+        .iter()
+        .map(|camera| camera.camera_to_world.y_axis.truncate())
+        .sum::<DVec3>();
     let right = ahead.cross(up).try_normalize()?;
-    let middle = cameras.iter().map(|camera| camera.position()).sum::<DVec3>() / cameras.len() as f64;
-    let nearest = cameras.iter().map(|camera| reach(camera)[0]).fold(f64::INFINITY, f64::min);
-    let depths = cameras.iter().flat_map(|camera| corners(camera)).map(|corner| (corner - middle).dot(ahead));
+    let middle = cameras
+        .iter()
+        .map(|camera| camera.position())
+        .sum::<DVec3>()
+        / cameras.len() as f64;
+    let nearest = cameras
+        .iter()
+        .map(|camera| reach(camera)[0])
+        .fold(f64::INFINITY, f64::min);
+    let depths = cameras
+        .iter()
+        .flat_map(|camera| corners(camera))
+        .map(|corner| (corner - middle).dot(ahead));
     let back = LEAST_DEPTH * nearest - depths.fold(f64::INFINITY, f64::min);
     let place = middle - ahead * back.max(0.0);
     Some([right, right.cross(ahead), ahead].map(|axis| axis.extend(-axis.dot(place))))
@@ -129,7 +168,14 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
 /// The corners of what a camera sees.
 fn corners(camera: &Camera) -> impl Iterator<Item = DVec3> {
     let [near, far] = reach(camera);
-    Camera { near, far, ..camera.clone() }.frustum_corners().into_iter().map(DVec3::from)
+    Camera {
+        near,
+        far,
+        ..camera.clone()
+    }
+    .frustum_corners()
+    .into_iter()
+    .map(DVec3::from)
 }
 
 #[cfg(test)]
@@ -138,7 +184,9 @@ mod tests {
 
     /// Side by side, a step ahead and turned a little.
     fn cameras() -> Vec<Camera> {
-        let place = |x: f64, z: f64| Camera::look_at(DVec3::new(x, 0.2 * x, z), DVec3::new(0.3 * x, 0.0, -4.0));
+        let place = |x: f64, z: f64| {
+            Camera::look_at(DVec3::new(x, 0.2 * x, z), DVec3::new(0.3 * x, 0.0, -4.0))
+        };
         [place(-1.0, 0.0), place(0.0, -0.3), place(1.2, 0.1)]
             .map(|pose| Camera::centered((16, 12), 16.0, pose, [1.0, 9.0]))
             .into()
@@ -151,17 +199,32 @@ mod tests {
     #[test]
     fn unit_space_holds_what_every_camera_sees() {
         let (map, extent) = map();
-        assert!(extent[2] == 1.0 && extent[0].max(extent[1]) == 1.0, "{extent:?}");
+        assert!(
+            extent[2] == 1.0 && extent[0].max(extent[1]) == 1.0,
+            "{extent:?}"
+        );
         for camera in cameras() {
             for (i, depth) in [0.751, 1.0, 3.0, 35.9].into_iter().enumerate() {
-                let world = camera.unproject(4.0 * i as f64, 4.0 * i as f64, depth).map(|x| x as f32);
+                let world = camera
+                    .unproject(4.0 * i as f64, 4.0 * i as f64, depth)
+                    .map(|x| x as f32);
                 let unit = map.to_unit(world);
-                assert!((0..3).all(|a| (-1e-5..=extent[a] + 1e-5).contains(&unit[a])), "{unit:?}");
+                assert!(
+                    (0..3).all(|a| (-1e-5..=extent[a] + 1e-5).contains(&unit[a])),
+                    "{unit:?}"
+                );
                 let back = map.to_world(unit.map(f64::from));
-                assert!((0..3).all(|a| (back[a] as f32 - world[a]).abs() < 1e-3 * depth as f32), "{back:?} {world:?}");
+                assert!(
+                    (0..3).all(|a| (back[a] as f32 - world[a]).abs() < 1e-3 * depth as f32),
+                    "{back:?} {world:?}"
+                );
             }
         }
-        assert_eq!(map.to_unit([0.0, 0.0, 9.0]), [-1.0; 3], "behind all cameras");
+        assert_eq!(
+            map.to_unit([0.0, 0.0, 9.0]),
+            [-1.0; 3],
+            "behind all cameras"
+        );
     }
 
     #[test]
@@ -172,7 +235,10 @@ mod tests {
             let [near, far] = [depth, depth + 1e-2].map(|d| [x * d, y * d, z * d]);
             let numeric = (map.to_unit(far)[2] - map.to_unit(near)[2]) / 1e-2;
             let middle = [x, y, z].map(|a| a * (depth + 5e-3));
-            assert!((numeric / map.scale_at(middle) - 1.0).abs() < 2e-2, "{numeric} at {depth}");
+            assert!(
+                (numeric / map.scale_at(middle) - 1.0).abs() < 2e-2,
+                "{numeric} at {depth}"
+            );
         }
     }
 

@@ -15,7 +15,10 @@ impl Positions {
 
     /// Adds a position.
     pub fn push(&mut self, position: [f32; 3]) {
-        self.0.iter_mut().zip(position).for_each(|(axis, x)| axis.push(x));
+        self.0
+            .iter_mut()
+            .zip(position)
+            .for_each(|(axis, x)| axis.push(x));
     }
 
     /// Repeats the origin until whole groups are full.
@@ -26,7 +29,10 @@ impl Positions {
 
     /// Adds some of `from`.
     pub fn extend(&mut self, from: &Self, range: Range<usize>) {
-        self.0.iter_mut().zip(&from.0).for_each(|(axis, from)| axis.extend_from_slice(&from[range.clone()]));
+        self.0
+            .iter_mut()
+            .zip(&from.0)
+            .for_each(|(axis, from)| axis.extend_from_slice(&from[range.clone()]));
     }
 
     /// Adds those of `from` with these indices.

@@ -20,12 +20,25 @@ impl Field {
     pub fn colors(&self, points: &[[f32; 3]], directions: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let mut activations = Activations::default();
         let features = self.look_up_in_world(points);
-        features.rows(0..points.len(), self.encoding_width(), &mut activations.encoding);
+        features.rows(
+            0..points.len(),
+            self.encoding_width(),
+            &mut activations.encoding,
+        );
         self.network.density(&mut activations);
-        activations.see(directions.iter().enumerate().map(|(row, &direction)| (direction, row..row + 1)));
+        activations.see(
+            directions
+                .iter()
+                .enumerate()
+                .map(|(row, &direction)| (direction, row..row + 1)),
+        );
         self.network.color(&mut activations);
-        let raw = activations.color.chunks_exact(COLOR_OUTPUT).take(points.len());
-        raw.map(|row| std::array::from_fn(|channel| sigmoid(row[channel]))).collect()
+        let raw = activations
+            .color
+            .chunks_exact(COLOR_OUTPUT)
+            .take(points.len());
+        raw.map(|row| std::array::from_fn(|channel| sigmoid(row[channel])))
+            .collect()
     }
 
     /// Densities at points in world space, per world length, as rays meet them: none outside the box, nor where the
@@ -37,9 +50,22 @@ impl Field {
             inside && self.occupancy.occupied(self.occupancy.cell(unit))
         };
         let mask: Vec<bool> = points.iter().map(visible).collect();
-        let asked: Vec<[f32; 3]> = points.iter().zip(&mask).filter(|(_, mask)| **mask).map(|(p, _)| *p).collect();
+        let asked: Vec<[f32; 3]> = points
+            .iter()
+            .zip(&mask)
+            .filter(|(_, mask)| **mask)
+            .map(|(p, _)| *p)
+            .collect();
         let mut densities = self.densities(&asked).into_iter();
-        mask.into_iter().map(|visible| if visible { densities.next().unwrap_or(0.0) } else { 0.0 }).collect()
+        mask.into_iter()
+            .map(|visible| {
+                if visible {
+                    densities.next().unwrap_or(0.0)
+                } else {
+                    0.0
+                }
+            })
+            .collect()
     }
 
     /// How full the box is.
@@ -59,13 +85,35 @@ mod tests {
 
     #[test]
     fn a_new_field_is_grey_from_everywhere_and_full() {
-        let config = FieldConfig { levels: 2, log2_table: 8, occupancy_resolution: 4, ..FieldConfig::default() };
+        let config = FieldConfig {
+            levels: 2,
+            log2_table: 8,
+            occupancy_resolution: 4,
+            ..FieldConfig::default()
+        };
         let field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.0]], 1);
-        for [r, g, b] in field.colors(&[[0.1; 3], [1.9, 0.2, 0.3]], &[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]) {
-            assert!([r, g, b].iter().all(|value| (0.05..0.95).contains(value)), "{r} {g} {b}");
+        for [r, g, b] in field.colors(
+            &[[0.1; 3], [1.9, 0.2, 0.3]],
+            &[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+        ) {
+            assert!(
+                [r, g, b].iter().all(|value| (0.05..0.95).contains(value)),
+                "{r} {g} {b}"
+            );
         }
-        let densities = field.visible_densities(&[[1.0, 0.5, 0.5], [1.0, 0.5, 1.1], [-0.1, 0.5, 0.5]]);
-        assert!(densities[0] > 0.0 && densities[1..] == [0.0; 2], "outside there is nothing: {densities:?}");
-        assert_eq!(field.fullness(), Fullness { cells: 16, seen: 16, occupied: 16 });
+        let densities =
+            field.visible_densities(&[[1.0, 0.5, 0.5], [1.0, 0.5, 1.1], [-0.1, 0.5, 0.5]]);
+        assert!(
+            densities[0] > 0.0 && densities[1..] == [0.0; 2],
+            "outside there is nothing: {densities:?}"
+        );
+        assert_eq!(
+            field.fullness(),
+            Fullness {
+                cells: 16,
+                seen: 16,
+                occupied: 16
+            }
+        );
     }
 }

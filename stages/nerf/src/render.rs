@@ -33,7 +33,10 @@ impl RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { supersample: 1, background: [0.0; 3] }
+        Self {
+            supersample: 1,
+            background: [0.0; 3],
+        }
     }
 }
 
@@ -65,17 +68,30 @@ pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Render
         .map(|chunk| {
             let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
             scratch.lend(|glance: &mut Glance| {
-                let pixels = glance.pixels(field, segments(field, camera, options, range), camera, options);
+                let pixels = glance.pixels(
+                    field,
+                    segments(field, camera, options, range),
+                    camera,
+                    options,
+                );
                 (pixels, glance.samples.t.len())
             })
         })
         .collect();
     let samples = chunks.iter().map(|(_, samples)| samples).sum();
-    image(camera, chunks.iter().flat_map(|(pixels, _)| pixels), samples)
+    image(
+        camera,
+        chunks.iter().flat_map(|(pixels, _)| pixels),
+        samples,
+    )
 }
 
 /// The image that pixels make up.
-pub(crate) fn image<'p>(camera: &Camera, pixels: impl Iterator<Item = &'p Pixel> + Clone, samples: usize) -> Rendered {
+pub(crate) fn image<'p>(
+    camera: &Camera,
+    pixels: impl Iterator<Item = &'p Pixel> + Clone,
+    samples: usize,
+) -> Rendered {
     Rendered {
         width: camera.width,
         height: camera.height,
@@ -94,21 +110,40 @@ pub(crate) struct Pixel {
 }
 
 /// The rays of some pixels, one pixel's behind the other's.
-pub(crate) fn segments(field: &Field, camera: &Camera, options: &RenderOptions, pixels: Range<usize>) -> Vec<Segment> {
+pub(crate) fn segments(
+    field: &Field,
+    camera: &Camera,
+    options: &RenderOptions,
+    pixels: Range<usize>,
+) -> Vec<Segment> {
     let side = options.supersample.max(1) as usize;
     let segment = |pixel: usize, sub: usize| {
         let (x, y) = (pixel % camera.width as usize, pixel / camera.width as usize);
         let place = |pixel: usize, sub: usize| pixel as f64 + (sub as f64 + 0.5) / side as f64;
-        Segment::new(&field.space, camera, place(x, sub % side), place(y, sub / side))
+        Segment::new(
+            &field.space,
+            camera,
+            place(x, sub % side),
+            place(y, sub / side),
+        )
     };
-    pixels.flat_map(|pixel| (0..side * side).map(move |sub| segment(pixel, sub))).collect()
+    pixels
+        .flat_map(|pixel| (0..side * side).map(move |sub| segment(pixel, sub)))
+        .collect()
 }
 
 /// What pixels show whose rays see this.
-pub(crate) fn averages(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Vec<Pixel> {
+pub(crate) fn averages(
+    seen: &[Seen],
+    segments: &[Segment],
+    camera: &Camera,
+    options: &RenderOptions,
+) -> Vec<Pixel> {
     let rays = options.rays_per_pixel();
     let pixels = seen.chunks(rays).zip(segments.chunks(rays));
-    pixels.map(|(seen, segments)| average(seen, segments, camera, options)).collect()
+    pixels
+        .map(|(seen, segments)| average(seen, segments, camera, options))
+        .collect()
 }
 
 /// Scratch space for some pixels.
@@ -121,21 +156,41 @@ struct Glance {
 }
 
 impl Glance {
-    fn pixels(&mut self, field: &Field, rays: Vec<Segment>, camera: &Camera, options: &RenderOptions) -> Vec<Pixel> {
+    fn pixels(
+        &mut self,
+        field: &Field,
+        rays: Vec<Segment>,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Vec<Pixel> {
         self.samples.clear();
-        rays.into_iter().for_each(|segment| self.samples.march(field, segment, 0.0));
+        rays.into_iter()
+            .for_each(|segment| self.samples.march(field, segment, 0.0));
         averages(&self.seen(field), &self.samples.segments, camera, options)
     }
 
     /// What every ray sees.
     fn seen(&mut self, field: &Field) -> Vec<Seen> {
-        let Self { samples, look, features, block } = self;
+        let Self {
+            samples,
+            look,
+            features,
+            block,
+        } = self;
         look.along(field, samples, features, &mut block.activations);
         let count = samples.rays.len();
         let mut seen = Vec::with_capacity(count);
         for first in (0..count).step_by(RAYS_PER_BLOCK) {
             let range = first..count.min(first + RAYS_PER_BLOCK);
-            seen.extend_from_slice(block.forward(field, &Rays { samples, range, features, rows: &look.rows }));
+            seen.extend_from_slice(block.forward(
+                field,
+                &Rays {
+                    samples,
+                    range,
+                    features,
+                    rows: &look.rows,
+                },
+            ));
         }
         seen
     }
@@ -143,9 +198,14 @@ impl Glance {
 
 fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Pixel {
     let share = 1.0 / seen.len() as f32;
-    let mut pixel = Pixel { rgb: [0.0; 3], depth: 0.0, opacity: 0.0 };
+    let mut pixel = Pixel {
+        rgb: [0.0; 3],
+        depth: 0.0,
+        opacity: 0.0,
+    };
     for (seen, segment) in seen.iter().zip(segments) {
-        for ((sum, color), background) in pixel.rgb.iter_mut().zip(seen.rgb).zip(options.background) {
+        for ((sum, color), background) in pixel.rgb.iter_mut().zip(seen.rgb).zip(options.background)
+        {
             *sum += share * (color + seen.transmittance * background);
         }
         let opacity = 1.0 - seen.transmittance;
@@ -154,6 +214,10 @@ fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &Rende
             pixel.depth += share * opacity * segment.depth(seen.distance / opacity);
         }
     }
-    pixel.depth = if pixel.opacity < 1e-3 { camera.far as f32 } else { pixel.depth / pixel.opacity };
+    pixel.depth = if pixel.opacity < 1e-3 {
+        camera.far as f32
+    } else {
+        pixel.depth / pixel.opacity
+    };
     pixel
 }

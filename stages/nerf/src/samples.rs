@@ -23,7 +23,13 @@ pub struct Samples {
 impl Samples {
     /// Forgets all rays.
     pub fn clear(&mut self) {
-        let Self { segments, rays, positions, t, dt } = self;
+        let Self {
+            segments,
+            rays,
+            positions,
+            t,
+            dt,
+        } = self;
         segments.clear();
         rays.clear();
         positions.clear();
@@ -35,12 +41,18 @@ impl Samples {
     /// step.
     pub fn march(&mut self, field: &Field, segment: Segment, jitter: f32) {
         let first = self.t.len();
-        march(&field.occupancy, field.stride(), &segment, jitter, |t, dt| {
-            // Rounding may put a point just below the box, where the grid has no cells.
-            self.positions.push(segment.at(t).map(|x| x.max(0.0)));
-            self.t.push(t);
-            self.dt.push(dt);
-        });
+        march(
+            &field.occupancy,
+            field.stride(),
+            &segment,
+            jitter,
+            |t, dt| {
+                // Rounding may put a point just below the box, where the grid has no cells.
+                self.positions.push(segment.at(t).map(|x| x.max(0.0)));
+                self.t.push(t);
+                self.dt.push(dt);
+            },
+        );
         self.rays.push(first..self.t.len());
         self.segments.push(segment);
     }
@@ -50,12 +62,17 @@ impl Samples {
         let mut end = 0;
         for ray in &mut self.rays {
             let first = end;
-            end += kept[first..].iter().take_while(|&&sample| (sample as usize) < ray.end).count();
+            end += kept[first..]
+                .iter()
+                .take_while(|&&sample| (sample as usize) < ray.end)
+                .count();
             *ray = first..end;
         }
         let [x, y, z] = &mut self.positions.0;
         for values in [x, y, z, &mut self.t, &mut self.dt] {
-            kept.iter().enumerate().for_each(|(to, &from)| values[to] = values[from as usize]);
+            kept.iter()
+                .enumerate()
+                .for_each(|(to, &from)| values[to] = values[from as usize]);
             values.truncate(kept.len());
         }
     }

@@ -38,15 +38,25 @@ impl Space {
     pub fn new(bounds: [[f32; 3]; 2]) -> Self {
         let sides: [f32; 3] = std::array::from_fn(|axis| bounds[1][axis] - bounds[0][axis]);
         let longest = sides.into_iter().fold(0.0, f32::max);
-        assert!(sides.iter().all(|&side| side > 0.0 && side.is_finite()), "a scene box has no volume: {bounds:?}");
+        assert!(
+            sides.iter().all(|&side| side > 0.0 && side.is_finite()),
+            "a scene box has no volume: {bounds:?}"
+        );
         let scale = 1.0 / longest;
-        Self { bounds, scale, extent: sides.map(|side| side * scale), perspective: None }
+        Self {
+            bounds,
+            scale,
+            extent: sides.map(|side| side * scale),
+            perspective: None,
+        }
     }
 
     /// The space of a scene box and the cameras that see the scene. `None` where a perspective is asked for and the
     /// cameras do not look the same way.
     pub fn of(kind: SpaceKind, bounds: [[f32; 3]; 2], cameras: &[&Camera]) -> Option<Self> {
-        let perspective = || Perspective::of(cameras).map(|(map, extent)| Self::in_perspective(bounds, map, extent));
+        let perspective = || {
+            Perspective::of(cameras).map(|(map, extent)| Self::in_perspective(bounds, map, extent))
+        };
         match kind {
             SpaceKind::Auto => Some(perspective().unwrap_or_else(|| Self::new(bounds))),
             SpaceKind::Box => Some(Self::new(bounds)),
@@ -55,8 +65,16 @@ impl Space {
     }
 
     /// A space with a map of its own.
-    pub(crate) fn in_perspective(bounds: [[f32; 3]; 2], map: Perspective, extent: [f32; 3]) -> Self {
-        Self { extent, perspective: Some(map), ..Self::new(bounds) }
+    pub(crate) fn in_perspective(
+        bounds: [[f32; 3]; 2],
+        map: Perspective,
+        extent: [f32; 3],
+    ) -> Self {
+        Self {
+            extent,
+            perspective: Some(map),
+            ..Self::new(bounds)
+        }
     }
 
     /// The map, where it is not a shift and a scale.
@@ -66,7 +84,11 @@ impl Space {
 
     /// The depths along its view axis between which a camera sees something.
     pub fn range(&self, camera: &Camera) -> [f64; 2] {
-        if self.perspective.is_some() { reach(camera) } else { [camera.near, camera.far] }
+        if self.perspective.is_some() {
+            reach(camera)
+        } else {
+            [camera.near, camera.far]
+        }
     }
 
     /// A world point in unit space.
@@ -81,20 +103,28 @@ impl Space {
     pub fn to_world(&self, unit: [f64; 3]) -> [f64; 3] {
         match &self.perspective {
             Some(perspective) => perspective.to_world(unit),
-            None => [0, 1, 2].map(|a| unit[a] / f64::from(self.scale) + f64::from(self.bounds[0][a])),
+            None => {
+                [0, 1, 2].map(|a| unit[a] / f64::from(self.scale) + f64::from(self.bounds[0][a]))
+            }
         }
     }
 
     /// Growth of marching steps with the distance from the camera: equal steps in perspective are already steps of
     /// equal disparity.
     pub fn cone(&self, config: &FieldConfig) -> f64 {
-        if self.perspective.is_some() { 0.0 } else { config.march_cone }
+        if self.perspective.is_some() {
+            0.0
+        } else {
+            config.march_cone
+        }
     }
 
     /// Unit lengths per world length at a world point; in perspective, where it depends on the direction, along the
     /// front camera's axis.
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
-        self.perspective.as_ref().map_or(self.scale, |map| map.scale_at(point))
+        self.perspective
+            .as_ref()
+            .map_or(self.scale, |map| map.scale_at(point))
     }
 
     /// The part of `range` (distances in unit space) in which a ray is inside the box; empty if start >= end.
@@ -103,7 +133,10 @@ impl Space {
         for axis in 0..3 {
             // A ray along a face divides by zero: the infinities keep or empty the range as they should.
             let inverse = 1.0 / direction[axis];
-            let (a, b) = (-origin[axis] * inverse, (self.extent[axis] - origin[axis]) * inverse);
+            let (a, b) = (
+                -origin[axis] * inverse,
+                (self.extent[axis] - origin[axis]) * inverse,
+            );
             start = start.max(a.min(b));
             end = end.min(a.max(b));
         }
@@ -126,8 +159,14 @@ mod tests {
     fn a_ray_is_cut_at_the_faces_and_at_its_own_range() {
         let space = Space::new([[0.0; 3], [1.0, 1.0, 0.5]]);
         let along_z = [0.0, 0.0, 1.0];
-        assert_eq!(space.clip([0.5, 0.5, -1.0], along_z, [0.0, 9.0]), [1.0, 1.5]);
-        assert_eq!(space.clip([0.5, 0.5, -1.0], along_z, [1.2, 1.3]), [1.2, 1.3]);
+        assert_eq!(
+            space.clip([0.5, 0.5, -1.0], along_z, [0.0, 9.0]),
+            [1.0, 1.5]
+        );
+        assert_eq!(
+            space.clip([0.5, 0.5, -1.0], along_z, [1.2, 1.3]),
+            [1.2, 1.3]
+        );
         let [start, end] = space.clip([2.0, 0.5, -1.0], along_z, [0.0, 9.0]);
         assert!(start >= end, "the ray passes beside the box");
     }

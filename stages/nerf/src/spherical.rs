@@ -40,16 +40,26 @@ mod tests {
             let z = 2.0 * ((i / STEPS) as f64 + 0.5) / STEPS as f64 - 1.0;
             let angle = std::f64::consts::TAU * ((i % STEPS) as f64 + 0.5) / STEPS as f64;
             let ring = (1.0 - z * z).sqrt();
-            let y = harmonics([(ring * angle.cos()) as f32, (ring * angle.sin()) as f32, z as f32]);
+            let y = harmonics([
+                (ring * angle.cos()) as f32,
+                (ring * angle.sin()) as f32,
+                z as f32,
+            ]);
             for (row, &a) in gram.iter_mut().zip(&y) {
-                row.iter_mut().zip(&y).for_each(|(sum, &b)| *sum += f64::from(a * b));
+                row.iter_mut()
+                    .zip(&y)
+                    .for_each(|(sum, &b)| *sum += f64::from(a * b));
             }
         }
         let area = 2.0 * std::f64::consts::TAU / (STEPS * STEPS) as f64;
         for (i, row) in gram.iter().enumerate() {
             for (j, sum) in row.iter().enumerate() {
                 let want = if i == j { 1.0 } else { 0.0 };
-                assert!((sum * area - want).abs() < 1e-3, "<Y{i}, Y{j}> = {}", sum * area);
+                assert!(
+                    (sum * area - want).abs() < 1e-3,
+                    "<Y{i}, Y{j}> = {}",
+                    sum * area
+                );
             }
         }
     }

@@ -17,17 +17,32 @@ impl Trainer {
         let mut tensors = self.field.tensors();
         let entries = self.field.table.len();
         let moments = &self.table_moments;
-        let mut put =
-            |name: &str, shape: &[usize], values: Vec<f32>| tensors.insert(name.into(), (shape.to_vec(), values));
-        put("hash_table", &[entries, FEATURES], moments.values.as_flattened().to_vec());
+        let mut put = |name: &str, shape: &[usize], values: Vec<f32>| {
+            tensors.insert(name.into(), (shape.to_vec(), values))
+        };
+        put(
+            "hash_table",
+            &[entries, FEATURES],
+            moments.values.as_flattened().to_vec(),
+        );
         let [first, second] = moments.unpacked();
         put("adam.first.hash_table", &[entries, FEATURES], first);
         put("adam.second.hash_table", &[entries, FEATURES], second);
-        put("adam.steps.hash_table", &[entries], moments.steps.iter().map(|&n| f32::from(n)).collect());
+        put(
+            "adam.steps.hash_table",
+            &[entries],
+            moments.steps.iter().map(|&n| f32::from(n)).collect(),
+        );
         put("trainer.step", &[1], vec![self.step as f32]);
         put("trainer.pixels", &[1], vec![self.pixels as f32]);
-        tensors.extend(network_tensors(&self.like_network(&self.network_moments.first), "adam.first."));
-        tensors.extend(network_tensors(&self.like_network(&self.network_moments.second), "adam.second."));
+        tensors.extend(network_tensors(
+            &self.like_network(&self.network_moments.first),
+            "adam.first.",
+        ));
+        tensors.extend(network_tensors(
+            &self.like_network(&self.network_moments.second),
+            "adam.second.",
+        ));
         tensors
     }
 
@@ -41,13 +56,23 @@ impl Trainer {
         seed: u64,
         state: &Tensors,
     ) -> Result<Self, FieldError> {
-        let mut trainer = Trainer::new(Field::from_tensors(config, bounds, state)?, views, options, seed);
+        let mut trainer = Trainer::new(
+            Field::from_tensors(config, bounds, state)?,
+            views,
+            options,
+            seed,
+        );
         let entries = trainer.field.table.len();
         let pairs = |name| take(state, name, &[entries, FEATURES]);
         trainer.table_moments.values = pairs("hash_table")?.as_chunks().0.to_vec();
-        trainer.table_moments.pack([pairs("adam.first.hash_table")?, pairs("adam.second.hash_table")?]);
-        trainer.table_moments.steps =
-            take(state, "adam.steps.hash_table", &[entries])?.iter().map(|&n| n as u16).collect();
+        trainer.table_moments.pack([
+            pairs("adam.first.hash_table")?,
+            pairs("adam.second.hash_table")?,
+        ]);
+        trainer.table_moments.steps = take(state, "adam.steps.hash_table", &[entries])?
+            .iter()
+            .map(|&n| n as u16)
+            .collect();
         trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;
         trainer.network_moments.second = trainer.read_moment("adam.second.", state)?;
         trainer.step = take(state, "trainer.step", &[1])?[0] as u32;
@@ -56,7 +81,10 @@ impl Trainer {
     }
 
     fn like_network(&self, values: &[f32]) -> Network {
-        Network { layers: self.field.network.layers.clone(), weights: values.to_vec() }
+        Network {
+            layers: self.field.network.layers.clone(),
+            weights: values.to_vec(),
+        }
     }
 
     fn read_moment(&self, prefix: &str, state: &Tensors) -> Result<Vec<f32>, FieldError> {

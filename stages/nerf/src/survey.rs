@@ -23,16 +23,27 @@ pub type Survey = (Features, Activations);
 /// Marks the cells that no camera can see, between its near and far and within its image, as empty for good.
 pub fn see(field: &mut Field, cameras: &[&Camera]) {
     let grid = &field.occupancy;
-    let views: Vec<_> =
-        cameras.iter().map(|camera| (camera, camera.view_window(), field.space.range(camera))).collect();
+    let views: Vec<_> = cameras
+        .iter()
+        .map(|camera| (camera, camera.view_window(), field.space.range(camera)))
+        .collect();
     let seen: Vec<bool> = (0..grid.cells())
         .into_par_iter()
         .map(|cell| {
-            let world = |fraction: [f32; 3]| field.space.to_world(grid.point(cell, fraction).map(f64::from));
+            let world = |fraction: [f32; 3]| {
+                field
+                    .space
+                    .to_world(grid.point(cell, fraction).map(f64::from))
+            };
             let center = world([0.5; 3]);
-            let corner = |i: usize| DVec3::from(world([i & 1, i >> 1 & 1, i >> 2].map(|side| side as f32)));
-            let radius = (0..8).map(|i| corner(i).distance(center.into())).fold(0.0, f64::max);
-            views.iter().any(|(camera, window, range)| sees(camera, *window, *range, center, radius))
+            let corner =
+                |i: usize| DVec3::from(world([i & 1, i >> 1 & 1, i >> 2].map(|side| side as f32)));
+            let radius = (0..8)
+                .map(|i| corner(i).distance(center.into()))
+                .fold(0.0, f64::max);
+            views
+                .iter()
+                .any(|(camera, window, range)| sees(camera, *window, *range, center, radius))
         })
         .collect();
     field.occupancy.see(&seen);
@@ -40,7 +51,13 @@ pub fn see(field: &mut Field, cameras: &[&Camera]) {
 
 /// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own, between two
 /// depths.
-fn sees(camera: &Camera, window: [f64; 4], [near, far]: [f64; 2], center: [f64; 3], radius: f64) -> bool {
+fn sees(
+    camera: &Camera,
+    window: [f64; 4],
+    [near, far]: [f64; 2],
+    center: [f64; 3],
+    radius: f64,
+) -> bool {
     let to_camera = camera.camera_to_world.inverse();
     let p = to_camera.transform_point3(center.into());
     let depth = -p.z;
@@ -49,7 +66,8 @@ fn sees(camera: &Camera, window: [f64; 4], [near, far]: [f64; 2], center: [f64; 
     }
     // The distance to each side plane of the view, of which (1, -side) is the normal in the plane of one axis.
     let inside = |across: f64, low: f64, high: f64| {
-        across - low * depth > -radius * low.hypot(1.0) && high * depth - across > -radius * high.hypot(1.0)
+        across - low * depth > -radius * low.hypot(1.0)
+            && high * depth - across > -radius * high.hypot(1.0)
     };
     inside(p.x, window[0], window[1]) && inside(p.y, window[2], window[3])
 }
@@ -75,15 +93,28 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
         return seen;
     }
     let mut set = vec![0u64; field.occupancy.cells().div_ceil(64)];
-    for (part, from) in [seen, field.occupancy.occupied_cells()].into_iter().enumerate() {
-        let draw = |i: usize| from[rng.below(4 * round + 3, (part << 32 | i) as u64, from.len() as u32) as usize];
+    for (part, from) in [seen, field.occupancy.occupied_cells()]
+        .into_iter()
+        .enumerate()
+    {
+        let draw = |i: usize| {
+            from[rng.below(4 * round + 3, (part << 32 | i) as u64, from.len() as u32) as usize]
+        };
         let drawn: Vec<u32> = (0..from.len() / SHARE).into_par_iter().map(draw).collect();
-        drawn.into_iter().for_each(|cell| set[cell as usize / 64] |= 1 << (cell % 64));
+        drawn
+            .into_iter()
+            .for_each(|cell| set[cell as usize / 64] |= 1 << (cell % 64));
     }
     elements(&set)
 }
 
-fn densities(field: &Field, cells: &[u32], (features, scratch): &mut Survey, rng: &Rng, round: u64) -> Vec<f32> {
+fn densities(
+    field: &Field,
+    cells: &[u32],
+    (features, scratch): &mut Survey,
+    rng: &Rng,
+    round: u64,
+) -> Vec<f32> {
     let points = cells.iter().map(|&cell| {
         let [x, y, z, _] = rng.uniforms(4 * round, u64::from(cell));
         field.occupancy.point(cell as usize, [x, y, z])
@@ -119,7 +150,9 @@ mod tests {
     #[test]
     fn only_what_is_in_view_is_seen() {
         let camera = camera();
-        let sees = |camera: &Camera, center, radius| sees(camera, camera.view_window(), [1.0, 3.0], center, radius);
+        let sees = |camera: &Camera, center, radius| {
+            sees(camera, camera.view_window(), [1.0, 3.0], center, radius)
+        };
         assert!(sees(&camera, [0.0, 0.0, -2.0], 0.0));
         assert!(!sees(&camera, [0.0, 0.0, -0.5], 0.1), "before near");
         assert!(!sees(&camera, [0.0, 0.0, -3.5], 0.1), "behind far");
@@ -127,7 +160,10 @@ mod tests {
             !sees(&camera, [1.2, 0.0, -2.0], 0.1) && sees(&camera, [1.2, 0.0, -2.0], 0.3),
             "the image ends at x = 1"
         );
-        assert!(!sees(&camera, [0.0, -0.95, -2.0], 0.1) && sees(&camera, [0.0, -0.7, -2.0], 0.0), "and at y = -0.75");
+        assert!(
+            !sees(&camera, [0.0, -0.95, -2.0], 0.1) && sees(&camera, [0.0, -0.7, -2.0], 0.0),
+            "and at y = -0.75"
+        );
     }
 
     #[test]
@@ -150,8 +186,15 @@ mod tests {
         let (mut field, rng) = (field(), Rng::new(1, "survey test"));
         (0..100).for_each(|_| update(&mut field, &rng, &Pool::default()));
         assert_eq!(field.occupancy.updates, 100);
-        assert_eq!(field.occupancy.occupied_cells().len(), field.occupancy.cells(), "an even haze");
+        assert_eq!(
+            field.occupancy.occupied_cells().len(),
+            field.occupancy.cells(),
+            "an even haze"
+        );
         let haze = field.occupancy.values[0];
-        assert!((haze - 0.367_879 / 512.0).abs() < 1e-4, "exp(-1) over 512 steps, not {haze}");
+        assert!(
+            (haze - 0.367_879 / 512.0).abs() < 1e-4,
+            "exp(-1) over 512 steps, not {haze}"
+        );
     }
 }

@@ -67,7 +67,10 @@ impl Trainer {
     pub fn new(mut field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
         assert!(!views.is_empty(), "training needs at least one view");
         views.iter().for_each(TrainView::check);
-        survey::see(&mut field, &views.iter().map(|view| &view.camera).collect::<Vec<_>>());
+        survey::see(
+            &mut field,
+            &views.iter().map(|view| &view.camera).collect::<Vec<_>>(),
+        );
         Self {
             step: 0,
             pixels: PIXELS[0],
@@ -130,12 +133,17 @@ impl Trainer {
 
     /// Rays of a pixel of the view that has the most.
     fn rays_per_pixel(&self) -> usize {
-        self.views.iter().map(TrainView::rays_per_pixel).max().unwrap_or(1)
+        self.views
+            .iter()
+            .map(TrainView::rays_per_pixel)
+            .max()
+            .unwrap_or(1)
     }
 
     /// Pixels of the next batch, for the wanted number of samples that rays see. At most twice or half as many as before.
     pub(crate) fn next_pixels(&self, samples: usize) -> u32 {
-        let wanted = u64::from(self.pixels) * u64::from(self.options.samples) / (samples as u64).max(1);
+        let wanted =
+            u64::from(self.pixels) * u64::from(self.options.samples) / (samples as u64).max(1);
         let near = wanted.clamp(u64::from(self.pixels / 2), u64::from(self.pixels) * 2) as u32;
         self.within_limits(near.next_multiple_of(PIXELS[1]))
     }
@@ -149,44 +157,94 @@ impl Trainer {
     fn contribute(&mut self, parts: &mut [Contribution]) {
         let per_block = (RAYS_PER_BLOCK / self.rays_per_pixel()).max(1);
         let transposed = self.field.network.transposed();
-        let Self { field, views, sampler, options, step, pixels, features, blocks, .. } = self;
-        let batch = Batch { field, views, sampler, options, step: *step, pixels: *pixels, transposed: &transposed };
-        parts.par_iter_mut().enumerate().for_each(|(part, contribution)| {
-            let start = |part: u32| (u64::from(part) * u64::from(*pixels) / u64::from(PARTS)) as u32;
-            batch.march(start(part as u32)..start(part as u32 + 1), contribution);
-        });
+        let Self {
+            field,
+            views,
+            sampler,
+            options,
+            step,
+            pixels,
+            features,
+            blocks,
+            ..
+        } = self;
+        let batch = Batch {
+            field,
+            views,
+            sampler,
+            options,
+            step: *step,
+            pixels: *pixels,
+            transposed: &transposed,
+        };
+        parts
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(part, contribution)| {
+                let start =
+                    |part: u32| (u64::from(part) * u64::from(*pixels) / u64::from(PARTS)) as u32;
+                batch.march(start(part as u32)..start(part as u32 + 1), contribution);
+            });
         features.clear(field);
         while parts.iter_mut().map(|part| part.look.ask(features)).max() == Some(true) {
             let look_ups: Vec<LookUp<'_>> = features.look_ups(field).collect();
-            look_ups.into_par_iter().with_max_len(1).for_each(LookUp::run);
-            parts.par_iter_mut().for_each(|Contribution { look, samples, .. }| {
-                blocks.lend(|block| look.answer(field, samples, features, &mut block.activations));
-            });
+            look_ups
+                .into_par_iter()
+                .with_max_len(1)
+                .for_each(LookUp::run);
+            parts
+                .par_iter_mut()
+                .for_each(|Contribution { look, samples, .. }| {
+                    blocks.lend(|block| {
+                        look.answer(field, samples, features, &mut block.activations)
+                    });
+                });
         }
-        parts.par_iter_mut().for_each(|part| blocks.lend(|block| batch.learn(features, per_block, block, part)));
+        parts
+            .par_iter_mut()
+            .for_each(|part| blocks.lend(|block| batch.learn(features, per_block, block, part)));
     }
 
     /// Sums the gradients in the order of the parts and takes a step down.
     fn descend(&mut self, parts: &[Contribution]) {
         let rate = self.options.rate_after(self.step) as f32;
         let (d_weights, weights) = (sum_weights(parts), &mut self.field.network.weights);
-        update_dense(weights, &d_weights, &mut self.network_moments, rate, self.step + 1, self.options.l2 as f32);
+        update_dense(
+            weights,
+            &d_weights,
+            &mut self.network_moments,
+            rate,
+            self.step + 1,
+            self.options.l2 as f32,
+        );
         let levels = &self.field.levels;
-        let moments = self.table_moments.split(levels.iter().map(|level| level.entries));
+        let moments = self
+            .table_moments
+            .split(levels.iter().map(|level| level.entries));
         let (mut table, d_tables) = (&mut self.field.table[..], &self.d_tables);
-        let tables = levels.iter().map(|level| table.split_off_mut(..level.entries).unwrap_or_default());
+        let tables = levels
+            .iter()
+            .map(|level| table.split_off_mut(..level.entries).unwrap_or_default());
         // Levels are disjoint, so each is one task and no two write to the same entry.
         let tasks: Vec<_> = levels.iter().zip(tables).zip(moments).enumerate().collect();
-        tasks.into_par_iter().with_max_len(1).for_each(|(l, ((level, table), moments))| {
-            d_tables.lend(|d_table| {
-                d_table.resize(d_table.len().max(level.entries), [0.0; FEATURES]);
-                let d_table = &mut d_table[..level.entries];
-                for part in parts {
-                    encode_backward(level, part.gradient.positions.since(0), &part.gradient.levels[l], d_table);
-                }
-                update_sparse(table, d_table, moments, rate);
+        tasks
+            .into_par_iter()
+            .with_max_len(1)
+            .for_each(|(l, ((level, table), moments))| {
+                d_tables.lend(|d_table| {
+                    d_table.resize(d_table.len().max(level.entries), [0.0; FEATURES]);
+                    let d_table = &mut d_table[..level.entries];
+                    for part in parts {
+                        encode_backward(
+                            level,
+                            part.gradient.positions.since(0),
+                            &part.gradient.levels[l],
+                            d_table,
+                        );
+                    }
+                    update_sparse(table, d_table, moments, rate);
+                });
             });
-        });
     }
 }
 
@@ -194,7 +252,9 @@ impl Trainer {
 fn sum_weights(parts: &[Contribution]) -> Vec<f32> {
     let mut sum = vec![0.0; parts.first().map_or(0, |part| part.gradient.weights.len())];
     for part in parts {
-        sum.iter_mut().zip(&part.gradient.weights).for_each(|(sum, d)| *sum += d);
+        sum.iter_mut()
+            .zip(&part.gradient.weights)
+            .for_each(|(sum, d)| *sum += d);
     }
     sum
 }

@@ -19,7 +19,13 @@ pub enum Training {
 
 impl Training {
     /// Starts training of a field; see [`Trainer::new`].
-    pub fn new(device: &Device, field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
+    pub fn new(
+        device: &Device,
+        field: Field,
+        views: Vec<TrainView>,
+        options: &TrainOptions,
+        seed: u64,
+    ) -> Self {
         Self::on(device, Trainer::new(field, views, options, seed))
     }
 
@@ -33,7 +39,10 @@ impl Training {
         seed: u64,
         state: &Tensors,
     ) -> Result<Self, FieldError> {
-        Ok(Self::on(device, Trainer::from_state(config, bounds, views, options, seed, state)?))
+        Ok(Self::on(
+            device,
+            Trainer::from_state(config, bounds, views, options, seed, state)?,
+        ))
     }
 
     fn on(device: &Device, trainer: Trainer) -> Self {

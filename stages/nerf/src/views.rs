@@ -34,13 +34,24 @@ impl Views {
     /// Writes what each direction adds to its rows of the first hidden layer, through `weights`
     /// [[`COEFFICIENTS`], [`HIDDEN`]]; zeros to rows without one.
     pub fn forward(&mut self, weights: &[f32], hidden: &mut [f32]) {
-        let (harmonics, weights) = (Matrix::new(&self.harmonics, COEFFICIENTS), Matrix::new(weights, HIDDEN));
-        product(&mut self.hidden, harmonics, weights, [COEFFICIENTS, HIDDEN], Prologue::Zero, Epilogue::Keep);
+        let (harmonics, weights) = (
+            Matrix::new(&self.harmonics, COEFFICIENTS),
+            Matrix::new(weights, HIDDEN),
+        );
+        product(
+            &mut self.hidden,
+            harmonics,
+            weights,
+            [COEFFICIENTS, HIDDEN],
+            Prologue::Zero,
+            Epilogue::Keep,
+        );
         let end = self.rows.last().map_or(0, |rows| rows.end);
         hidden[end * HIDDEN..].fill(0.0);
         for (view, rows) in self.hidden.chunks_exact(HIDDEN).zip(&self.rows) {
             let rows = &mut hidden[rows.start * HIDDEN..rows.end * HIDDEN];
-            rows.chunks_exact_mut(HIDDEN).for_each(|row| row.copy_from_slice(view));
+            rows.chunks_exact_mut(HIDDEN)
+                .for_each(|row| row.copy_from_slice(view));
         }
     }
 
@@ -53,7 +64,10 @@ impl Views {
                 view.iter_mut().zip(row).for_each(|(sum, d)| *sum += d);
             }
         }
-        let (harmonics, d_views) = (Matrix::new(&self.harmonics, COEFFICIENTS), Matrix::new(&self.hidden, HIDDEN));
+        let (harmonics, d_views) = (
+            Matrix::new(&self.harmonics, COEFFICIENTS),
+            Matrix::new(&self.hidden, HIDDEN),
+        );
         add_transposed_product(d_weights, harmonics, d_views, [COEFFICIENTS, HIDDEN]);
     }
 }

@@ -49,7 +49,12 @@ pub struct Ray {
 
 impl Camera {
     /// A camera with square pixels, its axis through the image's middle and no lens; `range` is near and far.
-    pub fn centered((width, height): (u32, u32), focal: f64, camera_to_world: DMat4, [near, far]: [f64; 2]) -> Self {
+    pub fn centered(
+        (width, height): (u32, u32),
+        focal: f64,
+        camera_to_world: DMat4,
+        [near, far]: [f64; 2],
+    ) -> Self {
         Camera {
             width,
             height,
@@ -81,7 +86,10 @@ impl Camera {
     /// `None` if the point is not in front of the camera, or so far aside that no ray through this lens meets it. The
     /// image's borders do not clip.
     pub fn project(&self, point: [f64; 3]) -> Option<[f64; 3]> {
-        let p = self.camera_to_world.inverse().transform_point3(point.into());
+        let p = self
+            .camera_to_world
+            .inverse()
+            .transform_point3(point.into());
         let depth = -p.z;
         if depth <= 0.0 {
             return None;
@@ -92,13 +100,18 @@ impl Camera {
 
     /// The world point seen at (`px`, `py`) at a depth along the view axis.
     pub fn unproject(&self, px: f64, py: f64, depth: f64) -> [f64; 3] {
-        self.camera_to_world.transform_point3(self.at_unit_depth(px, py) * depth).to_array()
+        self.camera_to_world
+            .transform_point3(self.at_unit_depth(px, py) * depth)
+            .to_array()
     }
 
     /// The same camera with another number of pixels on the same image plane. Each axis is scaled on its own, so that
     /// sizes that do not divide still show exactly the same part of the world.
     pub fn scaled(&self, width: u32, height: u32) -> Camera {
-        let (sx, sy) = (f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
+        let (sx, sy) = (
+            f64::from(width) / f64::from(self.width),
+            f64::from(height) / f64::from(self.height),
+        );
         Camera {
             width,
             height,
@@ -123,8 +136,15 @@ impl Camera {
         let along = (0..=steps).map(|step| f64::from(step) / f64::from(steps));
         let rim = along.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
         rim.map(|(px, py)| self.at_unit_depth(px, py)).fold(
-            [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY],
-            |[left, right, low, high], p| [left.min(p.x), right.max(p.x), low.min(p.y), high.max(p.y)],
+            [
+                f64::INFINITY,
+                f64::NEG_INFINITY,
+                f64::INFINITY,
+                f64::NEG_INFINITY,
+            ],
+            |[left, right, low, high], p| {
+                [left.min(p.x), right.max(p.x), low.min(p.y), high.max(p.y)]
+            },
         )
     }
 
@@ -135,7 +155,9 @@ impl Camera {
         std::array::from_fn(|i| {
             let (x, y) = rim[i % 4];
             let depth = if i < 4 { self.near } else { self.far };
-            self.camera_to_world.transform_point3(DVec3::new(x, y, -1.0) * depth).to_array()
+            self.camera_to_world
+                .transform_point3(DVec3::new(x, y, -1.0) * depth)
+                .to_array()
         })
     }
 
@@ -143,9 +165,17 @@ impl Camera {
     pub fn sees_through_all_its_image(&self) -> bool {
         let at = |i: u32| f64::from(i) / f64::from(RIM);
         let (w, h) = (f64::from(self.width), f64::from(self.height));
-        let seen = |i, j| [(at(i) * w - self.cx) / self.fl_x, (at(j) * h - self.cy) / self.fl_y];
-        let has_ray =
-            |i, j| self.distortion.undo(seen(i, j)).is_some_and(|point| self.distortion.is_before_fold(point));
+        let seen = |i, j| {
+            [
+                (at(i) * w - self.cx) / self.fl_x,
+                (at(j) * h - self.cy) / self.fl_y,
+            ]
+        };
+        let has_ray = |i, j| {
+            self.distortion
+                .undo(seen(i, j))
+                .is_some_and(|point| self.distortion.is_before_fold(point))
+        };
         (0..=RIM).all(|j| (0..=RIM).all(|i| has_ray(i, j)))
     }
 
@@ -159,7 +189,12 @@ impl Camera {
         let back = (position - target).normalize();
         let right = up.cross(back).normalize();
         let up = back.cross(right);
-        DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), position.extend(1.0))
+        DMat4::from_cols(
+            right.extend(0.0),
+            up.extend(0.0),
+            back.extend(0.0),
+            position.extend(1.0),
+        )
     }
 
     /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a uniform `scale` about
@@ -167,7 +202,12 @@ impl Camera {
     pub(crate) fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
         camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));
-        Camera { camera_to_world, near: self.near * scale, far: self.far * scale, ..self.clone() }
+        Camera {
+            camera_to_world,
+            near: self.near * scale,
+            far: self.far * scale,
+            ..self.clone()
+        }
     }
 
     fn at_unit_depth(&self, px: f64, py: f64) -> DVec3 {
@@ -179,7 +219,9 @@ impl Camera {
 
     /// Where a point of the image plane (y down) is seen through the lens; `None` beyond the rim where it folds over.
     fn bend(&self, point: [f64; 2]) -> Option<[f64; 2]> {
-        self.distortion.is_before_fold(point).then(|| self.distortion.apply(point))
+        self.distortion
+            .is_before_fold(point)
+            .then(|| self.distortion.apply(point))
     }
 }
 

@@ -5,14 +5,22 @@
 /// the curve on, so that [`linear_to_srgb`] undoes it everywhere.
 pub fn srgb_to_linear(encoded: f32) -> f32 {
     let x = encoded.abs();
-    let linear = if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
+    let linear = if x <= 0.04045 {
+        x / 12.92
+    } else {
+        ((x + 0.055) / 1.055).powf(2.4)
+    };
     linear.copysign(encoded)
 }
 
 /// Encodes linear light as an sRGB value. The inverse of [`srgb_to_linear`].
 pub fn linear_to_srgb(linear: f32) -> f32 {
     let x = linear.abs();
-    let encoded = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    let encoded = if x <= 0.003_130_8 {
+        x * 12.92
+    } else {
+        1.055 * x.powf(1.0 / 2.4) - 0.055
+    };
     encoded.copysign(linear)
 }
 
@@ -26,14 +34,20 @@ mod tests {
         assert!((srgb_to_linear(1.0) - 1.0).abs() < 1e-6);
         assert!((srgb_to_linear(0.5) - 0.214_041).abs() < 1e-6);
         assert!((linear_to_srgb(0.18) - 0.461_356).abs() < 1e-5);
-        assert!((linear_to_srgb(0.002) - 0.025_84).abs() < 1e-7, "the linear toe");
+        assert!(
+            (linear_to_srgb(0.002) - 0.025_84).abs() < 1e-7,
+            "the linear toe"
+        );
     }
 
     #[test]
     fn every_eight_bit_value_survives_the_round_trip() {
         for byte in 0..=255u8 {
             let back = linear_to_srgb(srgb_to_linear(f32::from(byte) / 255.0)) * 255.0;
-            assert!((back - f32::from(byte)).abs() < 1e-3, "{byte} became {back}");
+            assert!(
+                (back - f32::from(byte)).abs() < 1e-3,
+                "{byte} became {back}"
+            );
         }
     }
 

@@ -69,10 +69,12 @@ impl Distortion {
     pub fn is_before_fold(&self, [x, y]: Point) -> bool {
         const PROBES: u32 = 32;
         self.is_none()
-            || (1..=PROBES).map(|i| f64::from(i) / f64::from(PROBES)).all(|part| {
-                let (_, [[a, b], [c, d]]) = self.with_slope([part * x, part * y]);
-                a * d - b * c > 0.0 && a + d > 0.0
-            })
+            || (1..=PROBES)
+                .map(|i| f64::from(i) / f64::from(PROBES))
+                .all(|part| {
+                    let (_, [[a, b], [c, d]]) = self.with_slope([part * x, part * y]);
+                    a * d - b * c > 0.0 && a + d > 0.0
+                })
     }
 
     /// Where the point is seen, and the derivative: rows by what is seen, columns by the point.
@@ -99,10 +101,22 @@ mod tests {
     use proptest::prelude::*;
 
     /// A phone's lens, of the size that photographs have.
-    const PHONE: Distortion = Distortion { k1: 0.0578421, k2: -0.0805099, k3: 0.0, p1: -0.000980296, p2: 0.00015575 };
+    const PHONE: Distortion = Distortion {
+        k1: 0.0578421,
+        k2: -0.0805099,
+        k3: 0.0,
+        p1: -0.000980296,
+        p2: 0.00015575,
+    };
 
     fn any_lens() -> impl Strategy<Value = Distortion> {
-        (-0.2..0.2f64, -0.05..0.05f64, -0.02..0.02f64, -0.01..0.01f64, -0.01..0.01f64)
+        (
+            -0.2..0.2f64,
+            -0.05..0.05f64,
+            -0.02..0.02f64,
+            -0.01..0.01f64,
+            -0.01..0.01f64,
+        )
             .prop_map(|(k1, k2, k3, p1, p2)| Distortion { k1, k2, k3, p1, p2 })
     }
 
@@ -132,17 +146,29 @@ mod tests {
     #[test]
     fn a_known_lens_bends_as_its_formula_says() {
         let [x, y] = PHONE.apply([0.4, -0.7]);
-        assert!((x - (0.4 * 1.003582 + 0.000549 + 0.000151)).abs() < 1e-6, "{x}");
-        assert!((y - (-0.7 * 1.003582 - 0.001598 - 0.000087)).abs() < 1e-6, "{y}");
+        assert!(
+            (x - (0.4 * 1.003582 + 0.000549 + 0.000151)).abs() < 1e-6,
+            "{x}"
+        );
+        assert!(
+            (y - (-0.7 * 1.003582 - 0.001598 - 0.000087)).abs() < 1e-6,
+            "{y}"
+        );
     }
 
     #[test]
     fn beyond_the_fold_there_is_nothing() {
-        let barrel = Distortion { k1: -0.3, ..Distortion::default() };
+        let barrel = Distortion {
+            k1: -0.3,
+            ..Distortion::default()
+        };
         // x (1 - 0.3 x²) is greatest at x = 1.054, where it is 0.703.
         assert!(barrel.undo([0.70, 0.0]).is_some());
         assert_eq!(barrel.undo([0.71, 0.0]), None);
         assert!(barrel.is_before_fold([1.05, 0.0]) && !barrel.is_before_fold([1.06, 0.0]));
-        assert!(!barrel.is_before_fold([40.0, 0.0]), "though turned over twice, it has the sense of the middle");
+        assert!(
+            !barrel.is_before_fold([40.0, 0.0]),
+            "though turned over twice, it has the sense of the middle"
+        );
     }
 }

@@ -26,13 +26,34 @@ pub enum Reduction {
 /// Values are clamped to 0..=1, since bicubic kernels overshoot.
 pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo, SceneError> {
     let Camera { width, height, .. } = photo.camera;
-    let size = (width.checked_div(factor).unwrap_or(0), height.checked_div(factor).unwrap_or(0));
+    let size = (
+        width.checked_div(factor).unwrap_or(0),
+        height.checked_div(factor).unwrap_or(0),
+    );
     if size.0 == 0 || size.1 == 0 {
-        let what = format!("{}: {width}x{height} reduced by a factor of {factor}", photo.name);
-        return Err(SceneError::EmptyImage { what, size, remedy: "choose a factor from 1 up to the shorter side" });
+        let what = format!(
+            "{}: {width}x{height} reduced by a factor of {factor}",
+            photo.name
+        );
+        return Err(SceneError::EmptyImage {
+            what,
+            size,
+            remedy: "choose a factor from 1 up to the shorter side",
+        });
     }
-    let (rgb, alpha) = shrink_covered(&photo.rgb, photo.alpha.as_deref(), (width, height), size, filter);
-    Ok(Photo { name: photo.name.clone(), camera: photo.camera.scaled(size.0, size.1), rgb, alpha })
+    let (rgb, alpha) = shrink_covered(
+        &photo.rgb,
+        photo.alpha.as_deref(),
+        (width, height),
+        size,
+        filter,
+    );
+    Ok(Photo {
+        name: photo.name.clone(),
+        camera: photo.camera.scaled(size.0, size.1),
+        rgb,
+        alpha,
+    })
 }
 
 /// Resizes colours and their coverage. What is filtered are colours *times* coverage, so that what a transparent pixel
@@ -45,13 +66,29 @@ pub(crate) fn shrink_covered(
     filter: Reduction,
 ) -> (Vec<f32>, Option<Vec<f32>>) {
     let Some(alpha) = alpha.filter(|_| size != new_size) else {
-        return (shrink(rgb, 3, size, new_size, filter), alpha.map(<[f32]>::to_vec));
+        return (
+            shrink(rgb, 3, size, new_size, filter),
+            alpha.map(<[f32]>::to_vec),
+        );
     };
-    let covered: Vec<f32> = rgb.iter().enumerate().map(|(i, value)| value * alpha[i / 3]).collect();
+    let covered: Vec<f32> = rgb
+        .iter()
+        .enumerate()
+        .map(|(i, value)| value * alpha[i / 3])
+        .collect();
     let alpha = shrink(alpha, 1, size, new_size, filter);
     let covered = shrink(&covered, 3, size, new_size, filter);
-    let straight = |(i, value): (usize, f32)| if value > 0.0 { (value / alpha[i / 3]).min(1.0) } else { 0.0 };
-    (covered.into_iter().enumerate().map(straight).collect(), Some(alpha))
+    let straight = |(i, value): (usize, f32)| {
+        if value > 0.0 {
+            (value / alpha[i / 3]).min(1.0)
+        } else {
+            0.0
+        }
+    };
+    (
+        covered.into_iter().enumerate().map(straight).collect(),
+        Some(alpha),
+    )
 }
 
 /// Resizes interleaved values `[height, width, channels]` to another size with antialiasing, clamped to 0..=1.
@@ -71,13 +108,25 @@ pub(crate) fn shrink(
     };
     let planes = to_planes(values, channels);
     let image = Device::cpu().array(&[1, channels, height as usize, width as usize], planes);
-    let resized = resize(&image, new_height as usize, new_width as usize, filter, true).to_vec();
-    to_planes(&resized, resized.len() / channels).into_iter().map(|value| value.clamp(0.0, 1.0)).collect()
+    let resized = resize(
+        &image,
+        new_height as usize,
+        new_width as usize,
+        filter,
+        true,
+    )
+    .to_vec();
+    to_planes(&resized, resized.len() / channels)
+        .into_iter()
+        .map(|value| value.clamp(0.0, 1.0))
+        .collect()
 }
 
 /// Transposes rows of `row` values each: interleaved pixels to planes, and planes of `row` pixels to interleaved.
 fn to_planes(values: &[f32], row: usize) -> Vec<f32> {
-    (0..row).flat_map(|column| values.iter().skip(column).step_by(row).copied()).collect()
+    (0..row)
+        .flat_map(|column| values.iter().skip(column).step_by(row).copied())
+        .collect()
 }
 
 #[cfg(test)]
@@ -100,19 +149,32 @@ mod tests {
             far: 2.0,
         };
         let at = |i: u32, channel| value(i % width, i / width, channel);
-        let rgb = (0..width * height).flat_map(|i| [at(i, 0), at(i, 1), at(i, 2)]).collect();
-        Photo { name: "p".into(), camera, rgb, alpha: None }
+        let rgb = (0..width * height)
+            .flat_map(|i| [at(i, 0), at(i, 1), at(i, 2)])
+            .collect();
+        Photo {
+            name: "p".into(),
+            camera,
+            rgb,
+            alpha: None,
+        }
     }
 
     #[test]
     fn the_area_filter_takes_the_mean_of_each_block() {
-        let small = downscale(&photo(4, 2, |x, y, c| (x + 4 * y + 8 * c as u32) as f32 / 32.0), 2, Reduction::Area);
+        let small = downscale(
+            &photo(4, 2, |x, y, c| (x + 4 * y + 8 * c as u32) as f32 / 32.0),
+            2,
+            Reduction::Area,
+        );
         let small = small.unwrap();
         assert_eq!((small.camera.width, small.camera.height), (2, 1));
         let mean = |x: f32, c: f32| (x + 2.5 + 8.0 * c) / 32.0;
-        for (got, want) in
-            small.rgb.iter().zip([0.0, 2.0].into_iter().flat_map(|x| [0.0, 1.0, 2.0].map(|c| mean(x, c))))
-        {
+        for (got, want) in small.rgb.iter().zip(
+            [0.0, 2.0]
+                .into_iter()
+                .flat_map(|x| [0.0, 1.0, 2.0].map(|c| mean(x, c))),
+        ) {
             assert!((got - want).abs() < 1e-6, "{got} {want}");
         }
     }
@@ -123,10 +185,21 @@ mod tests {
         let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
         assert_eq!((small.camera.width, small.camera.height), (63, 47));
         assert_eq!(small.rgb.len(), 63 * 47 * 3);
-        for (a, b) in large.camera.frustum_corners().into_iter().zip(small.camera.frustum_corners()) {
-            assert!(glam::DVec3::from(a).distance(b.into()) < 1e-12, "{a:?} {b:?}");
+        for (a, b) in large
+            .camera
+            .frustum_corners()
+            .into_iter()
+            .zip(small.camera.frustum_corners())
+        {
+            assert!(
+                glam::DVec3::from(a).distance(b.into()) < 1e-12,
+                "{a:?} {b:?}"
+            );
         }
-        assert!(small.rgb.iter().all(|v| (v - 0.5).abs() < 1e-6), "a grey photo stays grey");
+        assert!(
+            small.rgb.iter().all(|v| (v - 0.5).abs() < 1e-6),
+            "a grey photo stays grey"
+        );
     }
 
     #[test]
@@ -150,8 +223,13 @@ mod tests {
     #[test]
     fn factors_that_leave_no_pixels_are_refused() {
         for factor in [0, 5] {
-            let message = downscale(&photo(8, 4, |_, _, _| 0.0), factor, Reduction::Area).unwrap_err().to_string();
-            assert!(message.contains(&format!("p: 8x4 reduced by a factor of {factor}")), "{message}");
+            let message = downscale(&photo(8, 4, |_, _, _| 0.0), factor, Reduction::Area)
+                .unwrap_err()
+                .to_string();
+            assert!(
+                message.contains(&format!("p: 8x4 reduced by a factor of {factor}")),
+                "{message}"
+            );
         }
     }
 }

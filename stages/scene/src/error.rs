@@ -99,6 +99,10 @@ pub enum SceneError {
 
 impl SceneError {
     pub(crate) fn content(path: &Path, place: impl Into<String>, fault: impl Into<String>) -> Self {
-        Self::Content { path: path.into(), place: place.into(), fault: fault.into() }
+        Self::Content {
+            path: path.into(),
+            place: place.into(),
+            fault: fault.into(),
+        }
     }
 }

@@ -22,50 +22,83 @@ pub(crate) struct Pixels {
 
 /// The PNG and JPEG files of a folder, sorted by name (bytewise, so the same everywhere).
 pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
-    let io = |source| SceneError::Io { path: folder.into(), source };
+    let io = |source| SceneError::Io {
+        path: folder.into(),
+        source,
+    };
     let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(io)?.collect();
-    let mut files: Vec<PathBuf> = entries.map_err(io)?.iter().map(|e| e.path()).filter(|p| is_image(p)).collect();
+    let mut files: Vec<PathBuf> = entries
+        .map_err(io)?
+        .iter()
+        .map(|e| e.path())
+        .filter(|p| is_image(p))
+        .collect();
     files.sort();
     Ok(files)
 }
 
 fn is_image(path: &Path) -> bool {
-    let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-    !hidden && path.extension().and_then(|e| e.to_str()).is_some_and(is_extension) && path.is_file()
+    let hidden = path
+        .file_name()
+        .is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    !hidden
+        && path
+            .extension()
+            .and_then(|e| e.to_str())
+            .is_some_and(is_extension)
+        && path.is_file()
 }
 
 /// Whether this is how names of photos end.
 pub(crate) fn is_extension(extension: &str) -> bool {
-    EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+    EXTENSIONS
+        .iter()
+        .any(|known| extension.eq_ignore_ascii_case(known))
 }
 
 /// The file that is meant by a path which may lack its extension, or have that of another copy of the photo.
 pub(crate) fn find(path: &Path) -> Option<PathBuf> {
-    let named = path.extension().and_then(|e| e.to_str()).is_some_and(is_extension);
+    let named = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .is_some_and(is_extension);
     let with = |extension: &&str| match named {
         true => path.with_extension(extension),
         false => PathBuf::from(format!("{}.{extension}", path.display())),
     };
     let is_photo = |path: &PathBuf| is_image(path);
-    Some(path.to_owned()).filter(is_photo).or_else(|| EXTENSIONS.iter().map(with).find(is_photo))
+    Some(path.to_owned())
+        .filter(is_photo)
+        .or_else(|| EXTENSIONS.iter().map(with).find(is_photo))
 }
 
 /// Width and height from the file's header alone.
 pub(crate) fn size(path: &Path) -> Result<(u32, u32), SceneError> {
-    open(path)?.into_dimensions().map_err(|error| unreadable(path, error)).and_then(|size| non_empty(path, size))
+    open(path)?
+        .into_dimensions()
+        .map_err(|error| unreadable(path, error))
+        .and_then(|size| non_empty(path, size))
 }
 
 /// Decodes a photo. EXIF orientation is left alone, as pose estimation leaves it.
 pub(crate) fn read(path: &Path) -> Result<Pixels, SceneError> {
-    let decoded = open(path)?.decode().map_err(|error| unreadable(path, error))?;
+    let decoded = open(path)?
+        .decode()
+        .map_err(|error| unreadable(path, error))?;
     let size = non_empty(path, (decoded.width(), decoded.height()))?;
     let (rgb, alpha) = channels(decoded);
     Ok(Pixels { size, rgb, alpha })
 }
 
 fn open(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>, SceneError> {
-    let io = |source| SceneError::Io { path: path.into(), source };
-    let mut reader = ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?;
+    let io = |source| SceneError::Io {
+        path: path.into(),
+        source,
+    };
+    let mut reader = ImageReader::open(path)
+        .map_err(io)?
+        .with_guessed_format()
+        .map_err(io)?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(LARGEST_SIDE);
     limits.max_image_height = Some(LARGEST_SIDE);
@@ -79,21 +112,33 @@ fn channels(image: DynamicImage) -> (Vec<f32>, Option<Vec<f32>>) {
         return (image.into_rgb32f().into_raw(), None);
     }
     let rgba = image.into_rgba32f();
-    let rgb = rgba.pixels().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    let rgb = rgba
+        .pixels()
+        .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
+        .collect();
     // Many tools write an alpha channel of ones: such a photo is opaque.
     let alpha: Vec<f32> = rgba.pixels().map(|pixel| pixel[3]).collect();
-    (rgb, Some(alpha).filter(|alpha| alpha.iter().any(|value| *value < 1.0)))
+    (
+        rgb,
+        Some(alpha).filter(|alpha| alpha.iter().any(|value| *value < 1.0)),
+    )
 }
 
 fn non_empty(path: &Path, size: (u32, u32)) -> Result<(u32, u32), SceneError> {
     match size {
-        (0, _) | (_, 0) => Err(SceneError::Image { path: path.into(), fault: "it has no pixels".into() }),
+        (0, _) | (_, 0) => Err(SceneError::Image {
+            path: path.into(),
+            fault: "it has no pixels".into(),
+        }),
         _ => Ok(size),
     }
 }
 
 fn unreadable(path: &Path, error: image::ImageError) -> SceneError {
-    SceneError::Image { path: path.into(), fault: error.to_string() }
+    SceneError::Image {
+        path: path.into(),
+        fault: error.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -105,7 +150,9 @@ mod tests {
     fn eight_bit_values_come_out_as_255ths_row_by_row() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        image::RgbImage::from_fn(2, 2, |x, y| Rgb([x as u8 * 51, y as u8 * 102, 255])).save(&path).unwrap();
+        image::RgbImage::from_fn(2, 2, |x, y| Rgb([x as u8 * 51, y as u8 * 102, 255]))
+            .save(&path)
+            .unwrap();
         let pixels = read(&path).unwrap();
         assert_eq!(pixels.size, (2, 2));
         assert_eq!(pixels.rgb[3..9], [0.2, 0.0, 1.0, 0.0, 0.4, 1.0]);
@@ -116,7 +163,9 @@ mod tests {
     fn alpha_is_kept_apart() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        image::RgbaImage::from_pixel(1, 2, Rgba([255, 0, 0, 51])).save(&path).unwrap();
+        image::RgbaImage::from_pixel(1, 2, Rgba([255, 0, 0, 51]))
+            .save(&path)
+            .unwrap();
         let pixels = read(&path).unwrap();
         assert_eq!(pixels.rgb, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
         assert_eq!(pixels.alpha, Some(vec![0.2, 0.2]));
@@ -127,7 +176,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let grey = image::RgbImage::from_pixel(9, 7, Rgb([128, 128, 128]));
-        grey.save_with_format(&path, image::ImageFormat::Jpeg).unwrap();
+        grey.save_with_format(&path, image::ImageFormat::Jpeg)
+            .unwrap();
         let pixels = read(&path).unwrap();
         assert_eq!((pixels.size, pixels.rgb.len()), ((9, 7), 9 * 7 * 3));
         assert!(pixels.rgb.iter().all(|value| (value - 0.502).abs() < 0.01));
@@ -136,11 +186,21 @@ mod tests {
     #[test]
     fn only_visible_images_are_listed_and_in_order() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["b.PNG", "a.jpg", "notes.txt", ".c.png", "a10.jpeg", "a2.jpeg"] {
+        for name in [
+            "b.PNG",
+            "a.jpg",
+            "notes.txt",
+            ".c.png",
+            "a10.jpeg",
+            "a2.jpeg",
+        ] {
             std::fs::write(folder.path().join(name), b"").unwrap();
         }
         let files = list(folder.path()).unwrap();
-        let names: Vec<_> = files.iter().map(|f| f.file_name().unwrap().to_str().unwrap()).collect();
+        let names: Vec<_> = files
+            .iter()
+            .map(|f| f.file_name().unwrap().to_str().unwrap())
+            .collect();
         assert_eq!(names, ["a.jpg", "a10.jpeg", "a2.jpeg", "b.PNG"]);
     }
 
@@ -159,7 +219,13 @@ mod tests {
 
     fn crc32(bytes: &[u8]) -> u32 {
         !bytes.iter().fold(!0u32, |crc, byte| {
-            (0..8).fold(crc ^ u32::from(*byte), |c, _| if c & 1 == 1 { c >> 1 ^ 0xEDB8_8320 } else { c >> 1 })
+            (0..8).fold(crc ^ u32::from(*byte), |c, _| {
+                if c & 1 == 1 {
+                    c >> 1 ^ 0xEDB8_8320
+                } else {
+                    c >> 1
+                }
+            })
         })
     }
 
@@ -167,10 +233,18 @@ mod tests {
     fn empty_huge_and_broken_images_are_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("photo.png");
-        for bytes in [png_claiming(0, 5), png_claiming(60_000, 60_000), b"not a png".to_vec(), Vec::new()] {
+        for bytes in [
+            png_claiming(0, 5),
+            png_claiming(60_000, 60_000),
+            b"not a png".to_vec(),
+            Vec::new(),
+        ] {
             std::fs::write(&path, bytes).unwrap();
             let message = read(&path).err().unwrap().to_string();
-            assert!(message.contains("photo.png: not a readable PNG or JPEG image"), "{message}");
+            assert!(
+                message.contains("photo.png: not a readable PNG or JPEG image"),
+                "{message}"
+            );
             assert!(size(&path).is_err());
         }
         std::fs::write(&path, png_claiming(1, 1)).unwrap();

@@ -16,7 +16,8 @@ use crate::source_files::{self, Posed, SAME_SHAPE};
 use crate::{Camera, Distortion, SceneData, SceneError};
 
 const COLUMNS: usize = 17;
-const EXPECTED: &str = "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
+const EXPECTED: &str =
+    "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
 /// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
 const ORTHONORMAL: f64 = 1e-3;
 
@@ -29,11 +30,20 @@ const ORTHONORMAL: f64 = 1e-3;
 ///
 /// # Errors
 /// Every way in which the folder can be unfit, as a [`SceneError`] that names the file.
-pub fn llff(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<SceneData, SceneError> {
+pub fn llff(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<SceneData, SceneError> {
     let (files, cameras) = survey(folder, images, size)?;
     let cameras = normalize(&cameras);
     let target_size = size.unwrap_or((cameras[0].width, cameras[0].height));
-    let photos: Vec<Posed> = files.photos.iter().zip(&cameras).map(|(file, camera)| posed(file, camera)).collect();
+    let photos: Vec<Posed> = files
+        .photos
+        .iter()
+        .zip(&cameras)
+        .map(|(file, camera)| posed(file, camera))
+        .collect();
     Ok(SceneData {
         photos: source_files::read_photos(&photos, Some(target_size))?,
         test: Vec::new(),
@@ -62,11 +72,20 @@ fn check_count(files: &LlffFiles, poses: usize) -> Result<(), SceneError> {
     if images == poses {
         return Ok(());
     }
-    Err(SceneError::Count { folder: files.folder.clone(), images, poses_file: files.poses.clone(), poses })
+    Err(SceneError::Count {
+        folder: files.folder.clone(),
+        images,
+        poses_file: files.poses.clone(),
+        poses,
+    })
 }
 
 fn describe(folder: &Path, files: &LlffFiles, (width, height): (u32, u32)) -> String {
-    let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = |path: &Path| {
+        path.file_name()
+            .map(|n| n.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    };
     format!(
         "LLFF scene {}: {} photos from {}, {width}x{height}; average camera at the origin, nearest near plane at 1",
         name(folder),
@@ -79,15 +98,24 @@ fn read_poses(path: &Path) -> Result<Table, SceneError> {
     let table = read_table(path, EXPECTED)?;
     if table.columns != COLUMNS || table.rows == 0 {
         let fault = format!("the array is {} x {}", table.rows, table.columns);
-        return Err(SceneError::Npy { path: path.into(), fault, expected: EXPECTED });
+        return Err(SceneError::Npy {
+            path: path.into(),
+            fault,
+            expected: EXPECTED,
+        });
     }
     Ok(table)
 }
 
 fn cameras(path: &Path, poses: &Table, size: (u32, u32)) -> Result<Vec<Camera>, SceneError> {
-    let faulty = |row, fault| SceneError::Pose { path: path.into(), row, fault };
+    let faulty = |row, fault| SceneError::Pose {
+        path: path.into(),
+        row,
+        fault,
+    };
     let rows = poses.values.chunks_exact(COLUMNS).enumerate();
-    rows.map(|(row, values)| camera(values, size).map_err(|fault| faulty(row, fault))).collect()
+    rows.map(|(row, values)| camera(values, size).map_err(|fault| faulty(row, fault)))
+        .collect()
 }
 
 /// One row of the table as a camera for photos of `size`, in OpenGL axes.
@@ -132,12 +160,17 @@ fn check_rotation(right: DVec3, up: DVec3, back: DVec3) -> Result<(), String> {
     if off < ORTHONORMAL {
         return Ok(());
     }
-    Err(format!("its rotation's columns are not orthonormal axes [down, right, backwards] (off by {off:.3})"))
+    Err(format!(
+        "its rotation's columns are not orthonormal axes [down, right, backwards] (off by {off:.3})"
+    ))
 }
 
 fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<(), String> {
     if full.0 <= 0.0 || full.1 <= 0.0 || focal <= 0.0 {
-        return Err(format!("width {}, height {} and focal length {focal} are not all positive", full.0, full.1));
+        return Err(format!(
+            "width {}, height {} and focal length {focal} are not all positive",
+            full.0, full.1
+        ));
     }
     let (shrunk_x, shrunk_y) = (f64::from(size.0) / full.0, f64::from(size.1) / full.1);
     if (shrunk_x / shrunk_y - 1.0).abs() > SAME_SHAPE {
@@ -150,6 +183,13 @@ fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<()
 }
 
 fn posed(file: &Path, camera: &Camera) -> Posed {
-    let name = file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    Posed { name, file: file.to_owned(), camera: camera.clone() }
+    let name = file
+        .file_stem()
+        .map(|stem| stem.to_string_lossy().into_owned())
+        .unwrap_or_default();
+    Posed {
+        name,
+        file: file.to_owned(),
+        camera: camera.clone(),
+    }
 }

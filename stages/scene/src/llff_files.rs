@@ -20,14 +20,27 @@ pub(crate) struct LlffFiles {
 }
 
 /// Finds the table of poses and the photos that fit `images` and `size` best; see [`crate::llff`].
-pub(crate) fn find(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<LlffFiles, SceneError> {
+pub(crate) fn find(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<LlffFiles, SceneError> {
     let poses = folder.join(POSES_FILE);
     if !poses.is_file() {
-        let remedy = "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses".into();
-        return Err(SceneError::Missing { path: poses, expected: "the table of camera poses", remedy });
+        let remedy =
+            "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses".into();
+        return Err(SceneError::Missing {
+            path: poses,
+            expected: "the table of camera poses",
+            remedy,
+        });
     }
     let folder = choose_images(folder, images, size)?;
-    Ok(LlffFiles { poses, photos: image_file::list(&folder)?, folder })
+    Ok(LlffFiles {
+        poses,
+        photos: image_file::list(&folder)?,
+        folder,
+    })
 }
 
 /// A BLAKE3 digest over the table of poses and the names and bytes of the photos that [`crate::llff`] would read with
@@ -35,9 +48,17 @@ pub(crate) fn find(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>
 ///
 /// # Errors
 /// The same as [`crate::llff`]'s, but for photos that cannot be decoded.
-pub fn llff_digest(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<[u8; 32], SceneError> {
+pub fn llff_digest(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<[u8; 32], SceneError> {
     let (files, _) = crate::llff::survey(folder, images, size)?;
-    source_files::digest(std::iter::once(&files.poses).chain(&files.photos).map(PathBuf::as_path))
+    source_files::digest(
+        std::iter::once(&files.poses)
+            .chain(&files.photos)
+            .map(PathBuf::as_path),
+    )
 }
 
 pub(crate) fn choose_images(
@@ -47,47 +68,80 @@ pub(crate) fn choose_images(
 ) -> Result<PathBuf, SceneError> {
     if let Some(path) = images.map(|name| folder.join(name)) {
         let holds_photos = path.is_dir() && !image_file::list(&path)?.is_empty();
-        return if holds_photos { Ok(path) } else { Err(no_photos(folder, path)) };
+        return if holds_photos {
+            Ok(path)
+        } else {
+            Err(no_photos(folder, path))
+        };
     }
     let candidates = candidates(folder)?;
     let fits = |&&(_, (w, h)): &&Candidate| size.is_some_and(|size| w >= size.0 && h >= size.1);
     let chosen = candidates.iter().find(fits).or(candidates.last());
-    chosen.map(|(path, _)| path.clone()).ok_or_else(|| no_photos(folder, folder.join("images")))
+    chosen
+        .map(|(path, _)| path.clone())
+        .ok_or_else(|| no_photos(folder, folder.join("images")))
 }
 
 fn no_photos(folder: &Path, path: PathBuf) -> SceneError {
     let there = candidates(folder).unwrap_or_default();
-    let names: Vec<_> = there.iter().filter_map(|(path, _)| path.file_name()?.to_str()).collect();
+    let names: Vec<_> = there
+        .iter()
+        .filter_map(|(path, _)| path.file_name()?.to_str())
+        .collect();
     let remedy = match names.as_slice() {
         [] => "put the photos into a subfolder `images`".into(),
         names => format!("there is: {}", names.join(", ")),
     };
-    SceneError::Missing { path, expected: "a folder of PNG or JPEG photos", remedy }
+    SceneError::Missing {
+        path,
+        expected: "a folder of PNG or JPEG photos",
+        remedy,
+    }
 }
 
 /// The subfolders `images` and `images_<factor>` that hold photos, with their first photo's size, smallest first.
 fn candidates(folder: &Path) -> Result<Vec<Candidate>, SceneError> {
-    let io = |source| SceneError::Io { path: folder.into(), source };
+    let io = |source| SceneError::Io {
+        path: folder.into(),
+        source,
+    };
     let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(io)?.collect();
     let mut found = Vec::new();
-    for path in entries.map_err(io)?.into_iter().map(|entry| entry.path()).filter(|path| is_images_folder(path)) {
+    for path in entries
+        .map_err(io)?
+        .into_iter()
+        .map(|entry| entry.path())
+        .filter(|path| is_images_folder(path))
+    {
         if let Some(first) = image_file::list(&path)?.first() {
             found.push((path, image_file::size(first)?));
         }
     }
-    found.sort_by_key(|(path, (width, height))| (u64::from(*width) * u64::from(*height), path.clone()));
+    found.sort_by_key(|(path, (width, height))| {
+        (u64::from(*width) * u64::from(*height), path.clone())
+    });
     Ok(found)
 }
 
 fn is_images_folder(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix("images"));
-    let factor = |suffix: &str| suffix.strip_prefix('_').is_some_and(|f| f.parse::<u32>().is_ok());
+    let name = path
+        .file_name()
+        .and_then(|name| name.to_str())
+        .and_then(|name| name.strip_prefix("images"));
+    let factor = |suffix: &str| {
+        suffix
+            .strip_prefix('_')
+            .is_some_and(|f| f.parse::<u32>().is_ok())
+    };
     path.is_dir() && name.is_some_and(|suffix| suffix.is_empty() || factor(suffix))
 }
 
 /// The one size that all photos have, from their headers, before any of them is decoded.
 pub(crate) fn one_size(files: &[PathBuf]) -> Result<(u32, u32), SceneError> {
-    let sizes = files.iter().map(|file| image_file::size(file)).collect::<Result<Vec<_>, _>>()?;
+    let sizes = files
+        .iter()
+        .map(|file| image_file::size(file))
+        .collect::<Result<Vec<_>, _>>()?;
     match sizes.iter().position(|size| *size != sizes[0]) {
         None => Ok(sizes[0]),
         Some(odd) => Err(SceneError::MixedSizes {

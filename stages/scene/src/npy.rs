@@ -23,11 +23,26 @@ pub(crate) struct Table {
 
 /// Reads a little-endian f64 or f32 array in C order; `expected` describes a good file to whoever has a bad one.
 pub(crate) fn read_table(path: &Path, expected: &'static str) -> Result<Table, SceneError> {
-    let io = |source| SceneError::Io { path: path.into(), source };
+    let io = |source| SceneError::Io {
+        path: path.into(),
+        source,
+    };
     let mut bytes = Vec::new();
-    let read = File::open(path).map_err(io)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
-    let parsed = if read as u64 > LARGEST_FILE { Err("the file is over 64 MiB".into()) } else { parse(&bytes) };
-    parsed.map_err(|fault| SceneError::Npy { path: path.into(), fault, expected })
+    let read = File::open(path)
+        .map_err(io)?
+        .take(LARGEST_FILE + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
+    let parsed = if read as u64 > LARGEST_FILE {
+        Err("the file is over 64 MiB".into())
+    } else {
+        parse(&bytes)
+    };
+    parsed.map_err(|fault| SceneError::Npy {
+        path: path.into(),
+        fault,
+        expected,
+    })
 }
 
 fn parse(bytes: &[u8]) -> Result<Table, String> {
@@ -39,9 +54,16 @@ fn parse(bytes: &[u8]) -> Result<Table, String> {
     let width = element_width(field(header, "descr")?)?;
     let needed = rows.checked_mul(columns).and_then(|n| n.checked_mul(width));
     if needed != Some(data.len()) {
-        return Err(format!("shape {rows}x{columns} does not fit the {} bytes of values that follow", data.len()));
+        return Err(format!(
+            "shape {rows}x{columns} does not fit the {} bytes of values that follow",
+            data.len()
+        ));
     }
-    Ok(Table { rows, columns, values: data.chunks_exact(width).map(little_endian).collect() })
+    Ok(Table {
+        rows,
+        columns,
+        values: data.chunks_exact(width).map(little_endian).collect(),
+    })
 }
 
 /// The header's text and the values behind it.
@@ -52,15 +74,26 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
         [2 | 3, _, a, b, c, d, ref rest @ ..] => (u32::from_le_bytes([a, b, c, d]), rest),
         _ => return Err("the header is cut short or of an unknown version".into()),
     };
-    let (header, data) = rest.split_at_checked(length as usize).ok_or("the header is cut short")?;
-    Ok((str::from_utf8(header).map_err(|_| "the header is not text")?, data))
+    let (header, data) = rest
+        .split_at_checked(length as usize)
+        .ok_or("the header is cut short")?;
+    Ok((
+        str::from_utf8(header).map_err(|_| "the header is not text")?,
+        data,
+    ))
 }
 
 /// The text from a field's value on. The header is a Python dictionary literal that NumPy itself writes.
 fn field<'a>(header: &'a str, name: &str) -> Result<&'a str, String> {
     let missing = || format!("the header has no '{name}'");
-    let (_, after) = header.split_once(&format!("'{name}'")).ok_or_else(missing)?;
-    Ok(after.trim_start().strip_prefix(':').ok_or_else(missing)?.trim_start())
+    let (_, after) = header
+        .split_once(&format!("'{name}'"))
+        .ok_or_else(missing)?;
+    Ok(after
+        .trim_start()
+        .strip_prefix(':')
+        .ok_or_else(missing)?
+        .trim_start())
 }
 
 fn element_width(descr: &str) -> Result<usize, String> {
@@ -75,13 +108,23 @@ fn element_width(descr: &str) -> Result<usize, String> {
 }
 
 fn shape(text: &str) -> Result<(usize, usize), String> {
-    let inside = text.strip_prefix('(').and_then(|t| t.split_once(')')).map(|(inside, _)| inside);
+    let inside = text
+        .strip_prefix('(')
+        .and_then(|t| t.split_once(')'))
+        .map(|(inside, _)| inside);
     let inside = inside.ok_or("the header's shape is not a tuple")?;
-    let sizes: Option<Vec<usize>> =
-        inside.split(',').map(str::trim).filter(|t| !t.is_empty()).map(|t| t.parse().ok()).collect();
+    let sizes: Option<Vec<usize>> = inside
+        .split(',')
+        .map(str::trim)
+        .filter(|t| !t.is_empty())
+        .map(|t| t.parse().ok())
+        .collect();
     match sizes.as_deref() {
         Some(&[rows, columns]) => Ok((rows, columns)),
-        _ => Err(format!("the shape is ({})", inside.chars().take(60).collect::<String>())),
+        _ => Err(format!(
+            "the shape is ({})",
+            inside.chars().take(60).collect::<String>()
+        )),
     }
 }
 
@@ -102,7 +145,12 @@ mod tests {
     /// Written by an independent library.
     fn written(shape: &[u64], values: &[f64]) -> Vec<u8> {
         let mut bytes = Vec::new();
-        let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut bytes).begin_nd().unwrap();
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(shape)
+            .writer(&mut bytes)
+            .begin_nd()
+            .unwrap();
         writer.extend(values).unwrap();
         writer.finish().unwrap();
         bytes
@@ -117,14 +165,24 @@ mod tests {
     fn reads_what_an_independent_writer_wrote() {
         let values = [1.5, -2.0, 3.25e17, f64::MIN_POSITIVE, 0.0, -0.125];
         let table = parse(&written(&[2, 3], &values)).unwrap();
-        assert_eq!(table, Table { rows: 2, columns: 3, values: values.to_vec() });
+        assert_eq!(
+            table,
+            Table {
+                rows: 2,
+                columns: 3,
+                values: values.to_vec()
+            }
+        );
     }
 
     #[test]
     fn reads_single_precision_and_headers_in_any_field_order() {
         let header = "{'shape': (1,2), 'fortran_order': False, 'descr': '<f4'}";
         let data = [1.5f32.to_le_bytes(), (-2.0f32).to_le_bytes()].concat();
-        assert_eq!(parse(&with_header(header, &data)).unwrap().values, [1.5, -2.0]);
+        assert_eq!(
+            parse(&with_header(header, &data)).unwrap().values,
+            [1.5, -2.0]
+        );
     }
 
     #[test]
@@ -132,28 +190,56 @@ mod tests {
         let fault = |header: &str, data: &[u8]| parse(&with_header(header, data)).unwrap_err();
         let c = "'fortran_order': False";
         assert_eq!(parse(b"PK\x03\x04").unwrap_err(), "this is not a .npy file");
-        assert_eq!(parse(b"\x93NUMPY\x01\x00\x40").unwrap_err(), "the header is cut short or of an unknown version");
-        assert_eq!(parse(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{").unwrap_err(), "the header is cut short");
         assert_eq!(
-            fault(&format!("{{'descr': '<i8', {c}, 'shape': (1, 1)}}"), &[0; 8]),
+            parse(b"\x93NUMPY\x01\x00\x40").unwrap_err(),
+            "the header is cut short or of an unknown version"
+        );
+        assert_eq!(
+            parse(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{").unwrap_err(),
+            "the header is cut short"
+        );
+        assert_eq!(
+            fault(
+                &format!("{{'descr': '<i8', {c}, 'shape': (1, 1)}}"),
+                &[0; 8]
+            ),
             "the values are of type '<i8'"
         );
-        assert_eq!(fault(&format!("{{'descr': '<f8', {c}, 'shape': (4,)}}"), &[0; 32]), "the shape is (4,)");
-        assert_eq!(fault(&format!("{{'descr': '<f8', {c}}}"), &[]), "the header has no 'shape'");
         assert_eq!(
-            fault("{'descr': '<f8', 'fortran_order': True, 'shape': (1, 1)}", &[0; 8]),
+            fault(&format!("{{'descr': '<f8', {c}, 'shape': (4,)}}"), &[0; 32]),
+            "the shape is (4,)"
+        );
+        assert_eq!(
+            fault(&format!("{{'descr': '<f8', {c}}}"), &[]),
+            "the header has no 'shape'"
+        );
+        assert_eq!(
+            fault(
+                "{'descr': '<f8', 'fortran_order': True, 'shape': (1, 1)}",
+                &[0; 8]
+            ),
             "the array is in Fortran order"
         );
         assert_eq!(
-            fault(&format!("{{'descr': '<f8', {c}, 'shape': (20, 17)}}"), &[0; 100]),
+            fault(
+                &format!("{{'descr': '<f8', {c}, 'shape': (20, 17)}}"),
+                &[0; 100]
+            ),
             "shape 20x17 does not fit the 100 bytes of values that follow"
         );
     }
 
     #[test]
     fn a_header_that_promises_more_than_memory_is_refused_before_any_allocation() {
-        let huge = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({0}, {0})}}", u64::MAX);
-        assert!(parse(&with_header(&huge, &[0; 8])).unwrap_err().contains("does not fit"));
+        let huge = format!(
+            "{{'descr': '<f8', 'fortran_order': False, 'shape': ({0}, {0})}}",
+            u64::MAX
+        );
+        assert!(
+            parse(&with_header(&huge, &[0; 8]))
+                .unwrap_err()
+                .contains("does not fit")
+        );
     }
 
     proptest! {

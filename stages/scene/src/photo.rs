@@ -34,7 +34,10 @@ pub struct SceneData {
 pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     points.into_iter().fold(empty, |[low, high], p| {
-        [std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i]))]
+        [
+            std::array::from_fn(|i| low[i].min(p[i])),
+            std::array::from_fn(|i| high[i].max(p[i])),
+        ]
     })
 }
 
@@ -42,7 +45,10 @@ pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64;
 /// with 8 is the LLFF protocol. 0 holds out nothing; 1 holds out everything.
 pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo>) {
     let is_test = |index: usize| every != 0 && index.is_multiple_of(every);
-    let (test, train): (Vec<_>, Vec<_>) = photos.into_iter().enumerate().partition(|(index, _)| is_test(*index));
+    let (test, train): (Vec<_>, Vec<_>) = photos
+        .into_iter()
+        .enumerate()
+        .partition(|(index, _)| is_test(*index));
     let photos_of = |part: Vec<(usize, Photo)>| part.into_iter().map(|(_, photo)| photo).collect();
     (photos_of(train), photos_of(test))
 }
@@ -66,7 +72,12 @@ mod tests {
             near: 1.0,
             far: 2.0,
         };
-        let photo = |i| Photo { name: format!("{i}"), camera: camera.clone(), rgb: vec![0.0; 3], alpha: None };
+        let photo = |i| Photo {
+            name: format!("{i}"),
+            camera: camera.clone(),
+            rgb: vec![0.0; 3],
+            alpha: None,
+        };
         (0..count).map(photo).collect()
     }
 

@@ -18,7 +18,12 @@ pub(crate) fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
     if rows.as_flattened().iter().any(|value| !value.is_finite()) {
         return Err("holds a number that is not finite".into());
     }
-    if rows.len() < 3 || rows.get(3).is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0]) || rows.len() > 4 {
+    if rows.len() < 3
+        || rows
+            .get(3)
+            .is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0])
+        || rows.len() > 4
+    {
         return Err("is not a 4x4 matrix with the last row 0 0 0 1".into());
     }
     let column = |i: usize| DVec3::new(rows[0][i], rows[1][i], rows[2][i]);
@@ -28,11 +33,18 @@ pub(crate) fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
         return Err("mirrors or flattens space; expected a rotation".into());
     }
     // Within single precision it is kept as it is, to the last bit.
-    let turn = if (scale - 1.0).abs() < 1e-5 { turn } else { turn * (1.0 / scale) };
+    let turn = if (scale - 1.0).abs() < 1e-5 {
+        turn
+    } else {
+        turn * (1.0 / scale)
+    };
     let product = turn.transpose() * turn;
     let off = product.abs_diff_eq(DMat3::IDENTITY, ORTHONORMAL);
     if !off {
-        return Err("has columns that are not at right angles and of one length; expected a rotation".into());
+        return Err(
+            "has columns that are not at right angles and of one length; expected a rotation"
+                .into(),
+        );
     }
     Ok(DMat4::from_mat3_translation(turn, column(3)))
 }
@@ -48,7 +60,10 @@ pub(crate) fn check(camera: &Camera) -> Result<(), String> {
     }
     match camera.sees_through_all_its_image() {
         true => Ok(()),
-        false => Err(format!("its {:?} folds the image over before its rim", camera.distortion)),
+        false => Err(format!(
+            "its {:?} folds the image over before its rim",
+            camera.distortion
+        )),
     }
 }
 
@@ -57,8 +72,12 @@ pub(crate) fn depths_of_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> [f64; 2]
     let to_camera = camera.camera_to_world.inverse();
     let corner = |i: usize| [0, 1, 2].map(|axis| bounds[i >> axis & 1][axis]);
     let depths = (0..8).map(|i| -to_camera.transform_point3(corner(i).into()).z);
-    let [least, most] = depths.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], d| [a.min(d), b.max(d)]);
-    let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f64::max);
+    let [least, most] = depths.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], d| {
+        [a.min(d), b.max(d)]
+    });
+    let longest = (0..3)
+        .map(|axis| bounds[1][axis] - bounds[0][axis])
+        .fold(0.0, f64::max);
     let near = least.max(NEAREST * longest);
     // A camera that looks away from the box sees nothing of it; its range must still be one.
     [near, if most > near { most } else { 2.0 * near }]
@@ -67,9 +86,16 @@ pub(crate) fn depths_of_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> [f64; 2]
 /// Near and far for cameras of which nothing else is known: around the point that all of them look at.
 pub(crate) fn guess_depths(cameras: &[Camera]) -> [f64; 2] {
     let focus = focus(cameras);
-    let mut distances: Vec<f64> = cameras.iter().map(|camera| camera.position().distance(focus)).collect();
+    let mut distances: Vec<f64> = cameras
+        .iter()
+        .map(|camera| camera.position().distance(focus))
+        .collect();
     distances.sort_by(f64::total_cmp);
-    let middle = distances.get(distances.len() / 2).copied().filter(|d| *d > 0.0).unwrap_or(1.0);
+    let middle = distances
+        .get(distances.len() / 2)
+        .copied()
+        .filter(|d| *d > 0.0)
+        .unwrap_or(1.0);
     GUESS.map(|factor| factor * middle)
 }
 
@@ -78,15 +104,23 @@ pub(crate) fn focus(cameras: &[Camera]) -> DVec3 {
     let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for camera in cameras {
         let axis = camera.camera_to_world.z_axis.truncate();
-        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        let across =
+            DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
         matrix += across;
         right += across * camera.position();
     }
     let count = cameras.len().max(1) as f64;
     // Of one camera, or of parallel ones, the system says nothing about the depth: this much, from their spread, does.
     let mean = cameras.iter().map(Camera::position).sum::<DVec3>() / count;
-    let ahead = cameras.iter().map(|camera| -camera.camera_to_world.z_axis.truncate()).sum::<DVec3>() / count;
-    let spread = cameras.iter().map(|camera| camera.position().distance(mean)).fold(0.0, f64::max);
+    let ahead = cameras
+        .iter()
+        .map(|camera| -camera.camera_to_world.z_axis.truncate())
+        .sum::<DVec3>()
+        / count;
+    let spread = cameras
+        .iter()
+        .map(|camera| camera.position().distance(mean))
+        .fold(0.0, f64::max);
     let prior = mean + ahead * if spread > 0.0 { 3.0 * spread } else { 1.0 };
     let weight = 1e-4 * count;
     (matrix + DMat3::from_diagonal(DVec3::splat(weight))).inverse() * (right + weight * prior)
@@ -102,33 +136,69 @@ mod tests {
     use super::*;
 
     fn looking(position: DVec3, target: DVec3) -> Camera {
-        Camera::centered((40, 30), 50.0, Camera::look_at(position, target), [0.0, 1.0])
+        Camera::centered(
+            (40, 30),
+            50.0,
+            Camera::look_at(position, target),
+            [0.0, 1.0],
+        )
     }
 
     #[test]
     fn cameras_around_a_point_look_at_it() {
         let target = DVec3::new(3.0, -2.0, 5.0);
-        let positions = [DVec3::new(4.0, 0.0, 0.5), DVec3::new(-4.0, 1.0, 0.0), DVec3::new(0.3, 0.0, 4.0)];
+        let positions = [
+            DVec3::new(4.0, 0.0, 0.5),
+            DVec3::new(-4.0, 1.0, 0.0),
+            DVec3::new(0.3, 0.0, 4.0),
+        ];
         let cameras = positions.map(|offset| looking(target + offset, target));
-        assert!(focus(&cameras).distance(target) < 0.01, "{}", focus(&cameras));
+        assert!(
+            focus(&cameras).distance(target) < 0.01,
+            "{}",
+            focus(&cameras)
+        );
         let [near, far] = guess_depths(&cameras);
-        assert!((near - 0.4).abs() < 0.02 && (far - 12.0).abs() < 0.5, "{near} {far}");
+        assert!(
+            (near - 0.4).abs() < 0.02 && (far - 12.0).abs() < 0.5,
+            "{near} {far}"
+        );
         let [near, far] = guess_depths(&cameras[..1]);
-        assert!(0.0 < near && near < far && far.is_finite(), "one camera alone: {near} {far}");
+        assert!(
+            0.0 < near && near < far && far.is_finite(),
+            "one camera alone: {near} {far}"
+        );
     }
 
     #[test]
     fn a_box_lies_between_its_corners_depths() {
         let cube = [[-1.0; 3], [1.0; 3]];
-        assert_eq!(depths_of_box(&looking(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO), &cube), [3.0, 5.0]);
-        assert_eq!(depths_of_box(&looking(DVec3::ZERO, -DVec3::Z), &cube), [0.05, 1.0], "from within");
-        let [near, far] = depths_of_box(&looking(DVec3::new(0.0, 0.0, 4.0), DVec3::new(0.0, 0.0, 9.0)), &cube);
+        assert_eq!(
+            depths_of_box(&looking(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO), &cube),
+            [3.0, 5.0]
+        );
+        assert_eq!(
+            depths_of_box(&looking(DVec3::ZERO, -DVec3::Z), &cube),
+            [0.05, 1.0],
+            "from within"
+        );
+        let [near, far] = depths_of_box(
+            &looking(DVec3::new(0.0, 0.0, 4.0), DVec3::new(0.0, 0.0, 9.0)),
+            &cube,
+        );
         assert!(0.0 < near && near < far, "looking away: {near} {far}");
     }
 
     #[test]
     fn only_rotations_are_poses_but_a_scale_is_forgiven() {
-        let pose = |x: f64| [[x, 0.0, 0.0, 1.0], [0.0, x, 0.0, 2.0], [0.0, 0.0, x, 3.0], [0.0, 0.0, 0.0, 1.0]];
+        let pose = |x: f64| {
+            [
+                [x, 0.0, 0.0, 1.0],
+                [0.0, x, 0.0, 2.0],
+                [0.0, 0.0, x, 3.0],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        };
         assert_eq!(rigid(&pose(2.0)), rigid(&pose(1.0)));
         let fault = |change: &dyn Fn(&mut [[f64; 4]; 4])| {
             let mut rows = pose(1.0);

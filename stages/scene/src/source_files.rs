@@ -25,21 +25,39 @@ pub(crate) struct Posed {
 }
 
 /// Reads the photos, resized to `size` if there is one by an antialiased bicubic filter; intrinsics follow exactly.
-pub(crate) fn read_photos(posed: &[Posed], size: Option<(u32, u32)>) -> Result<Vec<Photo>, SceneError> {
-    posed.par_iter().map(|posed| read_photo(posed, size)).collect()
+pub(crate) fn read_photos(
+    posed: &[Posed],
+    size: Option<(u32, u32)>,
+) -> Result<Vec<Photo>, SceneError> {
+    posed
+        .par_iter()
+        .map(|posed| read_photo(posed, size))
+        .collect()
 }
 
 fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<Photo, SceneError> {
-    let Pixels { size: found, rgb, alpha } = image_file::read(&posed.file)?;
+    let Pixels {
+        size: found,
+        rgb,
+        alpha,
+    } = image_file::read(&posed.file)?;
     let size = size.unwrap_or(found);
     let (rgb, alpha) = shrink_covered(&rgb, alpha.as_deref(), found, size, Reduction::Bicubic);
-    Ok(Photo { name: posed.name.clone(), camera: posed.camera.scaled(size.0, size.1), rgb, alpha })
+    Ok(Photo {
+        name: posed.name.clone(),
+        camera: posed.camera.scaled(size.0, size.1),
+        rgb,
+        alpha,
+    })
 }
 
 /// The camera of a photo whose file has another size than the poses were found at, such as a reduced copy.
 pub(crate) fn at_size_of_file(camera: &Camera, file: &Path) -> Result<Camera, SceneError> {
     let size = image_file::size(file)?;
-    let (x, y) = (f64::from(size.0) / f64::from(camera.width), f64::from(size.1) / f64::from(camera.height));
+    let (x, y) = (
+        f64::from(size.0) / f64::from(camera.width),
+        f64::from(size.1) / f64::from(camera.height),
+    );
     if (x / y - 1.0).abs() > SAME_SHAPE {
         let fault = format!(
             "is {}x{}, but its camera is for {}x{}: another aspect ratio",
@@ -64,9 +82,16 @@ pub(crate) fn check_size(folder: &Path, size: Option<(u32, u32)>) -> Result<(), 
 
 /// A whole file. What is allocated is what the file really holds.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
-    let io = |source| SceneError::Io { path: path.into(), source };
+    let io = |source| SceneError::Io {
+        path: path.into(),
+        source,
+    };
     let mut bytes = Vec::new();
-    let read = File::open(path).map_err(io)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
+    let read = File::open(path)
+        .map_err(io)?
+        .take(LARGEST_FILE + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
     if read as u64 > LARGEST_FILE {
         return Err(SceneError::content(path, "the file", "is over 4 GiB"));
     }
@@ -77,20 +102,34 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
 /// changed, without decoding it.
 pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 32], SceneError> {
     let files: Vec<&Path> = files.collect();
-    let contents: Vec<blake3::Hash> = files.par_iter().map(|path| content_digest(path)).collect::<Result<_, _>>()?;
+    let contents: Vec<blake3::Hash> = files
+        .par_iter()
+        .map(|path| content_digest(path))
+        .collect::<Result<_, _>>()?;
     let mut hasher = blake3::Hasher::new_derive_key(DIGEST_DOMAIN);
     for (path, content) in files.iter().zip(contents) {
-        let name = path.file_name().map(|name| name.as_encoded_bytes()).unwrap_or_default();
-        hasher.update(&(name.len() as u64).to_le_bytes()).update(name).update(content.as_bytes());
+        let name = path
+            .file_name()
+            .map(|name| name.as_encoded_bytes())
+            .unwrap_or_default();
+        hasher
+            .update(&(name.len() as u64).to_le_bytes())
+            .update(name)
+            .update(content.as_bytes());
     }
     Ok(*hasher.finalize().as_bytes())
 }
 
 /// The digest of one file's bytes. Not from mapped memory: a photo may be cut short while it is read.
 pub(crate) fn content_digest(path: &Path) -> Result<blake3::Hash, SceneError> {
-    let io = |source| SceneError::Io { path: path.into(), source };
+    let io = |source| SceneError::Io {
+        path: path.into(),
+        source,
+    };
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(File::open(path).map_err(io)?).map_err(io)?;
+    hasher
+        .update_reader(File::open(path).map_err(io)?)
+        .map_err(io)?;
     Ok(hasher.finalize())
 }
 
@@ -103,7 +142,11 @@ pub(crate) fn view_names(paths: &[&str]) -> Vec<String> {
     let mut sorted = stems.clone();
     sorted.sort();
     sorted.dedup();
-    if sorted.len() == stems.len() { stems } else { paths.iter().map(whole).collect() }
+    if sorted.len() == stems.len() {
+        stems
+    } else {
+        paths.iter().map(whole).collect()
+    }
 }
 
 fn without_extension(name: &str) -> &str {
@@ -114,7 +157,13 @@ fn without_extension(name: &str) -> &str {
 }
 
 fn clean(name: &str) -> String {
-    let safe = |c: char| if c.is_control() || matches!(c, '/' | '\\' | ':') { '_' } else { c };
+    let safe = |c: char| {
+        if c.is_control() || matches!(c, '/' | '\\' | ':') {
+            '_'
+        } else {
+            c
+        }
+    };
     let name: String = name.trim_start_matches('.').chars().map(safe).collect();
     if name.is_empty() { "_".into() } else { name }
 }
@@ -125,8 +174,14 @@ mod tests {
 
     #[test]
     fn names_are_stems_unless_two_are_the_same() {
-        assert_eq!(view_names(&["./train/r_0", "images/a.b.JPG"]), ["r_0", "a.b"]);
-        assert_eq!(view_names(&["left/0.png", "./right/0.png"]), ["left_0", "right_0"]);
+        assert_eq!(
+            view_names(&["./train/r_0", "images/a.b.JPG"]),
+            ["r_0", "a.b"]
+        );
+        assert_eq!(
+            view_names(&["left/0.png", "./right/0.png"]),
+            ["left_0", "right_0"]
+        );
         assert_eq!(view_names(&["..\\x:y\n.png", ""]), ["x_y_", "_"]);
     }
 }

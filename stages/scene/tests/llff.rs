@@ -12,7 +12,11 @@ const SIZE: (u32, u32) = (24, 18);
 
 fn known_cameras() -> Vec<Camera> {
     let target = DVec3::new(1.0, 2.0, -20.0);
-    let positions = [DVec3::new(-2.0, 2.5, 1.0), DVec3::new(1.0, 1.5, 0.0), DVec3::new(4.0, 2.2, 0.5)];
+    let positions = [
+        DVec3::new(-2.0, 2.5, 1.0),
+        DVec3::new(1.0, 1.5, 0.0),
+        DVec3::new(4.0, 2.2, 0.5),
+    ];
     let camera = |(i, position): (usize, DVec3)| Camera {
         width: SIZE.0,
         height: SIZE.1,
@@ -32,7 +36,11 @@ fn known_cameras() -> Vec<Camera> {
 fn row(camera: &Camera) -> Vec<f64> {
     let pose = camera.camera_to_world;
     let (right, up, back, at) = (pose.x_axis, pose.y_axis, pose.z_axis, pose.w_axis);
-    let full = [4.0 * f64::from(camera.height), 4.0 * f64::from(camera.width), 4.0 * camera.fl_x];
+    let full = [
+        4.0 * f64::from(camera.height),
+        4.0 * f64::from(camera.width),
+        4.0 * camera.fl_x,
+    ];
     let rows = (0..3).flat_map(|i| [-up[i], right[i], back[i], at[i], full[i]]);
     rows.chain([camera.near, camera.far]).collect()
 }
@@ -40,21 +48,35 @@ fn row(camera: &Camera) -> Vec<f64> {
 fn write_poses(folder: &Path, rows: &[Vec<f64>]) {
     let shape = [rows.len() as u64, rows.first().map_or(17, Vec::len) as u64];
     let file = std::fs::File::create(folder.join("poses_bounds.npy")).unwrap();
-    let mut npy = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd().unwrap();
+    let mut npy = npyz::WriteOptions::new()
+        .default_dtype()
+        .shape(&shape)
+        .writer(file)
+        .begin_nd()
+        .unwrap();
     npy.extend(rows.iter().flatten()).unwrap();
     npy.finish().unwrap();
 }
 
 fn write_photo(path: &Path, (width, height): (u32, u32), red: u8) {
-    image::RgbImage::from_pixel(width, height, image::Rgb([red, 10, 20])).save(path).unwrap();
+    image::RgbImage::from_pixel(width, height, image::Rgb([red, 10, 20]))
+        .save(path)
+        .unwrap();
 }
 
 fn written_scene() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    write_poses(folder.path(), &known_cameras().iter().map(row).collect::<Vec<_>>());
+    write_poses(
+        folder.path(),
+        &known_cameras().iter().map(row).collect::<Vec<_>>(),
+    );
     std::fs::create_dir(folder.path().join("images_4")).unwrap();
     for i in [2, 0, 1] {
-        write_photo(&folder.path().join(format!("images_4/photo{i}.png")), SIZE, 100 + i);
+        write_photo(
+            &folder.path().join(format!("images_4/photo{i}.png")),
+            SIZE,
+            100 + i,
+        );
     }
     folder
 }
@@ -64,11 +86,22 @@ fn cameras_that_were_written_come_back_up_to_one_similarity() {
     let folder = written_scene();
     let scene = llff(folder.path(), None, None).unwrap();
     let (known, read) = (known_cameras(), scene.photos);
-    assert_eq!(read.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["photo0", "photo1", "photo2"]);
-    assert_eq!(read.iter().map(|p| (p.rgb[0] * 255.0).round()).collect::<Vec<_>>(), [100.0, 101.0, 102.0]);
+    assert_eq!(
+        read.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(),
+        ["photo0", "photo1", "photo2"]
+    );
+    assert_eq!(
+        read.iter()
+            .map(|p| (p.rgb[0] * 255.0).round())
+            .collect::<Vec<_>>(),
+        [100.0, 101.0, 102.0]
+    );
     for i in 0..3 {
         let (a, b) = (&known[i], &read[i].camera);
-        assert_eq!((a.width, a.height, a.cx, a.cy), (b.width, b.height, b.cx, b.cy));
+        assert_eq!(
+            (a.width, a.height, a.cx, a.cy),
+            (b.width, b.height, b.cx, b.cy)
+        );
         assert!((a.fl_x - b.fl_x).abs() < 1e-12 && (a.fl_y - b.fl_y).abs() < 1e-12);
         assert!((b.near - a.near / 10.0).abs() < 1e-12 && (b.far - a.far / 10.0).abs() < 1e-12);
         // What one camera sees at some pixel and depth, the next camera sees where it always did.
@@ -84,21 +117,40 @@ fn cameras_that_were_written_come_back_up_to_one_similarity() {
 #[test]
 fn the_box_holds_every_frustum_and_touches_them() {
     let scene = llff(written_scene().path(), None, None).unwrap();
-    let corners: Vec<_> = scene.photos.iter().flat_map(|p| p.camera.frustum_corners()).collect();
+    let corners: Vec<_> = scene
+        .photos
+        .iter()
+        .flat_map(|p| p.camera.frustum_corners())
+        .collect();
     for axis in 0..3 {
-        let low = corners.iter().map(|c| c[axis]).fold(f64::INFINITY, f64::min);
-        let high = corners.iter().map(|c| c[axis]).fold(f64::NEG_INFINITY, f64::max);
+        let low = corners
+            .iter()
+            .map(|c| c[axis])
+            .fold(f64::INFINITY, f64::min);
+        let high = corners
+            .iter()
+            .map(|c| c[axis])
+            .fold(f64::NEG_INFINITY, f64::max);
         assert_eq!([scene.bounds[0][axis], scene.bounds[1][axis]], [low, high]);
     }
-    assert!(scene.bounds[1][2] < 0.0, "forward-facing cameras look along -z");
+    assert!(
+        scene.bounds[1][2] < 0.0,
+        "forward-facing cameras look along -z"
+    );
 }
 
 #[test]
 fn a_size_that_is_asked_for_scales_photos_and_intrinsics_per_axis() {
     let scene = llff(written_scene().path(), None, Some((12, 6))).unwrap();
     let photo = &scene.photos[1];
-    assert_eq!((photo.camera.width, photo.camera.height, photo.rgb.len()), (12, 6, 12 * 6 * 3));
-    assert_eq!((photo.camera.fl_x, photo.camera.fl_y, photo.camera.cy), (15.0, 10.0, 3.0));
+    assert_eq!(
+        (photo.camera.width, photo.camera.height, photo.rgb.len()),
+        (12, 6, 12 * 6 * 3)
+    );
+    assert_eq!(
+        (photo.camera.fl_x, photo.camera.fl_y, photo.camera.cy),
+        (15.0, 10.0, 3.0)
+    );
 }
 
 #[test]
@@ -106,13 +158,25 @@ fn the_smallest_folder_that_is_large_enough_is_chosen() {
     let folder = written_scene();
     std::fs::create_dir(folder.path().join("images")).unwrap();
     for i in 0..3 {
-        write_photo(&folder.path().join(format!("images/full{i}.png")), (96, 72), 9);
+        write_photo(
+            &folder.path().join(format!("images/full{i}.png")),
+            (96, 72),
+            9,
+        );
     }
-    let first_name = |images, size| llff(folder.path(), images, size).unwrap().photos[0].name.clone();
+    let first_name = |images, size| {
+        llff(folder.path(), images, size).unwrap().photos[0]
+            .name
+            .clone()
+    };
     assert_eq!(first_name(None, Some((24, 18))), "photo0");
     assert_eq!(first_name(None, Some((25, 18))), "full0");
     assert_eq!(first_name(None, None), "full0");
-    assert_eq!(first_name(Some("images_4"), Some((25, 18))), "photo0", "a name given wins");
+    assert_eq!(
+        first_name(Some("images_4"), Some((25, 18))),
+        "photo0",
+        "a name given wins"
+    );
 }
 
 #[test]
@@ -122,13 +186,20 @@ fn the_digest_follows_what_is_read_and_nothing_else() {
     let first = digest();
     std::fs::write(folder.path().join("notes.txt"), "seen by nobody").unwrap();
     assert_eq!(digest(), first);
-    std::fs::rename(folder.path().join("images_4/photo2.png"), folder.path().join("images_4/photo3.png")).unwrap();
+    std::fs::rename(
+        folder.path().join("images_4/photo2.png"),
+        folder.path().join("images_4/photo3.png"),
+    )
+    .unwrap();
     let renamed = digest();
     assert_ne!(renamed, first, "names become view names");
     write_photo(&folder.path().join("images_4/photo3.png"), SIZE, 7);
     let repainted = digest();
     assert_ne!(repainted, renamed);
-    write_poses(folder.path(), &known_cameras().iter().rev().map(row).collect::<Vec<_>>());
+    write_poses(
+        folder.path(),
+        &known_cameras().iter().rev().map(row).collect::<Vec<_>>(),
+    );
     assert_ne!(digest(), repainted);
 }
 
@@ -137,7 +208,9 @@ fn fault(spoil: impl Fn(&Path)) -> String {
     let folder = written_scene();
     spoil(folder.path());
     let error = llff(folder.path(), None, None).expect_err("the scene is spoilt");
-    error.to_string().replace(&format!("{}", folder.path().display()), "SCENE")
+    error
+        .to_string()
+        .replace(&format!("{}", folder.path().display()), "SCENE")
 }
 
 fn with_rows(change: impl Fn(&mut Vec<Vec<f64>>)) -> String {
@@ -150,21 +223,33 @@ fn with_rows(change: impl Fn(&mut Vec<Vec<f64>>)) -> String {
 
 #[test]
 fn a_missing_part_is_named_with_what_to_do() {
-    let gone = llff(Path::new("no/such/scene"), None, None).unwrap_err().to_string();
-    assert!(gone.contains("poses_bounds.npy: the table of camera poses is missing; point to an LLFF scene"), "{gone}");
+    let gone = llff(Path::new("no/such/scene"), None, None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        gone.contains(
+            "poses_bounds.npy: the table of camera poses is missing; point to an LLFF scene"
+        ),
+        "{gone}"
+    );
     assert_eq!(
         fault(|folder| std::fs::remove_dir_all(folder.join("images_4")).unwrap()),
         "SCENE/images: a folder of PNG or JPEG photos is missing; put the photos into a subfolder `images`"
     );
     let folder = written_scene();
-    let misspelt = llff(folder.path(), Some("image_4"), None).unwrap_err().to_string();
-    assert!(misspelt.ends_with("image_4: a folder of PNG or JPEG photos is missing; there is: images_4"), "{misspelt}");
+    let misspelt = llff(folder.path(), Some("image_4"), None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        misspelt
+            .ends_with("image_4: a folder of PNG or JPEG photos is missing; there is: images_4"),
+        "{misspelt}"
+    );
 }
 
 #[test]
 fn a_broken_table_says_what_it_should_be() {
-    const EXPECTED: &str =
-        "expected an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
+    const EXPECTED: &str = "expected an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
     assert_eq!(
         with_rows(|rows| rows.iter_mut().for_each(|row| row.truncate(15))),
         format!("SCENE/poses_bounds.npy: the array is 3 x 15; {EXPECTED}")
@@ -176,7 +261,9 @@ fn a_broken_table_says_what_it_should_be() {
     });
     assert_eq!(
         cut,
-        format!("SCENE/poses_bounds.npy: shape 3x17 does not fit the 403 bytes of values that follow; {EXPECTED}")
+        format!(
+            "SCENE/poses_bounds.npy: shape 3x17 does not fit the 403 bytes of values that follow; {EXPECTED}"
+        )
     );
 }
 
@@ -186,15 +273,37 @@ fn a_camera_that_cannot_be_is_named_by_its_row() {
     const MEND: &str = "; run the pose estimation again or leave this photo out";
     let expect = |message: String, fault: &str| assert_eq!(message, format!("{POSE}{fault}{MEND}"));
     expect(with_rows(|rows| rows[1][3] = f64::NAN), "value 3 is NaN");
-    expect(with_rows(|rows| rows[1][15] = 90.0), "near 90 and far 41 are not 0 < near < far");
-    expect(with_rows(|rows| rows[1][15] = -1.0), "near -1 and far 41 are not 0 < near < far");
-    expect(with_rows(|rows| rows[1][14] = 0.0), "width 96, height 72 and focal length 0 are not all positive");
+    expect(
+        with_rows(|rows| rows[1][15] = 90.0),
+        "near 90 and far 41 are not 0 < near < far",
+    );
+    expect(
+        with_rows(|rows| rows[1][15] = -1.0),
+        "near -1 and far 41 are not 0 < near < far",
+    );
+    expect(
+        with_rows(|rows| rows[1][14] = 0.0),
+        "width 96, height 72 and focal length 0 are not all positive",
+    );
     let skewed = with_rows(|rows| rows[1][0] += 0.5);
-    assert!(skewed.starts_with(&format!("{POSE}its rotation's columns are not orthonormal")), "{skewed}");
-    let mirrored = with_rows(|rows| [1, 6, 11].into_iter().for_each(|i| rows[1][i] = -rows[1][i]));
-    assert!(mirrored.contains("are not orthonormal axes [down, right, backwards] (off by 2.000)"), "{mirrored}");
+    assert!(
+        skewed.starts_with(&format!("{POSE}its rotation's columns are not orthonormal")),
+        "{skewed}"
+    );
+    let mirrored = with_rows(|rows| {
+        [1, 6, 11]
+            .into_iter()
+            .for_each(|i| rows[1][i] = -rows[1][i])
+    });
+    assert!(
+        mirrored.contains("are not orthonormal axes [down, right, backwards] (off by 2.000)"),
+        "{mirrored}"
+    );
     let turned = with_rows(|rows| rows[1].swap(4, 9));
-    assert!(turned.contains("photos of 72x96, the photos are 24x18: another aspect ratio"), "{turned}");
+    assert!(
+        turned.contains("photos of 72x96, the photos are 24x18: another aspect ratio"),
+        "{turned}"
+    );
 }
 
 #[test]
@@ -214,13 +323,19 @@ fn photos_must_be_as_many_as_poses_whole_and_of_one_size() {
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
     });
-    assert!(cut.starts_with("SCENE/images_4/photo1.png: not a readable PNG or JPEG image ("), "{cut}");
+    assert!(
+        cut.starts_with("SCENE/images_4/photo1.png: not a readable PNG or JPEG image ("),
+        "{cut}"
+    );
 }
 
 #[test]
 fn a_size_of_zero_is_refused() {
     let error = llff(written_scene().path(), None, Some((0, 18))).unwrap_err();
-    assert!(matches!(error, SceneError::EmptyImage { size: (0, 18), .. }), "{error}");
+    assert!(
+        matches!(error, SceneError::EmptyImage { size: (0, 18), .. }),
+        "{error}"
+    );
 }
 
 #[test]
@@ -233,14 +348,35 @@ fn the_real_fern_reads_as_its_table_says() {
     assert_eq!(scene.photos.len(), 20);
     let camera = &scene.photos[0].camera;
     assert_eq!((camera.width, camera.height), (252, 189));
-    assert!((camera.fl_x - 3260.526 / 16.0).abs() < 1e-3, "{}", camera.fl_x);
-    let nearest = scene.photos.iter().map(|p| p.camera.near).fold(f64::INFINITY, f64::min);
+    assert!(
+        (camera.fl_x - 3260.526 / 16.0).abs() < 1e-3,
+        "{}",
+        camera.fl_x
+    );
+    let nearest = scene
+        .photos
+        .iter()
+        .map(|p| p.camera.near)
+        .fold(f64::INFINITY, f64::min);
     assert!((nearest - 1.0).abs() < 1e-12);
-    assert!(scene.photos.iter().all(|p| (3.5..4.8).contains(&p.camera.far)), "17..80 scaled by the nearest, 16.985");
+    assert!(
+        scene
+            .photos
+            .iter()
+            .all(|p| (3.5..4.8).contains(&p.camera.far)),
+        "17..80 scaled by the nearest, 16.985"
+    );
     let size = |axis: usize| scene.bounds[1][axis] - scene.bounds[0][axis];
-    assert!((4.0..12.0).contains(&size(0)) && (3.0..9.0).contains(&size(1)), "{:?}", scene.bounds);
+    assert!(
+        (4.0..12.0).contains(&size(0)) && (3.0..9.0).contains(&size(1)),
+        "{:?}",
+        scene.bounds
+    );
     let (train, test) = split_holdout(scene.photos, 8);
     assert_eq!((train.len(), test.len()), (17, 3));
     let low = downscale(&test[1], 4, Default::default()).unwrap();
-    assert_eq!((low.name.as_str(), low.camera.width, low.camera.height), ("image008", 63, 47));
+    assert_eq!(
+        (low.name.as_str(), low.camera.width, low.camera.height),
+        ("image008", 63, 47)
+    );
 }

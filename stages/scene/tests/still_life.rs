@@ -7,7 +7,11 @@ use scene::color::srgb_to_linear;
 use scene::{Photo, Reduction, SceneData, downscale, still_life};
 
 fn with_threads(threads: usize, make: impl Fn() -> SceneData + Send + Sync) -> SceneData {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(make)
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap()
+        .install(make)
 }
 
 #[test]
@@ -28,25 +32,57 @@ fn the_seed_moves_things_and_cameras_a_little() {
 #[test]
 fn photos_are_named_in_order_and_share_near_and_far() {
     let scene = still_life(12, (24, 18), 1, 0);
-    let names: Vec<_> = scene.photos.iter().map(|photo| photo.name.as_str()).collect();
-    assert!(names.is_sorted() && names[0] == "view_000" && names[11] == "view_011", "{names:?}");
+    let names: Vec<_> = scene
+        .photos
+        .iter()
+        .map(|photo| photo.name.as_str())
+        .collect();
+    assert!(
+        names.is_sorted() && names[0] == "view_000" && names[11] == "view_011",
+        "{names:?}"
+    );
     let first = &scene.photos[0].camera;
-    assert!(first.near > 1.0 && first.far < 8.0, "{} {}", first.near, first.far);
+    assert!(
+        first.near > 1.0 && first.far < 8.0,
+        "{} {}",
+        first.near,
+        first.far
+    );
     for photo in &scene.photos {
-        assert_eq!((photo.camera.near, photo.camera.far), (first.near, first.far));
+        assert_eq!(
+            (photo.camera.near, photo.camera.far),
+            (first.near, first.far)
+        );
         assert_eq!(photo.rgb.len(), 24 * 18 * 3);
         assert!(photo.rgb.iter().all(|value| (0.0..=1.0).contains(value)));
-        assert!(photo.camera.position().z > scene.bounds[1][2], "the cameras stand before the box");
+        assert!(
+            photo.camera.position().z > scene.bounds[1][2],
+            "the cameras stand before the box"
+        );
     }
-    let size: Vec<f64> = (0..3).map(|axis| scene.bounds[1][axis] - scene.bounds[0][axis]).collect();
-    assert!(size.iter().all(|side| (1.0..6.0).contains(side)), "{size:?}");
+    let size: Vec<f64> = (0..3)
+        .map(|axis| scene.bounds[1][axis] - scene.bounds[0][axis])
+        .collect();
+    assert!(
+        size.iter().all(|side| (1.0..6.0).contains(side)),
+        "{size:?}"
+    );
 }
 
 /// A pixel is the mean of its area: the same rays, cut into fewer pixels, must give the same light.
 #[test]
 fn fewer_pixels_with_more_samples_agree_with_more_pixels() {
-    let (fine, coarse) = (still_life(1, (128, 96), 4, 0), still_life(1, (64, 48), 8, 0));
-    let linear = |photo: &Photo| photo.rgb.iter().map(|value| srgb_to_linear(*value)).collect::<Vec<_>>();
+    let (fine, coarse) = (
+        still_life(1, (128, 96), 4, 0),
+        still_life(1, (64, 48), 8, 0),
+    );
+    let linear = |photo: &Photo| {
+        photo
+            .rgb
+            .iter()
+            .map(|value| srgb_to_linear(*value))
+            .collect::<Vec<_>>()
+    };
     let (fine, coarse) = (linear(&fine.photos[0]), linear(&coarse.photos[0]));
     let mut differences = Vec::new();
     for (y, x) in (0..48).flat_map(|y| (0..64).map(move |x| (y, x))) {
@@ -71,17 +107,30 @@ fn psnr(a: &[f32], b: &[f32]) -> f32 {
 fn enlarged(photo: &Photo, width: usize, height: usize) -> Vec<f32> {
     let (w, h) = (photo.camera.width as usize, photo.camera.height as usize);
     let image = Device::cpu().array(&[1, h, w, 3], photo.rgb.clone());
-    let planes: Vec<f32> = (0..3).flat_map(|c| image.to_vec().into_iter().skip(c).step_by(3)).collect();
+    let planes: Vec<f32> = (0..3)
+        .flat_map(|c| image.to_vec().into_iter().skip(c).step_by(3))
+        .collect();
     let image = Device::cpu().array(&[1, 3, h, w], planes);
     let large = resize(&image, height, width, Filter::BicubicPil, false).to_vec();
-    (0..width * height).flat_map(|i| [0, 1, 2].map(|c| large[c * width * height + i])).collect()
+    (0..width * height)
+        .flat_map(|i| [0, 1, 2].map(|c| large[c * width * height + i]))
+        .collect()
 }
 
 #[test]
 fn a_quarter_of_the_size_loses_detail_that_a_half_mostly_keeps() {
     let scene = still_life(1, (256, 192), 4, 0);
     let photo = &scene.photos[0];
-    let kept = |factor| psnr(&photo.rgb, &enlarged(&downscale(photo, factor, Reduction::Bicubic).unwrap(), 256, 192));
+    let kept = |factor| {
+        psnr(
+            &photo.rgb,
+            &enlarged(
+                &downscale(photo, factor, Reduction::Bicubic).unwrap(),
+                256,
+                192,
+            ),
+        )
+    };
     let (quarter, half) = (kept(4), kept(2));
     println!("bicubic down and up again: x4 {quarter:.2} dB, x2 {half:.2} dB");
     assert!((15.0..24.0).contains(&quarter), "x4: {quarter} dB");

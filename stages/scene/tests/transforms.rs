@@ -8,7 +8,9 @@ use std::path::Path;
 
 use common::{BENT, SIZE, any_damage, known_cameras, photos, real, words, write_photo};
 use proptest::prelude::*;
-use scene::{Distortion, SceneData, TransformsOptions, transforms, transforms_digest, write_transforms};
+use scene::{
+    Distortion, SceneData, TransformsOptions, transforms, transforms_digest, write_transforms,
+};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -20,11 +22,18 @@ fn read(path: &Path) -> SceneData {
 fn what_is_written_comes_back_the_same() {
     let bounds = [[-1.0, -2.0, -3.0], [4.0, 5.0, 1.0 / 3.0]];
     for (bent, transparent) in [(Distortion::default(), true), (BENT, false)] {
-        let (train, test) = (photos(&known_cameras(bent), transparent), photos(&known_cameras(bent)[..2], transparent));
+        let (train, test) = (
+            photos(&known_cameras(bent), transparent),
+            photos(&known_cameras(bent)[..2], transparent),
+        );
         let folder = tempfile::tempdir().unwrap();
         write_transforms(folder.path(), &train, &test, bounds).unwrap();
         let scene = read(folder.path());
-        for (was, is) in train.iter().chain(&test).zip(scene.photos.iter().chain(&scene.test)) {
+        for (was, is) in train
+            .iter()
+            .chain(&test)
+            .zip(scene.photos.iter().chain(&scene.test))
+        {
             assert_eq!((&was.name, &was.camera), (&is.name, &is.camera));
             assert!(was.rgb == is.rgb && was.alpha == is.alpha, "{}", was.name);
         }
@@ -36,7 +45,11 @@ fn what_is_written_comes_back_the_same() {
 fn written(file: &str, change: impl Fn(&mut Value)) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let frame = |(i, camera): (usize, &scene::Camera)| {
-        write_photo(&folder.path().join(format!("images/{i}.png")), SIZE, 100 + i as u8);
+        write_photo(
+            &folder.path().join(format!("images/{i}.png")),
+            SIZE,
+            100 + i as u8,
+        );
         json!({"file_path": format!("images/{i}.png"), "transform_matrix": camera.camera_to_world.transpose().to_cols_array_2d()})
     };
     let cameras = known_cameras(Distortion::default());
@@ -52,7 +65,13 @@ fn nerf_synthetic_has_a_field_of_view_splits_and_no_extensions() {
     let synthetic = |page: &mut Value| {
         *page = json!({"camera_angle_x": 0.9, "frames": page["frames"]});
         for frame in page["frames"].as_array_mut().unwrap() {
-            frame["file_path"] = json!(format!("./{}", frame["file_path"].as_str().unwrap().trim_end_matches(".png")));
+            frame["file_path"] = json!(format!(
+                "./{}",
+                frame["file_path"]
+                    .as_str()
+                    .unwrap()
+                    .trim_end_matches(".png")
+            ));
             frame["rotation"] = json!(0.012);
         }
     };
@@ -60,13 +79,30 @@ fn nerf_synthetic_has_a_field_of_view_splits_and_no_extensions() {
     let copy = std::fs::read(folder.path().join("transforms_train.json")).unwrap();
     std::fs::write(folder.path().join("transforms_test.json"), copy).unwrap();
     let scene = read(folder.path());
-    assert_eq!((scene.photos.len(), scene.test.len(), scene.notes.len()), (3, 3, 0));
+    assert_eq!(
+        (scene.photos.len(), scene.test.len(), scene.notes.len()),
+        (3, 3, 0)
+    );
     let camera = &scene.photos[0].camera;
     assert!((camera.fl_x - 12.0 / 0.45f64.tan()).abs() < 1e-12 && camera.fl_x == camera.fl_y);
     assert_eq!((camera.cx, camera.cy), (12.0, 9.0));
-    assert!(scene.bounds.as_flattened().iter().all(|side| (side.abs() - 0.5 / 0.33).abs() < 1e-12));
-    let every = TransformsOptions { test_every: 2, ..Default::default() };
-    let names: Vec<_> = transforms(folder.path(), &every).unwrap().test.into_iter().map(|photo| photo.name).collect();
+    assert!(
+        scene
+            .bounds
+            .as_flattened()
+            .iter()
+            .all(|side| (side.abs() - 0.5 / 0.33).abs() < 1e-12)
+    );
+    let every = TransformsOptions {
+        test_every: 2,
+        ..Default::default()
+    };
+    let names: Vec<_> = transforms(folder.path(), &every)
+        .unwrap()
+        .test
+        .into_iter()
+        .map(|photo| photo.name)
+        .collect();
     assert_eq!(names, ["0", "2"]);
 }
 
@@ -81,17 +117,43 @@ fn instant_ngp_says_the_box_and_each_frame_its_own_lens() {
         page["n_extra_learnable_dims"] = json!(16);
     });
     let scene = read(folder.path());
-    assert_eq!(scene.photos.iter().map(|photo| photo.camera.fl_y).collect::<Vec<_>>(), [30.0, 60.0]);
+    assert_eq!(
+        scene
+            .photos
+            .iter()
+            .map(|photo| photo.camera.fl_y)
+            .collect::<Vec<_>>(),
+        [30.0, 60.0]
+    );
     assert_eq!(scene.photos[1].camera.distortion.k1, 0.05);
     let half = 2.0 / 0.33;
     let expected = [[-half, -half, (0.5 - 2.0) / 0.33], [half, half, 2.5 / 0.33]];
     let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-9;
-    assert!(scene.bounds.as_flattened().iter().zip(expected.as_flattened()).all(close), "{:?}", scene.bounds);
+    assert!(
+        scene
+            .bounds
+            .as_flattened()
+            .iter()
+            .zip(expected.as_flattened())
+            .all(close),
+        "{:?}",
+        scene.bounds
+    );
     let notes = scene.notes.join("\n");
-    assert!(notes.contains("1 of 3 photos are missing, such as images/gone.png"), "{notes}");
-    assert!(notes.contains("n_extra_learnable_dims") && !notes.contains("sharpness"), "{notes}");
+    assert!(
+        notes.contains("1 of 3 photos are missing, such as images/gone.png"),
+        "{notes}"
+    );
+    assert!(
+        notes.contains("n_extra_learnable_dims") && !notes.contains("sharpness"),
+        "{notes}"
+    );
     for photo in &scene.photos {
-        assert!(0.0 < photo.camera.near && photo.camera.near < photo.camera.far && photo.camera.far < 50.0);
+        assert!(
+            0.0 < photo.camera.near
+                && photo.camera.near < photo.camera.far
+                && photo.camera.far < 50.0
+        );
     }
 }
 
@@ -104,14 +166,38 @@ fn nerfstudio_names_its_splits_and_may_leave_the_box_to_us() {
         page.as_object_mut().unwrap().remove("aabb_scale");
     });
     let scene = read(&folder.path().join("transforms.json"));
-    let names = |photos: &[scene::Photo]| photos.iter().map(|photo| photo.name.clone()).collect::<Vec<_>>();
-    assert_eq!((names(&scene.photos), names(&scene.test)), (vec!["0".to_owned()], vec!["1".to_owned()]));
-    assert!(scene.notes[0].contains("gives no scene box"), "{:?}", scene.notes);
+    let names = |photos: &[scene::Photo]| {
+        photos
+            .iter()
+            .map(|photo| photo.name.clone())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(
+        (names(&scene.photos), names(&scene.test)),
+        (vec!["0".to_owned()], vec!["1".to_owned()])
+    );
+    assert!(
+        scene.notes[0].contains("gives no scene box"),
+        "{:?}",
+        scene.notes
+    );
     // The cameras look at a point 20.5 away.
     let camera = &scene.photos[0].camera;
-    assert!((camera.near - 2.05).abs() < 0.1 && (camera.far - 61.5).abs() < 3.0, "{} {}", camera.near, camera.far);
+    assert!(
+        (camera.near - 2.05).abs() < 0.1 && (camera.far - 61.5).abs() < 3.0,
+        "{} {}",
+        camera.near,
+        camera.far
+    );
     let bounds = Some([[-9.0, -9.0, -30.0], [9.0, 9.0, -10.0]]);
-    let told = transforms(folder.path(), &TransformsOptions { bounds, ..Default::default() }).unwrap();
+    let told = transforms(
+        folder.path(),
+        &TransformsOptions {
+            bounds,
+            ..Default::default()
+        },
+    )
+    .unwrap();
     assert_eq!((Some(told.bounds), told.notes.len()), (bounds, 0));
 }
 
@@ -121,9 +207,15 @@ fn photos_of_another_size_keep_their_view() {
     (0..3).for_each(|i| write_photo(&folder.path().join(format!("images/{i}.png")), (48, 36), 9));
     let camera = &read(folder.path()).photos[0].camera;
     assert_eq!((camera.width, camera.fl_x, camera.fl_y), (48, 60.0, 60.0));
-    let small = TransformsOptions { size: Some((12, 9)), ..Default::default() };
+    let small = TransformsOptions {
+        size: Some((12, 9)),
+        ..Default::default()
+    };
     let photo = &transforms(folder.path(), &small).unwrap().photos[0];
-    assert_eq!((photo.camera.width, photo.camera.fl_x, photo.rgb.len()), (12, 15.0, 12 * 9 * 3));
+    assert_eq!(
+        (photo.camera.width, photo.camera.fl_x, photo.rgb.len()),
+        (12, 15.0, 12 * 9 * 3)
+    );
 }
 
 #[test]
@@ -141,7 +233,8 @@ fn the_digest_follows_cameras_and_photos() {
 fn what_is_wrong_is_named_by_file_and_field() {
     let fault = |change: &dyn Fn(&mut Value), expected: &[&str]| {
         let folder = written("transforms.json", change);
-        let error = transforms(folder.path(), &TransformsOptions::default()).expect_err("the scene is spoilt");
+        let error = transforms(folder.path(), &TransformsOptions::default())
+            .expect_err("the scene is spoilt");
         let words = words(error, folder.path());
         for part in [&["SCENE/"], expected].concat() {
             assert!(words.contains(part), "{part} is not in: {words}");
@@ -152,23 +245,56 @@ fn what_is_wrong_is_named_by_file_and_field() {
         &|page| page["frames"][1]["transform_matrix"][0][0] = json!("one"),
         &["transforms.json: line 1, column", "invalid type: string"],
     );
-    fault(&|page| page["frames"][1]["fl_x"] = json!("long"), &["line 1, column"]);
-    fault(&|page| page["frames"] = json!([]), &["transforms.json: frames: is empty"]);
+    fault(
+        &|page| page["frames"][1]["fl_x"] = json!("long"),
+        &["line 1, column"],
+    );
+    fault(
+        &|page| page["frames"] = json!([]),
+        &["transforms.json: frames: is empty"],
+    );
     fault(&|page| *page = json!({}), &["missing field `frames`"]);
-    fault(&|page| page["frames"][1]["fl_x"] = json!(-3.0), &[frame, "focal lengths -3"]);
-    fault(&|page| page["frames"][1]["transform_matrix"][0][1] = json!(0.3), &[frame, "transform_matrix has columns"]);
-    fault(&|page| page["frames"][1]["camera_model"] = json!("OPENCV_FISHEYE"), &[frame, "OPENCV_FISHEYE", "undistort"]);
+    fault(
+        &|page| page["frames"][1]["fl_x"] = json!(-3.0),
+        &[frame, "focal lengths -3"],
+    );
+    fault(
+        &|page| page["frames"][1]["transform_matrix"][0][1] = json!(0.3),
+        &[frame, "transform_matrix has columns"],
+    );
+    fault(
+        &|page| page["frames"][1]["camera_model"] = json!("OPENCV_FISHEYE"),
+        &[frame, "OPENCV_FISHEYE", "undistort"],
+    );
     fault(&|page| page["k4"] = json!(0.1), &["k4 is set"]);
     fault(&|page| page["k1"] = json!(-9.0), &["folds the image over"]);
-    fault(&|page| page["w"] = json!(1e300), &["w is not a whole number of pixels"]);
-    fault(&|page| page["w"] = json!(18), &["images/0.png: the photo: is 24x18, but its camera is for 18x18"]);
+    fault(
+        &|page| page["w"] = json!(1e300),
+        &["w is not a whole number of pixels"],
+    );
+    fault(
+        &|page| page["w"] = json!(18),
+        &["images/0.png: the photo: is 24x18, but its camera is for 18x18"],
+    );
     fault(&|page| page["aabb_scale"] = json!(-1), &["the scene box"]);
-    fault(&|page| page["train_filenames"] = json!(["other"]), &["leaves no photo to train on"]);
-    fault(&|page| drop(page.as_object_mut().unwrap().remove("fl_x")), &["has neither fl_x nor camera_angle_x"]);
-    let gone = |page: &mut Value| (0..3).for_each(|i| page["frames"][i]["file_path"] = json!("no.png"));
+    fault(
+        &|page| page["train_filenames"] = json!(["other"]),
+        &["leaves no photo to train on"],
+    );
+    fault(
+        &|page| drop(page.as_object_mut().unwrap().remove("fl_x")),
+        &["has neither fl_x nor camera_angle_x"],
+    );
+    let gone =
+        |page: &mut Value| (0..3).for_each(|i| page["frames"][i]["file_path"] = json!("no.png"));
     fault(&gone, &["SCENE/no.png: the photo is missing"]);
-    let nowhere = transforms(Path::new("no/such/scene"), &TransformsOptions::default()).unwrap_err().to_string();
-    assert!(nowhere.contains("transforms.json: the cameras is missing; point to a folder"), "{nowhere}");
+    let nowhere = transforms(Path::new("no/such/scene"), &TransformsOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        nowhere.contains("transforms.json: the cameras is missing; point to a folder"),
+        "{nowhere}"
+    );
 }
 
 proptest! {
@@ -191,14 +317,23 @@ proptest! {
 #[test]
 fn the_real_fox_stands_inside_its_box() {
     let Some(folder) = real("fox") else { return };
-    let options = TransformsOptions { size: Some((54, 96)), ..Default::default() };
+    let options = TransformsOptions {
+        size: Some((54, 96)),
+        ..Default::default()
+    };
     let scene = transforms(&folder, &options).unwrap();
     assert_eq!((scene.photos.len(), scene.test.len()), (50, 0));
     let photo = &scene.photos[0];
-    assert_eq!((photo.name.as_str(), photo.rgb.len()), ("0001", 54 * 96 * 3));
+    assert_eq!(
+        (photo.name.as_str(), photo.rgb.len()),
+        ("0001", 54 * 96 * 3)
+    );
     assert!((photo.camera.fl_x - 68.776).abs() < 1e-9 && photo.camera.distortion.k2 == -0.0805099);
     for photo in &scene.photos {
         let position = photo.camera.position();
-        assert!((0..3).all(|axis| scene.bounds[0][axis] < position[axis] && position[axis] < scene.bounds[1][axis]));
+        assert!(
+            (0..3).all(|axis| scene.bounds[0][axis] < position[axis]
+                && position[axis] < scene.bounds[1][axis])
+        );
     }
 }

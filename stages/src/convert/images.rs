@@ -13,7 +13,9 @@ use crate::error::StageError;
 /// The view of this name.
 pub fn view_named<'a>(images: &'a ImageSet, name: &str) -> Result<&'a View, StageError> {
     let found = images.views.iter().find(|view| view.name == name);
-    found.ok_or_else(|| StageError::Mismatch(format!("an input image set has no view named `{name}`")))
+    found.ok_or_else(|| {
+        StageError::Mismatch(format!("an input image set has no view named `{name}`"))
+    })
 }
 
 /// The view's colours, interleaved, sRGB-encoded; where there is alpha, before black.
@@ -25,7 +27,9 @@ pub fn srgb(view: &View) -> Vec<f32> {
 /// radiance fields are, and as NeRF-synthetic's truth is: on encoded values.
 pub fn srgb_before(view: &View, background: f32) -> Vec<f32> {
     let straight = straight_srgb(view);
-    let Some(alpha) = &view.alpha else { return straight };
+    let Some(alpha) = &view.alpha else {
+        return straight;
+    };
     let before = |(i, x): (usize, f32)| alpha[i / 3] * x + (1.0 - alpha[i / 3]) * background;
     straight.into_iter().enumerate().map(before).collect()
 }
@@ -35,8 +39,13 @@ fn straight_srgb(view: &View) -> Vec<f32> {
     match &view.alpha {
         None => view.rgb.iter().map(|&x| linear_to_srgb(x)).collect(),
         Some(alpha) => {
-            let straight =
-                |(i, &x): (usize, &f32)| if alpha[i / 3] > 0.0 { linear_to_srgb(x / alpha[i / 3]) } else { 0.0 };
+            let straight = |(i, &x): (usize, &f32)| {
+                if alpha[i / 3] > 0.0 {
+                    linear_to_srgb(x / alpha[i / 3])
+                } else {
+                    0.0
+                }
+            };
             view.rgb.iter().enumerate().map(straight).collect()
         }
     }
@@ -45,7 +54,10 @@ fn straight_srgb(view: &View) -> Vec<f32> {
 /// The inverse of [`straight_srgb`].
 fn premultiplied_linear(srgb: &[f32], alpha: Option<&[f32]>) -> Vec<f32> {
     let part = |i: usize| alpha.map_or(1.0, |alpha| alpha[i / 3]);
-    srgb.iter().enumerate().map(|(i, &x)| srgb_to_linear(x) * part(i)).collect()
+    srgb.iter()
+        .enumerate()
+        .map(|(i, &x)| srgb_to_linear(x) * part(i))
+        .collect()
 }
 
 /// [1, 3, H, W], sRGB-encoded, 0 to 1.
@@ -67,12 +79,16 @@ pub fn signed_array(view: &View, device: &Device) -> Array {
 /// [1, 1, H, W], coverage from 0 to 1.
 pub fn alpha_array(view: &View, device: &Device) -> Option<Array> {
     let (h, w) = (view.camera.height as usize, view.camera.width as usize);
-    view.alpha.as_ref().map(|alpha| device.array(&[1, 1, h, w], alpha.clone()))
+    view.alpha
+        .as_ref()
+        .map(|alpha| device.array(&[1, 1, h, w], alpha.clone()))
 }
 
 fn planes(interleaved: &[f32], view: &View, device: &Device) -> Array {
     let (h, w) = (view.camera.height as usize, view.camera.width as usize);
-    let values = (0..3).flat_map(|c| interleaved.iter().skip(c).step_by(3).copied()).collect();
+    let values = (0..3)
+        .flat_map(|c| interleaved.iter().skip(c).step_by(3).copied())
+        .collect();
     device.array(&[1, 3, h, w], values)
 }
 
@@ -80,7 +96,9 @@ fn planes(interleaved: &[f32], view: &View, device: &Device) -> Array {
 pub fn pixels(image: &Array) -> Vec<f32> {
     let values = image.to_vec();
     let plane = values.len() / 3;
-    (0..plane).flat_map(|i| [values[i], values[plane + i], values[2 * plane + i]]).collect()
+    (0..plane)
+        .flat_map(|i| [values[i], values[plane + i], values[2 * plane + i]])
+        .collect()
 }
 
 /// Colours for disk of an sRGB-encoded array before black, of which `alpha` is in front of it; what lies outside 0 to 1
@@ -98,7 +116,13 @@ pub fn disk_pixels_of_signed(image: &Array, alpha: Option<&[f32]>) -> Vec<f32> {
 /// What gives these colours when `alpha` of it is in front of black.
 fn straight(before_black: Vec<f32>, alpha: Option<&[f32]>) -> Vec<f32> {
     let part = |i: usize| alpha.map_or(1.0, |alpha| alpha[i / 3]);
-    let straight = |(i, x): (usize, f32)| if part(i) > 0.0 { (x / part(i)).clamp(0.0, 1.0) } else { 0.0 };
+    let straight = |(i, x): (usize, f32)| {
+        if part(i) > 0.0 {
+            (x / part(i)).clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
+    };
     before_black.into_iter().enumerate().map(straight).collect()
 }
 
@@ -115,7 +139,12 @@ pub fn photo_view(photo: &Photo) -> View {
 
 /// The photo that [`photo_view`] was called on.
 pub fn view_photo(view: &View) -> Photo {
-    Photo { name: view.name.clone(), camera: camera(&view.camera), rgb: straight_srgb(view), alpha: view.alpha.clone() }
+    Photo {
+        name: view.name.clone(),
+        camera: camera(&view.camera),
+        rgb: straight_srgb(view),
+        alpha: view.alpha.clone(),
+    }
 }
 
 /// A rendered image (before black) for disk, with depth; `alpha` says whether it keeps its opacity.
@@ -132,5 +161,11 @@ pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: boo
 
 /// A view to train a field on; where there is alpha, the field is to be as transparent.
 pub fn train_view(view: &View, weight: f32, supersample: u32) -> TrainView {
-    TrainView { camera: camera(&view.camera), rgb: straight_srgb(view), alpha: view.alpha.clone(), weight, supersample }
+    TrainView {
+        camera: camera(&view.camera),
+        rgb: straight_srgb(view),
+        alpha: view.alpha.clone(),
+        weight,
+        supersample,
+    }
 }

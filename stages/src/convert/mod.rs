@@ -9,8 +9,8 @@ mod tests;
 
 pub use cameras::{camera, disk_camera, scaled};
 pub use images::{
-    alpha_array, disk_pixels, disk_pixels_of_signed, linear_array, photo_view, pixels, rendered_view, signed_array,
-    srgb, srgb_array, srgb_before, train_view, view_named, view_photo,
+    alpha_array, disk_pixels, disk_pixels_of_signed, linear_array, photo_view, pixels,
+    rendered_view, signed_array, srgb, srgb_array, srgb_before, train_view, view_named, view_photo,
 };
 pub use optimization::{optimization_checkpoint, optimization_state};
 pub use tensors::{disk_field, field, latent_array, latent_named, lora, tensor};
@@ -22,6 +22,13 @@ pub fn in_range(field: &'static str, value: u32, min: u32, max: u32) -> Result<(
     if (min..=max).contains(&value) {
         return Ok(());
     }
-    let bound = if value < min { format!("at least {min}") } else { format!("at most {max}") };
-    Err(StageError::parameter(field, format!("is {value}; it must be {bound}")))
+    let bound = if value < min {
+        format!("at least {min}")
+    } else {
+        format!("at most {max}")
+    };
+    Err(StageError::parameter(
+        field,
+        format!("is {value}; it must be {bound}"),
+    ))
 }

@@ -13,38 +13,79 @@ use crate::checkpoint::{Checkpoint, Tensors};
 pub fn optimization_checkpoint(state: &State, log: &[StepLog]) -> Checkpoint {
     let mut tensors = Tensors::new();
     for (view, residual) in state.residuals.iter().enumerate() {
-        let Residual { values, mean, square, visits, .. } = residual;
+        let Residual {
+            values,
+            mean,
+            square,
+            visits,
+            ..
+        } = residual;
         let visits: Vec<f32> = visits.iter().map(|&visits| visits as f32).collect();
-        for (name, values) in [("values", values), ("mean", mean), ("square", square), ("visits", &visits)] {
-            tensors.insert(format!("residual.{view}.{name}"), (vec![values.len()], values.clone()));
+        for (name, values) in [
+            ("values", values),
+            ("mean", mean),
+            ("square", square),
+            ("visits", &visits),
+        ] {
+            tensors.insert(
+                format!("residual.{view}.{name}"),
+                (vec![values.len()], values.clone()),
+            );
         }
     }
     for (name, values) in state.lora.iter().flat_map(|lora| &lora.parameters) {
-        tensors.insert(format!("lora.{name}"), (values.shape().to_vec(), values.to_vec()));
+        tensors.insert(
+            format!("lora.{name}"),
+            (values.shape().to_vec(), values.to_vec()),
+        );
     }
     for (name, moments) in state.lora.iter().flat_map(|lora| &lora.moments) {
-        tensors.insert(format!("lora.mean.{name}"), (moments.m.shape().to_vec(), moments.m.to_vec()));
-        tensors.insert(format!("lora.square.{name}"), (moments.v.shape().to_vec(), moments.v.to_vec()));
+        tensors.insert(
+            format!("lora.mean.{name}"),
+            (moments.m.shape().to_vec(), moments.m.to_vec()),
+        );
+        tensors.insert(
+            format!("lora.square.{name}"),
+            (moments.v.shape().to_vec(), moments.v.to_vec()),
+        );
     }
     let lora_steps = state.lora.as_ref().map(|lora| lora.steps);
-    Checkpoint { step: state.step, tensors, notes: json!({ "lora_steps": lora_steps, "log": log }) }
+    Checkpoint {
+        step: state.step,
+        tensors,
+        notes: json!({ "lora_steps": lora_steps, "log": log }),
+    }
 }
 
 /// The state that a checkpoint holds; `like` is one of the same views and options.
-pub fn optimization_state(checkpoint: &Checkpoint, like: &State, device: &Device) -> Result<State, String> {
+pub fn optimization_state(
+    checkpoint: &Checkpoint,
+    like: &State,
+    device: &Device,
+) -> Result<State, String> {
     let tensors = &checkpoint.tensors;
-    let residuals = like.residuals.iter().enumerate().map(|(view, like)| residual(tensors, view, like));
+    let residuals = like
+        .residuals
+        .iter()
+        .enumerate()
+        .map(|(view, like)| residual(tensors, view, like));
     let steps = checkpoint.notes["lora_steps"].as_u64();
     let lora = match (&like.lora, steps) {
         (None, None) => None,
         (Some(like), Some(steps)) => Some(lora(tensors, like, steps, device)?),
         _ => return Err("it is of another kind of guidance".into()),
     };
-    Ok(State { step: checkpoint.step, residuals: residuals.collect::<Result<_, _>>()?, lora })
+    Ok(State {
+        step: checkpoint.step,
+        residuals: residuals.collect::<Result<_, _>>()?,
+        lora,
+    })
 }
 
 fn residual(tensors: &Tensors, view: usize, like: &Residual) -> Result<Residual, String> {
-    let values = |name, like: usize| Ok(take(tensors, &format!("residual.{view}.{name}"), &[like])?.to_vec());
+    let values = |name, like: usize| {
+        Ok(take(tensors, &format!("residual.{view}.{name}"), &[like])?.to_vec())
+    };
     let visits: Result<Vec<f32>, String> = values("visits", like.visits.len());
     Ok(Residual {
         shape: like.shape,
@@ -55,7 +96,12 @@ fn residual(tensors: &Tensors, view: usize, like: &Residual) -> Result<Residual,
     })
 }
 
-fn lora(tensors: &Tensors, like: &LoraState, steps: u64, device: &Device) -> Result<LoraState, String> {
+fn lora(
+    tensors: &Tensors,
+    like: &LoraState,
+    steps: u64,
+    device: &Device,
+) -> Result<LoraState, String> {
     let array = |prefix: &str, name: &str, like: &Array| {
         let values = take(tensors, &format!("{prefix}{name}"), like.shape())?;
         Ok::<_, String>(device.array(like.shape(), values.to_vec()))
@@ -65,10 +111,17 @@ fn lora(tensors: &Tensors, like: &LoraState, steps: u64, device: &Device) -> Res
         parameters.insert(name.clone(), array("lora.", name, like)?);
     }
     for (name, like) in &like.moments {
-        let (m, v) = (array("lora.mean.", name, &like.m)?, array("lora.square.", name, &like.v)?);
+        let (m, v) = (
+            array("lora.mean.", name, &like.m)?,
+            array("lora.square.", name, &like.v)?,
+        );
         moments.insert(name.clone(), AdamState { m, v });
     }
-    Ok(LoraState { parameters, moments, steps })
+    Ok(LoraState {
+        parameters,
+        moments,
+        steps,
+    })
 }
 
 fn take<'t>(tensors: &'t Tensors, name: &str, shape: &[usize]) -> Result<&'t [f32], String> {

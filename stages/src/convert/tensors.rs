@@ -11,7 +11,10 @@ use crate::error::StageError;
 
 /// An array for disk, without its leading axis of length 1.
 pub fn tensor(array: &Array) -> Tensor {
-    Tensor { shape: array.shape()[1..].to_vec(), values: array.to_vec() }
+    Tensor {
+        shape: array.shape()[1..].to_vec(),
+        values: array.to_vec(),
+    }
 }
 
 /// A tensor as an array with a leading axis of length 1.
@@ -23,31 +26,61 @@ pub fn latent_array(tensor: &Tensor, device: &Device) -> Array {
 /// The latent of this name.
 pub fn latent_named<'a>(latents: &'a Latents, name: &str) -> Result<&'a LatentView, StageError> {
     let found = latents.views.iter().find(|view| view.name == name);
-    found.ok_or_else(|| StageError::Mismatch(format!("an input latent set has no view named `{name}`")))
+    found.ok_or_else(|| {
+        StageError::Mismatch(format!("an input latent set has no view named `{name}`"))
+    })
 }
 
 /// A field that can be rendered and trained.
 pub fn field(field: disk::Field) -> Result<Field, StageError> {
-    let config: FieldConfig = serde_json::from_value(field.config)
-        .map_err(|error| StageError::Mismatch(format!("the field's configuration is not ours: {error}")))?;
-    let tensors = field.tensors.into_iter().map(|(name, t)| (name, (t.shape, t.values))).collect();
+    let config: FieldConfig = serde_json::from_value(field.config).map_err(|error| {
+        StageError::Mismatch(format!("the field's configuration is not ours: {error}"))
+    })?;
+    let tensors = field
+        .tensors
+        .into_iter()
+        .map(|(name, t)| (name, (t.shape, t.values)))
+        .collect();
     let bounds = field.bounds.map(|corner| corner.map(|x| x as f32));
-    Field::from_tensors(&config, bounds, &tensors).map_err(|error| StageError::Mismatch(error.to_string()))
+    Field::from_tensors(&config, bounds, &tensors)
+        .map_err(|error| StageError::Mismatch(error.to_string()))
 }
 
 /// A field for disk.
 pub fn disk_field(field: &Field) -> Result<disk::Field, StageError> {
-    let config = serde_json::to_value(field.config()).map_err(|error| StageError::Mismatch(error.to_string()))?;
-    let tensors = field.tensors().into_iter().map(|(name, (shape, values))| (name, Tensor { shape, values })).collect();
-    Ok(disk::Field { config, tensors, bounds: field.bounds().map(|corner| corner.map(f64::from)) })
+    let config = serde_json::to_value(field.config())
+        .map_err(|error| StageError::Mismatch(error.to_string()))?;
+    let tensors = field
+        .tensors()
+        .into_iter()
+        .map(|(name, (shape, values))| (name, Tensor { shape, values }))
+        .collect();
+    Ok(disk::Field {
+        config,
+        tensors,
+        bounds: field.bounds().map(|corner| corner.map(f64::from)),
+    })
 }
 
 /// LoRA weights and camera embedding for disk; what is no adapter belongs to the embedding. The scale is 1: alpha is
 /// the rank.
 pub fn lora(parameters: &LoraParameters) -> disk::Lora {
-    let tensor = |array: &Array| Tensor { shape: array.shape().to_vec(), values: array.to_vec() };
-    let (tensors, camera): (BTreeMap<_, _>, BTreeMap<_, _>) =
-        parameters.iter().map(|(name, a)| (name.clone(), tensor(a))).partition(|(name, _)| name.contains(".lora_"));
-    let rank = tensors.iter().find(|(name, _)| name.contains(".lora_A.")).map_or(0, |(_, down)| down.shape[0]);
-    disk::Lora { rank, alpha: rank as f64, tensors, camera }
+    let tensor = |array: &Array| Tensor {
+        shape: array.shape().to_vec(),
+        values: array.to_vec(),
+    };
+    let (tensors, camera): (BTreeMap<_, _>, BTreeMap<_, _>) = parameters
+        .iter()
+        .map(|(name, a)| (name.clone(), tensor(a)))
+        .partition(|(name, _)| name.contains(".lora_"));
+    let rank = tensors
+        .iter()
+        .find(|(name, _)| name.contains(".lora_A."))
+        .map_or(0, |(_, down)| down.shape[0]);
+    disk::Lora {
+        rank,
+        alpha: rank as f64,
+        tensors,
+        camera,
+    }
 }

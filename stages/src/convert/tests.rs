@@ -6,12 +6,40 @@ use compute::Device;
 use super::*;
 
 fn view() -> View {
-    let camera_to_world = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0], [0.0, 0.0, 0.0, 1.0]];
-    let distortion = Distortion { k1: 0.1, k2: 0.02, k3: 0.003, p1: -0.01, p2: 0.02 };
+    let camera_to_world = [
+        [0.0, -1.0, 0.0, 5.0],
+        [1.0, 0.0, 0.0, 6.0],
+        [0.0, 0.0, 1.0, 7.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ];
+    let distortion = Distortion {
+        k1: 0.1,
+        k2: 0.02,
+        k3: 0.003,
+        p1: -0.01,
+        p2: 0.02,
+    };
     let (fl_x, fl_y, cx, cy) = (2.0, 2.5, 1.0, 1.5);
-    let camera = Camera { width: 2, height: 3, fl_x, fl_y, cx, cy, distortion, camera_to_world, near: 1.0, far: 9.0 };
+    let camera = Camera {
+        width: 2,
+        height: 3,
+        fl_x,
+        fl_y,
+        cx,
+        cy,
+        distortion,
+        camera_to_world,
+        near: 1.0,
+        far: 9.0,
+    };
     let rgb = (0..18).map(|i| i as f32 / 17.0).collect();
-    View { name: "view_000".into(), camera, rgb, alpha: None, depth: None }
+    View {
+        name: "view_000".into(),
+        camera,
+        rgb,
+        alpha: None,
+        depth: None,
+    }
 }
 
 #[test]
@@ -26,14 +54,30 @@ fn colours_come_back_from_planes_and_from_srgb() {
     let (view, device) = (view(), Device::cpu());
     assert_eq!(srgb_array(&view, &device).shape(), [1, 3, 3, 2]);
     assert_eq!(pixels(&linear_array(&view, &device)), view.rgb);
-    let transparent = View { alpha: Some(vec![1.0, 0.5, 0.25, 1.0, 0.9, 1.0]), ..view.clone() };
+    let transparent = View {
+        alpha: Some(vec![1.0, 0.5, 0.25, 1.0, 0.9, 1.0]),
+        ..view.clone()
+    };
     // Colours are multiplied by alpha: none is brighter.
-    let rgb = view.rgb.iter().enumerate().map(|(i, x)| x * transparent.alpha.as_ref().unwrap()[i / 3]).collect();
+    let rgb = view
+        .rgb
+        .iter()
+        .enumerate()
+        .map(|(i, x)| x * transparent.alpha.as_ref().unwrap()[i / 3])
+        .collect();
     for view in [view, View { rgb, ..transparent }] {
         let alpha = view.alpha.as_deref();
         let signed = signed_array(&view, &device);
-        for back in [disk_pixels(&srgb_array(&view, &device), alpha), disk_pixels_of_signed(&signed, alpha)] {
-            assert!(back.iter().zip(&view.rgb).all(|(a, b)| (a - b).abs() < 1e-6), "{back:?}");
+        for back in [
+            disk_pixels(&srgb_array(&view, &device), alpha),
+            disk_pixels_of_signed(&signed, alpha),
+        ] {
+            assert!(
+                back.iter()
+                    .zip(&view.rgb)
+                    .all(|(a, b)| (a - b).abs() < 1e-6),
+                "{back:?}"
+            );
         }
     }
 }

@@ -27,7 +27,17 @@ fn main() -> Result<(), UpsamplerError> {
     let device = Device::cpu();
     let network = Upsampler::load(&UpsamplerSource::Embedded, &device)?;
     let image = Rng::new(0, "timing").normals(0, &[1, 3, SIDE, SIDE], &device);
-    let ours = [SIDE, SIDE / 2].map(|tile| median(|| drop(network.enlarge(&image, Options { tile, ensemble: false }))));
+    let ours = [SIDE, SIDE / 2].map(|tile| {
+        median(|| {
+            drop(network.enlarge(
+                &image,
+                Options {
+                    tile,
+                    ensemble: false,
+                },
+            ))
+        })
+    });
     println!(
         "embedded upsampler, {SIDE}x{SIDE} to four times the side: {:.0} ms, in tiles of 128 {:.0} ms",
         ours[0], ours[1]
@@ -35,11 +45,18 @@ fn main() -> Result<(), UpsamplerError> {
     let python = std::env::var("PYTHON").unwrap_or_default();
     if !python.is_empty() {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/enlarge.py");
-        let theirs = Command::new(python).args([script, &SIDE.to_string(), &RUNS.to_string()]).output();
-        let said = theirs.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
+        let theirs = Command::new(python)
+            .args([script, &SIDE.to_string(), &RUNS.to_string()])
+            .output();
+        let said = theirs
+            .map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+            .unwrap_or_default();
         match said.trim().parse::<f64>() {
             Ok(theirs) => {
-                println!("PyTorch, the faster of two memory layouts: {theirs:.0} ms; ratio {:.2}", ours[0] / theirs)
+                println!(
+                    "PyTorch, the faster of two memory layouts: {theirs:.0} ms; ratio {:.2}",
+                    ours[0] / theirs
+                )
             }
             Err(_) => println!("PyTorch's time could not be had: {said:?}"),
         }

@@ -34,20 +34,36 @@ impl Compact {
         let count = tensors.count(|i| format!("body.{}.weight", 2 * i + 1));
         let layer = |i: usize| {
             let inputs = if i == 0 { 3 } else { width };
-            let convolution = Convolution::read(tensors, &format!("body.{}", 2 * i), inputs, width)?;
-            Ok((convolution, tensors.array(&format!("body.{}.weight", 2 * i + 1), &[width])?))
+            let convolution =
+                Convolution::read(tensors, &format!("body.{}", 2 * i), inputs, width)?;
+            Ok((
+                convolution,
+                tensors.array(&format!("body.{}.weight", 2 * i + 1), &[width])?,
+            ))
         };
-        let layers = (0..count).map(layer).collect::<Result<_, UpsamplerError>>()?;
+        let layers = (0..count)
+            .map(layer)
+            .collect::<Result<_, UpsamplerError>>()?;
         let last = format!("body.{}", 2 * count);
         let scale = root(tensors, &format!("{last}.weight"))?;
-        Ok(Self { layers, last: Convolution::read(tensors, &last, width, 3 * scale * scale)?, scale, width })
+        Ok(Self {
+            layers,
+            last: Convolution::read(tensors, &last, width, 3 * scale * scale)?,
+            scale,
+            width,
+        })
     }
 }
 
 impl Network for Compact {
     fn forward(&self, x: &Array) -> Array {
-        let deep = self.layers.iter().fold(x.clone(), |h, (layer, slopes)| prelu(&layer.apply(&h), slopes));
-        add(&pixel_shuffle(&self.last.apply(&deep), self.scale), &upsample_nearest(x, self.scale))
+        let deep = self.layers.iter().fold(x.clone(), |h, (layer, slopes)| {
+            prelu(&layer.apply(&h), slopes)
+        });
+        add(
+            &pixel_shuffle(&self.last.apply(&deep), self.scale),
+            &upsample_nearest(x, self.scale),
+        )
     }
 
     fn facts(&self) -> Facts {

@@ -17,11 +17,20 @@ impl Convolution {
     /// The convolution with `weight [O, C, kh, kw]`, whose kernel has odd sides, and `bias [O]`.
     pub fn new(weight: Array, bias: Option<Array>) -> Self {
         let [height, width] = [weight.shape()[2] / 2, weight.shape()[3] / 2];
-        Self { weight, bias, pad: [height, height, width, width] }
+        Self {
+            weight,
+            bias,
+            pad: [height, height, width, width],
+        }
     }
 
     /// The 3x3 convolution under the place `name`, from `inputs` channels to `outputs`.
-    pub fn read(tensors: &Tensors, name: &str, inputs: usize, outputs: usize) -> Result<Self, UpsamplerError> {
+    pub fn read(
+        tensors: &Tensors,
+        name: &str,
+        inputs: usize,
+        outputs: usize,
+    ) -> Result<Self, UpsamplerError> {
         Self::read_sized(tensors, name, inputs, outputs, 3)
     }
 
@@ -34,11 +43,22 @@ impl Convolution {
         side: usize,
     ) -> Result<Self, UpsamplerError> {
         let weight = tensors.array(&format!("{name}.weight"), &[outputs, inputs, side, side])?;
-        Ok(Self::new(weight, Some(tensors.array(&format!("{name}.bias"), &[outputs])?)))
+        Ok(Self::new(
+            weight,
+            Some(tensors.array(&format!("{name}.bias"), &[outputs])?),
+        ))
     }
 
     /// `x [N, C, H, W]` convolved: `[N, O, H, W]`.
     pub fn apply(&self, x: &Array) -> Array {
-        conv2d(x, &self.weight, self.bias.as_ref(), Conv { stride: 1, pad: self.pad })
+        conv2d(
+            x,
+            &self.weight,
+            self.bias.as_ref(),
+            Conv {
+                stride: 1,
+                pad: self.pad,
+            },
+        )
     }
 }

@@ -39,10 +39,17 @@ pub enum UpsamplerError {
 
 impl UpsamplerError {
     pub(crate) fn file(file: &str, problem: impl Into<String>) -> Self {
-        Self::File { file: file.to_owned(), problem: problem.into() }
+        Self::File {
+            file: file.to_owned(),
+            problem: problem.into(),
+        }
     }
 
     pub(crate) fn tensor(file: &str, tensor: &str, problem: impl Into<String>) -> Self {
-        Self::Tensor { file: file.to_owned(), tensor: tensor.to_owned(), problem: problem.into() }
+        Self::Tensor {
+            file: file.to_owned(),
+            tensor: tensor.to_owned(),
+            problem: problem.into(),
+        }
     }
 }

@@ -39,6 +39,11 @@ pub fn root(tensors: &Tensors, name: &str) -> Result<usize, UpsamplerError> {
     let [outputs, ..] = tensors.kernels(name)?;
     let scale = (1..=LARGEST).find(|scale| 3 * scale * scale == outputs);
     scale.ok_or_else(|| {
-        tensors.wrong(name, format!("gives {outputs} channels, which are no whole number of pixels of three colours"))
+        tensors.wrong(
+            name,
+            format!(
+                "gives {outputs} channels, which are no whole number of pixels of three colours"
+            ),
+        )
     })
 }

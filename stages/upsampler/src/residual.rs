@@ -31,7 +31,15 @@ pub struct Residual {
 impl Residual {
     /// Whether these tensors make one.
     pub fn is(tensors: &Tensors) -> bool {
-        ["first.weight", "a.0.weight", "b.0.weight", "after.weight", "last.weight"].iter().all(|name| tensors.has(name))
+        [
+            "first.weight",
+            "a.0.weight",
+            "b.0.weight",
+            "after.weight",
+            "last.weight",
+        ]
+        .iter()
+        .all(|name| tensors.has(name))
     }
 
     /// The network of these tensors.
@@ -42,7 +50,9 @@ impl Residual {
         let pair = |i: usize| Ok([layer(&format!("a.{i}"))?, layer(&format!("b.{i}"))?]);
         Ok(Self {
             first: Convolution::read(tensors, "first", 3, width)?,
-            pairs: (0..depth).map(pair).collect::<Result<_, UpsamplerError>>()?,
+            pairs: (0..depth)
+                .map(pair)
+                .collect::<Result<_, UpsamplerError>>()?,
             after: layer("after")?,
             last: Convolution::read(tensors, "last", width, 3 * SCALE * SCALE)?,
             width,
@@ -54,9 +64,17 @@ impl Network for Residual {
     fn forward(&self, x: &Array) -> Array {
         let (height, width) = (SCALE * x.shape()[2], SCALE * x.shape()[3]);
         let first = self.first.apply(&scale(&offset(x, -GREY), SPREAD));
-        let deep = self.pairs.iter().fold(first.clone(), |h, [a, b]| add(&h, &b.apply(&relu(&a.apply(&h)))));
-        let detail = pixel_shuffle(&self.last.apply(&add(&first, &self.after.apply(&deep))), SCALE);
-        scaled_sum(&[(1.0, &resize(x, height, width, Filter::BicubicTorch, false)), (SHARE, &detail)])
+        let deep = self.pairs.iter().fold(first.clone(), |h, [a, b]| {
+            add(&h, &b.apply(&relu(&a.apply(&h))))
+        });
+        let detail = pixel_shuffle(
+            &self.last.apply(&add(&first, &self.after.apply(&deep))),
+            SCALE,
+        );
+        scaled_sum(&[
+            (1.0, &resize(x, height, width, Filter::BicubicTorch, false)),
+            (SHARE, &detail),
+        ])
     }
 
     fn facts(&self) -> Facts {

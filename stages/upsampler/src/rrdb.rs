@@ -41,9 +41,12 @@ pub struct Rrdb {
 pub fn rename(tensors: &mut Tensors) {
     if tensors.has("RRDB_trunk.0.RDB1.conv1.weight") {
         return tensors.rename(|name| {
-            let name =
-                name.replace("RRDB_trunk.", "body.").replace("trunk_conv.", "conv_body.").replace(".RDB", ".rdb");
-            name.replace("upconv", "conv_up").replace("HRconv.", "conv_hr.")
+            let name = name
+                .replace("RRDB_trunk.", "body.")
+                .replace("trunk_conv.", "conv_body.")
+                .replace(".RDB", ".rdb");
+            name.replace("upconv", "conv_up")
+                .replace("HRconv.", "conv_hr.")
         });
     }
     if !tensors.has("model.1.sub.0.RDB1.conv1.0.weight") {
@@ -52,16 +55,21 @@ pub fn rename(tensors: &mut Tensors) {
     let blocks = tensors.count(|i| format!("model.1.sub.{i}.RDB1.conv1.0.weight"));
     // Behind the blocks: a doubling and its convolution, with an activation, take three places; then come two more
     // convolutions with one between them.
-    let ups = (0..=DOUBLINGS).find(|ups| tensors.has(&format!("model.{}.weight", 3 * ups + 4))).unwrap_or_default();
+    let ups = (0..=DOUBLINGS)
+        .find(|ups| tensors.has(&format!("model.{}.weight", 3 * ups + 4)))
+        .unwrap_or_default();
     let mut places = vec![("model.0".to_owned(), "conv_first".to_owned())];
     places.push((format!("model.1.sub.{blocks}"), "conv_body".to_owned()));
     places.extend((1..=ups).map(|i| (format!("model.{}", 3 * i), format!("conv_up{i}"))));
     places.push((format!("model.{}", 3 * ups + 2), "conv_hr".to_owned()));
     places.push((format!("model.{}", 3 * ups + 4), "conv_last".to_owned()));
     tensors.rename(|name| {
-        let place = name
-            .rsplit_once('.')
-            .and_then(|(place, rest)| Some(format!("{}.{rest}", places.iter().find(|(old, _)| old == place)?.1)));
+        let place = name.rsplit_once('.').and_then(|(place, rest)| {
+            Some(format!(
+                "{}.{rest}",
+                places.iter().find(|(old, _)| old == place)?.1
+            ))
+        });
         let dense = || {
             let (block, rest) = name.strip_prefix("model.1.sub.")?.split_once(".RDB")?;
             let (layer, rest) = rest.split_once(".conv")?;
@@ -73,11 +81,27 @@ pub fn rename(tensors: &mut Tensors) {
 }
 
 impl Dense {
-    fn read(tensors: &Tensors, name: &str, width: usize, growth: usize) -> Result<Self, UpsamplerError> {
+    fn read(
+        tensors: &Tensors,
+        name: &str,
+        width: usize,
+        growth: usize,
+    ) -> Result<Self, UpsamplerError> {
         let layer = |i: usize, outputs| {
-            Convolution::read(tensors, &format!("{name}.conv{i}"), width + (i - 1) * growth, outputs)
+            Convolution::read(
+                tensors,
+                &format!("{name}.conv{i}"),
+                width + (i - 1) * growth,
+                outputs,
+            )
         };
-        Ok(Self([layer(1, growth)?, layer(2, growth)?, layer(3, growth)?, layer(4, growth)?, layer(5, width)?]))
+        Ok(Self([
+            layer(1, growth)?,
+            layer(2, growth)?,
+            layer(3, growth)?,
+            layer(4, growth)?,
+            layer(5, width)?,
+        ]))
     }
 
     fn apply(&self, x: &Array) -> Array {
@@ -105,25 +129,33 @@ impl Rrdb {
             12 => 2,
             48 => 4,
             _ => {
-                return Err(
-                    tensors.wrong("conv_first.weight", format!("takes {inputs} channels; known are 3, 12 and 48"))
-                );
+                return Err(tensors.wrong(
+                    "conv_first.weight",
+                    format!("takes {inputs} channels; known are 3, 12 and 48"),
+                ));
             }
         };
         let count = tensors.count(|i| format!("body.{i}.rdb1.conv1.weight"));
-        let dense = |i: usize, j: usize| Dense::read(tensors, &format!("body.{i}.rdb{j}"), width, growth);
+        let dense =
+            |i: usize, j: usize| Dense::read(tensors, &format!("body.{i}.rdb{j}"), width, growth);
         let block = |i: usize| Ok([dense(i, 1)?, dense(i, 2)?, dense(i, 3)?]);
         let ups = tensors.count(|i| format!("conv_up{}.weight", i + 1));
         if 1 << ups.min(DOUBLINGS) < unshuffle || ups > DOUBLINGS {
-            let problem = format!("is unshuffled by {unshuffle} and doubled {ups} times, which is no enlargement");
+            let problem = format!(
+                "is unshuffled by {unshuffle} and doubled {ups} times, which is no enlargement"
+            );
             return Err(tensors.wrong("conv_first.weight", problem));
         }
         let layer = |name: &str| Convolution::read(tensors, name, width, width);
         Ok(Self {
             first: Convolution::read(tensors, "conv_first", inputs, width)?,
-            blocks: (0..count).map(block).collect::<Result<_, UpsamplerError>>()?,
+            blocks: (0..count)
+                .map(block)
+                .collect::<Result<_, UpsamplerError>>()?,
             after: layer("conv_body")?,
-            ups: (1..=ups).map(|i| layer(&format!("conv_up{i}"))).collect::<Result<_, _>>()?,
+            ups: (1..=ups)
+                .map(|i| layer(&format!("conv_up{i}")))
+                .collect::<Result<_, _>>()?,
             high: layer("conv_hr")?,
             last: Convolution::read(tensors, "conv_last", width, 3)?,
             unshuffle,
@@ -135,14 +167,20 @@ impl Rrdb {
 
 impl Network for Rrdb {
     fn forward(&self, x: &Array) -> Array {
-        let x = if self.unshuffle == 1 { x.clone() } else { pixel_unshuffle(x, self.unshuffle) };
+        let x = if self.unshuffle == 1 {
+            x.clone()
+        } else {
+            pixel_unshuffle(x, self.unshuffle)
+        };
         let first = self.first.apply(&x);
         let deep = self.blocks.iter().fold(first.clone(), |x, block| {
             let y = block.iter().fold(x.clone(), |x, dense| dense.apply(&x));
             scaled_sum(&[(SHARE, &y), (1.0, &x)])
         });
         let start = add(&first, &self.after.apply(&deep));
-        let high = self.ups.iter().fold(start, |h, up| leaky_relu(&up.apply(&upsample_nearest(&h, 2)), SLOPE));
+        let high = self.ups.iter().fold(start, |h, up| {
+            leaky_relu(&up.apply(&upsample_nearest(&h, 2)), SLOPE)
+        });
         self.last.apply(&leaky_relu(&self.high.apply(&high), SLOPE))
     }
 
@@ -157,7 +195,8 @@ impl Network for Rrdb {
             depth: format!("{} blocks", self.blocks.len()),
             reach: low * self.unshuffle,
             grain: self.unshuffle,
-            bytes_per_pixel: 4 * (3 * self.width * doubled * doubled + 4 * (self.width + 4 * self.growth))
+            bytes_per_pixel: 4
+                * (3 * self.width * doubled * doubled + 4 * (self.width + 4 * self.growth))
                 / (self.unshuffle * self.unshuffle),
         }
     }

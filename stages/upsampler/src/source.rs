@@ -33,7 +33,10 @@ pub struct SourceFile {
 impl SourceFile {
     /// A file in memory, which messages call `name`.
     pub fn in_memory(name: &str, bytes: Vec<u8>) -> Self {
-        Self { name: name.to_owned(), bytes: Arc::new(bytes) }
+        Self {
+            name: name.to_owned(),
+            bytes: Arc::new(bytes),
+        }
     }
 
     /// What it holds.
@@ -46,7 +49,10 @@ impl SourceFile {
         match std::fs::read(path) {
             Ok(bytes) => Ok(Self::in_memory(&name, bytes)),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(missing(path, &name)),
-            Err(error) => Err(UpsamplerError::file(&name, format!("cannot be read: {error}"))),
+            Err(error) => Err(UpsamplerError::file(
+                &name,
+                format!("cannot be read: {error}"),
+            )),
         }
     }
 }
@@ -58,15 +64,23 @@ fn missing(path: &Path, name: &str) -> UpsamplerError {
         "param" => Some("bin"),
         _ => None,
     };
-    let problem = match other.map(|other| path.with_extension(other)).filter(|other| other.exists()) {
-        Some(other) => format!("is missing; {} beside it is only half of an ncnn network", other.display()),
+    let problem = match other
+        .map(|other| path.with_extension(other))
+        .filter(|other| other.exists())
+    {
+        Some(other) => format!(
+            "is missing; {} beside it is only half of an ncnn network",
+            other.display()
+        ),
         None => "is missing".to_owned(),
     };
     UpsamplerError::file(name, problem)
 }
 
 fn ending(path: &Path) -> String {
-    path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+    path.extension()
+        .map(|ending| ending.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default()
 }
 
 /// How a pickle becomes a file that is read here.
@@ -80,7 +94,9 @@ impl UpsamplerSource {
         match self {
             Self::Embedded => Vec::new(),
             Self::File(path) => match ending(path).as_str() {
-                "param" | "bin" => ["param", "bin"].map(|ending| path.with_extension(ending)).into(),
+                "param" | "bin" => ["param", "bin"]
+                    .map(|ending| path.with_extension(ending))
+                    .into(),
                 _ => vec![path.clone()],
             },
         }
@@ -91,12 +107,23 @@ impl UpsamplerSource {
     pub fn files(&self) -> Result<Vec<SourceFile>, UpsamplerError> {
         let Self::File(path) = self else {
             let name = format!("{EMBEDDED_NAME}.safetensors");
-            return Ok(vec![SourceFile { name, bytes: Arc::new(EMBEDDED) }]);
+            return Ok(vec![SourceFile {
+                name,
+                bytes: Arc::new(EMBEDDED),
+            }]);
         };
         let problem = match ending(path).as_str() {
-            "safetensors" | "param" | "bin" => return self.paths().iter().map(|path| SourceFile::read(path)).collect(),
+            "safetensors" | "param" | "bin" => {
+                return self
+                    .paths()
+                    .iter()
+                    .map(|path| SourceFile::read(path))
+                    .collect();
+            }
             "pth" | "pt" | "ckpt" => PICKLE,
-            _ => "is no upsampler that is read here: those are .safetensors, and .param with .bin of ncnn",
+            _ => {
+                "is no upsampler that is read here: those are .safetensors, and .param with .bin of ncnn"
+            }
         };
         Err(UpsamplerError::file(&path.display().to_string(), problem))
     }

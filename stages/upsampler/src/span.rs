@@ -56,9 +56,15 @@ impl Span {
         let plain = tensors.has("no_norm");
         tensors.ignore("no_norm");
         Ok(Self {
-            shift: (!plain).then(|| tensors.device().array(&[1, 3], MEAN.map(|mean| -mean).to_vec())),
+            shift: (!plain).then(|| {
+                tensors
+                    .device()
+                    .array(&[1, 3], MEAN.map(|mean| -mean).to_vec())
+            }),
             first: collapsed(tensors, "conv_1", 3, width)?,
-            blocks: (1..=BLOCKS).map(block).collect::<Result<_, UpsamplerError>>()?,
+            blocks: (1..=BLOCKS)
+                .map(block)
+                .collect::<Result<_, UpsamplerError>>()?,
             after: collapsed(tensors, "conv_2", width, width)?,
             merge: Convolution::read_sized(tensors, "conv_cat", 4 * width, width, 1)?,
             last: Convolution::read(tensors, "upsampler.0", width, 3 * scale * scale)?,
@@ -69,14 +75,21 @@ impl Span {
 
     /// The colours as the network was trained on them.
     fn normalised(&self, x: &Array) -> Array {
-        let Some(shift) = &self.shift else { return x.clone() };
+        let Some(shift) = &self.shift else {
+            return x.clone();
+        };
         let each = vec![shift; x.shape()[0]];
         scale(&add_channels(x, &concat(&each, 0)), RANGE)
     }
 }
 
 /// The convolution under the place `name`: the sum of its parts where there are such, else as it stands there.
-fn collapsed(tensors: &Tensors, name: &str, inputs: usize, outputs: usize) -> Result<Convolution, UpsamplerError> {
+fn collapsed(
+    tensors: &Tensors,
+    name: &str,
+    inputs: usize,
+    outputs: usize,
+) -> Result<Convolution, UpsamplerError> {
     if !tensors.has(&format!("{name}.sk.weight")) {
         return Convolution::read(tensors, &format!("{name}.eval_conv"), inputs, outputs);
     }
@@ -85,8 +98,15 @@ fn collapsed(tensors: &Tensors, name: &str, inputs: usize, outputs: usize) -> Re
     let [wide, ..] = tensors.kernels(&format!("{name}.conv.0.weight"))?;
     let [wider, ..] = tensors.kernels(&format!("{name}.conv.1.weight"))?;
     let part = |part: &str, shape: [usize; 4]| -> Result<_, UpsamplerError> {
-        let weight = tensors.array(&format!("{name}.{part}.weight"), &shape)?.to_vec();
-        Ok((weight, tensors.array(&format!("{name}.{part}.bias"), &shape[..1])?.to_vec()))
+        let weight = tensors
+            .array(&format!("{name}.{part}.weight"), &shape)?
+            .to_vec();
+        Ok((
+            weight,
+            tensors
+                .array(&format!("{name}.{part}.bias"), &shape[..1])?
+                .to_vec(),
+        ))
     };
     let (skip, skip_bias) = part("sk", [outputs, inputs, 1, 1])?;
     let (down, down_bias) = part("conv.2", [outputs, wider, 1, 1])?;
@@ -95,8 +115,14 @@ fn collapsed(tensors: &Tensors, name: &str, inputs: usize, outputs: usize) -> Re
     // The middle one behind the last: [outputs, wide, 9].
     let mut joined = vec![0.0; outputs * wide * 9];
     for (o, joined) in joined.chunks_mut(wide * 9).enumerate() {
-        for (factor, row) in down[o * wider..][..wider].iter().zip(middle.chunks(wide * 9)) {
-            joined.iter_mut().zip(row).for_each(|(sum, x)| *sum += f64::from(*factor) * f64::from(*x));
+        for (factor, row) in down[o * wider..][..wider]
+            .iter()
+            .zip(middle.chunks(wide * 9))
+        {
+            joined
+                .iter_mut()
+                .zip(row)
+                .for_each(|(sum, x)| *sum += f64::from(*factor) * f64::from(*x));
         }
     }
     let (mut weight, mut bias) = (vec![0.0; outputs * inputs * 9], Vec::with_capacity(outputs));
@@ -115,14 +141,23 @@ fn collapsed(tensors: &Tensors, name: &str, inputs: usize, outputs: usize) -> Re
         bias.push(sum as f32);
         for i in 0..inputs {
             for tap in 0..9 {
-                let mut sum = if tap == 4 { f64::from(skip[o * inputs + i]) } else { 0.0 };
-                sum += (0..wide).map(|a| joined[(o * wide + a) * 9 + tap] * f64::from(up[a * inputs + i])).sum::<f64>();
+                let mut sum = if tap == 4 {
+                    f64::from(skip[o * inputs + i])
+                } else {
+                    0.0
+                };
+                sum += (0..wide)
+                    .map(|a| joined[(o * wide + a) * 9 + tap] * f64::from(up[a * inputs + i]))
+                    .sum::<f64>();
                 weight[(o * inputs + i) * 9 + tap] = sum as f32;
             }
         }
     }
     let device = tensors.device();
-    Ok(Convolution::new(device.array(&[outputs, inputs, 3, 3], weight), Some(device.array(&[outputs], bias))))
+    Ok(Convolution::new(
+        device.array(&[outputs, inputs, 3, 3], weight),
+        Some(device.array(&[outputs], bias)),
+    ))
 }
 
 /// A block's result, and what its first convolution gives, activated.
@@ -136,13 +171,18 @@ impl Network for Span {
     fn forward(&self, x: &Array) -> Array {
         let first = self.first.apply(&self.normalised(x));
         let (early, _) = block(&self.blocks[0], &first);
-        let (deep, late) = self.blocks[1..].iter().fold((early.clone(), None), |(h, _), layers| {
-            let (h, first) = block(layers, &h);
-            (h, Some(first))
-        });
+        let (deep, late) = self.blocks[1..]
+            .iter()
+            .fold((early.clone(), None), |(h, _), layers| {
+                let (h, first) = block(layers, &h);
+                (h, Some(first))
+            });
         let after = self.after.apply(&deep);
         let parts: Vec<&Array> = [&first, &after, &early].into_iter().chain(&late).collect();
-        pixel_shuffle(&self.last.apply(&self.merge.apply(&concat(&parts, 1))), self.scale)
+        pixel_shuffle(
+            &self.last.apply(&self.merge.apply(&concat(&parts, 1))),
+            self.scale,
+        )
     }
 
     fn facts(&self) -> Facts {

@@ -12,7 +12,15 @@ use crate::error::UpsamplerError;
 use crate::source::SourceFile;
 
 /// What training programs put before every name, and what says nothing.
-const PREFIXES: [&str; 7] = ["params_ema.", "params.", "module.", "state_dict.", "netG.", "net_g.", "generator."];
+const PREFIXES: [&str; 7] = [
+    "params_ema.",
+    "params.",
+    "module.",
+    "state_dict.",
+    "netG.",
+    "net_g.",
+    "generator.",
+];
 
 /// Where a tensor lies, and what the file calls it.
 struct Entry {
@@ -34,23 +42,43 @@ impl Tensors {
     /// The tensors of `file`, under their names without what all of them begin with.
     pub fn open(file: SourceFile, device: &Device) -> Result<Self, UpsamplerError> {
         let bytes = file.content();
-        let (header, info) = SafeTensors::read_metadata(bytes)
-            .map_err(|e| UpsamplerError::file(&file.name, format!("is not a sound safetensors file: {e}")))?;
+        let (header, info) = SafeTensors::read_metadata(bytes).map_err(|e| {
+            UpsamplerError::file(&file.name, format!("is not a sound safetensors file: {e}"))
+        })?;
         let start = 8 + header;
         let entry = |(name, info): (String, &safetensors::tensor::TensorInfo)| {
             let (first, last) = info.data_offsets;
             let bytes = start + first..start + last;
-            (name.clone(), Entry { stored: name, dtype: info.dtype, shape: info.shape.clone(), bytes })
+            (
+                name.clone(),
+                Entry {
+                    stored: name,
+                    dtype: info.dtype,
+                    shape: info.shape.clone(),
+                    bytes,
+                },
+            )
         };
         let mut entries: BTreeMap<String, Entry> = info.tensors().into_iter().map(entry).collect();
-        while let Some(prefix) = PREFIXES.into_iter().find(|p| entries.keys().all(|name| name.starts_with(p))) {
+        while let Some(prefix) = PREFIXES
+            .into_iter()
+            .find(|p| entries.keys().all(|name| name.starts_with(p)))
+        {
             if entries.is_empty() {
                 break;
             }
-            entries = entries.into_iter().map(|(name, entry)| (name[prefix.len()..].to_owned(), entry)).collect();
+            entries = entries
+                .into_iter()
+                .map(|(name, entry)| (name[prefix.len()..].to_owned(), entry))
+                .collect();
         }
         let unread = RefCell::new(entries.keys().cloned().collect());
-        Ok(Self { file, device: device.clone(), entries, unread })
+        Ok(Self {
+            file,
+            device: device.clone(),
+            entries,
+            unread,
+        })
     }
 
     /// How messages name the file.
@@ -70,7 +98,10 @@ impl Tensors {
 
     /// Gives tensors other names; for files written under older ones.
     pub fn rename(&mut self, new_name: impl Fn(&str) -> String) {
-        self.entries = std::mem::take(&mut self.entries).into_iter().map(|(old, e)| (new_name(&old), e)).collect();
+        self.entries = std::mem::take(&mut self.entries)
+            .into_iter()
+            .map(|(old, e)| (new_name(&old), e))
+            .collect();
         self.unread = RefCell::new(self.entries.keys().cloned().collect());
     }
 
@@ -88,7 +119,10 @@ impl Tensors {
     pub fn kernels(&self, name: &str) -> Result<[usize; 4], UpsamplerError> {
         match self.shape(name) {
             Some(&[o, c, h, w]) => Ok([o, c, h, w]),
-            Some(shape) => Err(self.wrong(name, format!("has the shape {shape:?}; a convolution's has four axes"))),
+            Some(shape) => Err(self.wrong(
+                name,
+                format!("has the shape {shape:?}; a convolution's has four axes"),
+            )),
             None => Err(self.wrong(name, "is missing")),
         }
     }
@@ -105,16 +139,30 @@ impl Tensors {
             return Err(self.wrong(name, format!("of shape {shape:?} is missing")));
         };
         if entry.shape != shape {
-            return Err(self.wrong(name, format!("has the shape {:?}; expected is {shape:?}", entry.shape)));
+            return Err(self.wrong(
+                name,
+                format!("has the shape {:?}; expected is {shape:?}", entry.shape),
+            ));
         }
         let format = match entry.dtype {
             Dtype::F32 => Format::F32,
             Dtype::F16 => Format::F16,
             Dtype::BF16 => Format::Bf16,
-            other => return Err(self.wrong(name, format!("is {other:?}; supported are F32, F16 and BF16"))),
+            other => {
+                return Err(self.wrong(
+                    name,
+                    format!("is {other:?}; supported are F32, F16 and BF16"),
+                ));
+            }
         };
         self.unread.borrow_mut().remove(name);
-        let weight = Weight::from_bytes(&self.device, shape, format, self.file.bytes.clone(), entry.bytes.clone());
+        let weight = Weight::from_bytes(
+            &self.device,
+            shape,
+            format,
+            self.file.bytes.clone(),
+            entry.bytes.clone(),
+        );
         match weight.first_not_finite() {
             Some((index, value)) => Err(self.wrong(name, format!("is {value} at element {index}"))),
             None => Ok(weight.to_array()),
@@ -129,7 +177,10 @@ impl Tensors {
     /// Fails if there is a tensor that nothing has asked for.
     pub fn finish(&self, family: &str) -> Result<(), UpsamplerError> {
         match self.unread.borrow().first() {
-            Some(name) => Err(self.wrong(name, format!("belongs to no layer of {family}, which the others make"))),
+            Some(name) => Err(self.wrong(
+                name,
+                format!("belongs to no layer of {family}, which the others make"),
+            )),
             None => Ok(()),
         }
     }
@@ -138,7 +189,8 @@ impl Tensors {
     pub fn counts(&self) -> BTreeMap<String, usize> {
         let mut counts = BTreeMap::new();
         for entry in self.entries.values() {
-            *counts.entry(format!("{:?}", entry.dtype)).or_default() += entry.shape.iter().product::<usize>();
+            *counts.entry(format!("{:?}", entry.dtype)).or_default() +=
+                entry.shape.iter().product::<usize>();
         }
         counts
     }

@@ -33,22 +33,37 @@ pub fn margin(facts: &Facts) -> usize {
 /// The windows along an axis: as few as `tile` allows, and evenly spread.
 fn windows(extent: usize, tile: usize, margin: usize) -> Vec<Window> {
     if extent <= tile {
-        return vec![Window { start: 0, end: extent, kept_start: 0, kept_end: extent }];
+        return vec![Window {
+            start: 0,
+            end: extent,
+            kept_start: 0,
+            kept_end: extent,
+        }];
     }
     let room = tile.saturating_sub(2 * margin).max(STEP) / STEP * STEP;
     let count = extent.div_ceil(room);
     let kept = extent.div_ceil(count).next_multiple_of(STEP);
     let window = |kept_start: usize| {
         let kept_end = (kept_start + kept).min(extent);
-        let (start, end) = (kept_start.saturating_sub(margin), (kept_end + margin).min(extent));
-        Window { start, end, kept_start, kept_end }
+        let (start, end) = (
+            kept_start.saturating_sub(margin),
+            (kept_end + margin).min(extent),
+        );
+        Window {
+            start,
+            end,
+            kept_start,
+            kept_end,
+        }
     };
     (0..extent).step_by(kept).map(window).collect()
 }
 
 /// `x [N, 3, H, W]` enlarged by `network`, in windows of at most `tile` pixels a side, margins and all.
 pub fn enlarge(network: &dyn Network, x: &Array, tile: usize) -> Array {
-    let (facts, &[n, _, height, width]) = (network.facts(), x.shape()) else { panic!("enlarge: {:?}", x.shape()) };
+    let (facts, &[n, _, height, width]) = (network.facts(), x.shape()) else {
+        panic!("enlarge: {:?}", x.shape())
+    };
     let x = whole_grains(x, facts.grain);
     let (scale, margin) = (facts.scale, margin(&facts));
     let [rows, columns] = [x.shape()[2], x.shape()[3]].map(|extent| windows(extent, tile, margin));
@@ -59,8 +74,20 @@ pub fn enlarge(network: &dyn Network, x: &Array, tile: usize) -> Array {
         let mut canvas = vec![0.0; n * 3 * whole[0] * whole[1]];
         for row in &rows {
             for column in &columns {
-                let window = crop(&x, row.start, column.start, row.end - row.start, column.end - column.start);
-                keep(&mut canvas, whole, &network.forward(&window), [row, column], scale);
+                let window = crop(
+                    &x,
+                    row.start,
+                    column.start,
+                    row.end - row.start,
+                    column.end - column.start,
+                );
+                keep(
+                    &mut canvas,
+                    whole,
+                    &network.forward(&window),
+                    [row, column],
+                    scale,
+                );
             }
         }
         x.device().array(&[n, 3, whole[0], whole[1]], canvas)
@@ -73,13 +100,23 @@ pub fn enlarge(network: &dyn Network, x: &Array, tile: usize) -> Array {
 }
 
 /// Copies what is kept of a window's result to its place.
-fn keep(canvas: &mut [f32], [height, width]: [usize; 2], result: &Array, [row, column]: [&Window; 2], scale: usize) {
-    let (planes, [h, w]) = (result.shape()[0] * result.shape()[1], [result.shape()[2], result.shape()[3]]);
+fn keep(
+    canvas: &mut [f32],
+    [height, width]: [usize; 2],
+    result: &Array,
+    [row, column]: [&Window; 2],
+    scale: usize,
+) {
+    let (planes, [h, w]) = (
+        result.shape()[0] * result.shape()[1],
+        [result.shape()[2], result.shape()[3]],
+    );
     let values = result.to_vec();
     let len = scale * (column.kept_end - column.kept_start);
     for plane in 0..planes {
         for y in scale * row.kept_start..scale * row.kept_end {
-            let source = (plane * h + y - scale * row.start) * w + scale * (column.kept_start - column.start);
+            let source = (plane * h + y - scale * row.start) * w
+                + scale * (column.kept_start - column.start);
             let target = (plane * height + y) * width + scale * column.kept_start;
             canvas[target..target + len].copy_from_slice(&values[source..source + len]);
         }
@@ -114,7 +151,10 @@ mod tests {
                 let mut next = 0;
                 for w in &windows {
                     assert_eq!(w.kept_start, next);
-                    assert!(w.kept_end > w.kept_start && w.end - w.start <= tile.max(2 * margin + STEP), "{w:?}");
+                    assert!(
+                        w.kept_end > w.kept_start && w.end - w.start <= tile.max(2 * margin + STEP),
+                        "{w:?}"
+                    );
                     assert!(w.start == 0 || w.kept_start - w.start == margin, "{w:?}");
                     assert!(w.end == extent || w.end - w.kept_end == margin, "{w:?}");
                     next = w.kept_end;
@@ -131,7 +171,10 @@ mod tests {
         for (h, w) in [(1, 1), (1, 3), (2, 5), (5, 4)] {
             let x = device.array(&[1, 1, h, w], (0..h * w).map(|i| i as f32).collect());
             let padded = whole_grains(&x, 4);
-            assert_eq!(padded.shape(), [1, 1, h.next_multiple_of(4), w.next_multiple_of(4)]);
+            assert_eq!(
+                padded.shape(),
+                [1, 1, h.next_multiple_of(4), w.next_multiple_of(4)]
+            );
             assert_eq!(crop(&padded, 0, 0, h, w).to_vec(), x.to_vec());
         }
     }

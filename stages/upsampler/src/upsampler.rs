@@ -21,7 +21,10 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tile: 256, ensemble: false }
+        Self {
+            tile: 256,
+            ensemble: false,
+        }
     }
 }
 
@@ -72,13 +75,27 @@ impl Upsampler {
         let mut tensors = Tensors::open(file, device)?;
         let network = family::recognise(&mut tensors)?;
         let (types, count) = (tensors.counts(), tensors.names().count());
-        Ok(Self { network, device: device.clone(), types, tensors: count })
+        Ok(Self {
+            network,
+            device: device.clone(),
+            types,
+            tensors: count,
+        })
     }
 
     /// The network of an ncnn pair: `.param` and `.bin`.
-    pub fn from_ncnn(graph: &SourceFile, weights: &SourceFile, device: &Device) -> Result<Self, UpsamplerError> {
+    pub fn from_ncnn(
+        graph: &SourceFile,
+        weights: &SourceFile,
+        device: &Device,
+    ) -> Result<Self, UpsamplerError> {
         let (network, types, tensors) = ncnn::read(graph, weights, device)?;
-        Ok(Self { network, device: device.clone(), types, tensors })
+        Ok(Self {
+            network,
+            device: device.clone(),
+            types,
+            tensors,
+        })
     }
 
     /// The result's side over the image's.
@@ -105,15 +122,30 @@ impl Upsampler {
     /// Bytes that the weights take, and what lies between the layers for one window of `tile` by `tile`, roughly.
     pub fn memory(&self, tile: usize) -> [u64; 2] {
         let parameters: usize = self.types.values().sum();
-        [4 * parameters as u64, (self.network.facts().bytes_per_pixel * tile * tile) as u64]
+        [
+            4 * parameters as u64,
+            (self.network.facts().bytes_per_pixel * tile * tile) as u64,
+        ]
     }
 
     /// `x [N, 3, H, W]`, 0 to 1, enlarged: `[N, 3, H scale, W scale]`, which may go somewhat beyond. Panics where `x` has
     /// another shape, or is empty.
     pub fn enlarge(&self, x: &Array, options: Options) -> Array {
-        assert!(matches!(*x.shape(), [n, 3, h, w] if n * h * w > 0), "enlarge: {:?} are no images", x.shape());
-        assert_eq!(*x.device(), self.device, "enlarge: the image lies on another device than the network");
+        assert!(
+            matches!(*x.shape(), [n, 3, h, w] if n * h * w > 0),
+            "enlarge: {:?} are no images",
+            x.shape()
+        );
+        assert_eq!(
+            *x.device(),
+            self.device,
+            "enlarge: the image lies on another device than the network"
+        );
         let enlarge = |x: &Array| tiles::enlarge(&*self.network, x, options.tile);
-        if options.ensemble { ensemble::mean(x, enlarge) } else { enlarge(x) }
+        if options.ensemble {
+            ensemble::mean(x, enlarge)
+        } else {
+            enlarge(x)
+        }
     }
 }

@@ -56,7 +56,9 @@ pub fn geglu(x: &[f32], half: usize) -> Buffer {
 pub fn geglu_backward(x: &[f32], dy: &[f32], half: usize) -> Buffer {
     let mut dx = Buffer::stale(x.len());
     fill(&mut dx, 2 * ROWS * half.max(1), |i, dx| {
-        let rows = x[i * 2 * ROWS * half..].chunks(2 * half).zip(dy[i * ROWS * half..].chunks(half));
+        let rows = x[i * 2 * ROWS * half..]
+            .chunks(2 * half)
+            .zip(dy[i * ROWS * half..].chunks(half));
         for (dx, (x, dy)) in dx.chunks_mut(2 * half).zip(rows) {
             let ((a, b), (da, db)) = (x.split_at(half), dx.split_at_mut(half));
             vectorize(

@@ -10,7 +10,11 @@ pub fn pair(lower: f32, upper: f32) -> f32 {
 #[inline(always)]
 fn rounded(x: f32) -> u32 {
     let bits = x.to_bits();
-    if x.is_nan() { bits | 0x0040_0000 } else { bits.wrapping_add(0x7fff + (bits >> 16 & 1)) }
+    if x.is_nan() {
+        bits | 0x0040_0000
+    } else {
+        bits.wrapping_add(0x7fff + (bits >> 16 & 1))
+    }
 }
 
 #[cfg(test)]
@@ -23,8 +27,13 @@ mod tests {
             let (x, y) = (f32::from_bits(bits), f32::from_bits(bits.rotate_left(7)));
             let [lower, upper] = [x, y].map(|x| u32::from(half::bf16::from_f32(x).to_bits()));
             let got = pair(x, y).to_bits();
-            let same = |x: f32, got: u32, expected: u32| got == expected || x.is_nan() && got & 0x7fff > 0x7f80;
-            assert!(same(x, got & 0xffff, lower) && same(y, got >> 16, upper), "{x} and {y} give {got:#x}");
+            let same = |x: f32, got: u32, expected: u32| {
+                got == expected || x.is_nan() && got & 0x7fff > 0x7f80
+            };
+            assert!(
+                same(x, got & 0xffff, lower) && same(y, got >> 16, upper),
+                "{x} and {y} give {got:#x}"
+            );
         }
     }
 }

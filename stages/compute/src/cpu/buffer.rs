@@ -24,7 +24,10 @@ struct Pool {
     elements: usize,
 }
 
-static POOL: Mutex<Pool> = Mutex::new(Pool { kept: VecDeque::new(), elements: 0 });
+static POOL: Mutex<Pool> = Mutex::new(Pool {
+    kept: VecDeque::new(),
+    elements: 0,
+});
 
 fn pool() -> MutexGuard<'static, Pool> {
     POOL.lock().unwrap_or_else(PoisonError::into_inner)
@@ -33,7 +36,10 @@ fn pool() -> MutexGuard<'static, Pool> {
 impl Pool {
     /// The latest buffer that has room for `len` elements and not many more.
     fn take(&mut self, len: usize) -> Option<Vec<f32>> {
-        let place = self.kept.iter().rposition(|values| (len..=len + len / 4).contains(&values.len()))?;
+        let place = self
+            .kept
+            .iter()
+            .rposition(|values| (len..=len + len / 4).contains(&values.len()))?;
         let values = self.kept.remove(place)?;
         self.elements -= values.len();
         Some(values)
@@ -45,7 +51,9 @@ impl Pool {
         self.kept.push_back(values);
         let mut surplus = Vec::new();
         while self.elements > LIMIT {
-            let Some(oldest) = self.kept.pop_front() else { break };
+            let Some(oldest) = self.kept.pop_front() else {
+                break;
+            };
             self.elements -= oldest.len();
             surplus.push(oldest);
         }
@@ -56,8 +64,15 @@ impl Pool {
 impl Buffer {
     /// Room for `len` values, which are whatever they were: for kernels that write every one of them.
     pub fn stale(len: usize) -> Buffer {
-        let kept = if len < SMALLEST { None } else { pool().take(len) };
-        Buffer { values: kept.unwrap_or_else(|| vec![0.0; len]), len }
+        let kept = if len < SMALLEST {
+            None
+        } else {
+            pool().take(len)
+        };
+        Buffer {
+            values: kept.unwrap_or_else(|| vec![0.0; len]),
+            len,
+        }
     }
 
     /// `len` zeros.
@@ -82,7 +97,10 @@ impl Drop for Buffer {
 
 impl From<Vec<f32>> for Buffer {
     fn from(values: Vec<f32>) -> Buffer {
-        Buffer { len: values.len(), values }
+        Buffer {
+            len: values.len(),
+            values,
+        }
     }
 }
 
@@ -120,19 +138,34 @@ mod tests {
 
     #[test]
     fn a_dropped_buffer_serves_the_next_of_about_its_size() {
-        let mut pool = Pool { kept: VecDeque::new(), elements: 0 };
+        let mut pool = Pool {
+            kept: VecDeque::new(),
+            elements: 0,
+        };
         assert!(pool.put(vec![1.0; 100]).is_empty() && pool.put(vec![2.0; 50]).is_empty());
         assert_eq!(pool.take(101), None);
-        assert_eq!(pool.take(70), None, "a buffer much too large is left for others");
+        assert_eq!(
+            pool.take(70),
+            None,
+            "a buffer much too large is left for others"
+        );
         assert_eq!(pool.take(90), Some(vec![1.0; 100]));
         assert_eq!((pool.take(90), pool.elements), (None, 50));
     }
 
     #[test]
     fn the_pool_is_bounded_and_frees_the_oldest_first() {
-        let mut pool = Pool { kept: VecDeque::new(), elements: 0 };
-        assert!(pool.put(vec![0.0; LIMIT / 2]).is_empty() && pool.put(vec![0.0; LIMIT / 4]).is_empty());
+        let mut pool = Pool {
+            kept: VecDeque::new(),
+            elements: 0,
+        };
+        assert!(
+            pool.put(vec![0.0; LIMIT / 2]).is_empty() && pool.put(vec![0.0; LIMIT / 4]).is_empty()
+        );
         let surplus = pool.put(vec![0.0; LIMIT / 2]);
-        assert_eq!((surplus.len(), surplus[0].len(), pool.elements), (1, LIMIT / 2, LIMIT / 4 + LIMIT / 2));
+        assert_eq!(
+            (surplus.len(), surplus[0].len(), pool.elements),
+            (1, LIMIT / 2, LIMIT / 4 + LIMIT / 2)
+        );
     }
 }

@@ -44,7 +44,13 @@ impl Geometry {
         if !self.is_pointwise() {
             return *self;
         }
-        Geometry { height: 1, width: self.plane(), out_height: 1, out_width: self.pixels(), ..*self }
+        Geometry {
+            height: 1,
+            width: self.plane(),
+            out_height: 1,
+            out_width: self.pixels(),
+            ..*self
+        }
     }
 
     /// The convolution by which gradients flow back, if that is one: of stride 1, with the kernel turned around.
@@ -81,7 +87,10 @@ fn runs(g: &Geometry, [ky, kx]: [usize; 2], pixels: Range<usize>) -> impl Iterat
     let ([top, _, left, _], stride, g) = (g.conv.pad, g.conv.stride, *g);
     // Outputs begin..end of a row see the image.
     let begin = left.saturating_sub(kx).div_ceil(stride).min(g.out_width);
-    let end = (g.width + left).saturating_sub(kx).div_ceil(stride).clamp(begin, g.out_width);
+    let end = (g.width + left)
+        .saturating_sub(kx)
+        .div_ceil(stride)
+        .clamp(begin, g.out_width);
     (pixels.start / g.out_width..pixels.end.div_ceil(g.out_width)).filter_map(move |y| {
         let row = (y * stride + ky).wrapping_sub(top);
         let first = pixels.start.max(y * g.out_width + begin);
@@ -97,17 +106,29 @@ fn runs(g: &Geometry, [ky, kx]: [usize; 2], pixels: Range<usize>) -> impl Iterat
 
 #[inline(always)]
 fn copy_run(run: &Run, plane: &[f32], stride: usize, out: &mut [f32]) {
-    let (source, target) = (&plane[run.source..], &mut out[run.target..run.target + run.len]);
+    let (source, target) = (
+        &plane[run.source..],
+        &mut out[run.target..run.target + run.len],
+    );
     match stride {
         1 if run.len == COLUMNS => target.copy_from_slice(&source[..COLUMNS]),
-        1 => target.iter_mut().zip(source).for_each(|(target, source)| *target = *source),
+        1 => target
+            .iter_mut()
+            .zip(source)
+            .for_each(|(target, source)| *target = *source),
         2 => {
             // Pairs become vectors; the last value may have no second one.
             let (last, before) = (run.len - 1, &mut target[..run.len - 1]);
-            before.iter_mut().zip(source.as_chunks::<2>().0).for_each(|(target, pair)| *target = pair[0]);
+            before
+                .iter_mut()
+                .zip(source.as_chunks::<2>().0)
+                .for_each(|(target, pair)| *target = pair[0]);
             target[last] = source[2 * last];
         }
-        _ => target.iter_mut().zip(source.iter().step_by(stride)).for_each(|(target, source)| *target = *source),
+        _ => target
+            .iter_mut()
+            .zip(source.iter().step_by(stride))
+            .for_each(|(target, source)| *target = *source),
     }
 }
 
@@ -119,12 +140,20 @@ struct Patches<'a> {
 
 impl Patches<'_> {
     /// The rows `depth` of one image's column matrix at `pixels`: each `width` elements after the one before.
-    fn rows(&self, image: usize, depth: Range<usize>, pixels: Range<usize>, width: usize, out: &mut [f32]) {
+    fn rows(
+        &self,
+        image: usize,
+        depth: Range<usize>,
+        pixels: Range<usize>,
+        width: usize,
+        out: &mut [f32],
+    ) {
         let (g, taps) = (&self.g, self.g.taps());
         let image = &self.images[image * g.channels * g.plane()..][..g.channels * g.plane()];
         for row in depth.start..depth.end.min(depth.start + taps) {
             let tap = row % taps;
-            let runs: Vec<Run> = runs(g, [tap / g.kernel[1], tap % g.kernel[1]], pixels.clone()).collect();
+            let runs: Vec<Run> =
+                runs(g, [tap / g.kernel[1], tap % g.kernel[1]], pixels.clone()).collect();
             let padded = runs.iter().map(|run| run.len).sum::<usize>() < pixels.len();
             for row in (row..depth.end).step_by(taps) {
                 let out = &mut out[(row - depth.start) * width..][..pixels.len()];
@@ -132,7 +161,8 @@ impl Patches<'_> {
                     out.fill(0.0);
                 }
                 let plane = &image[row / taps * g.plane()..][..g.plane()];
-                runs.iter().for_each(|run| copy_run(run, plane, g.conv.stride, out));
+                runs.iter()
+                    .for_each(|run| copy_run(run, plane, g.conv.stride, out));
             }
         }
     }
@@ -161,40 +191,87 @@ impl Right for TurnedPatches<'_> {
 }
 
 /// `weight [O, C, kh, kw]` over every image of `x`, plus `bias`.
-pub fn forward(x: &[f32], (weight, precision): (Values, Precision), bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+pub fn forward(
+    x: &[f32],
+    (weight, precision): (Values, Precision),
+    bias: Option<&[f32]>,
+    g: &Geometry,
+) -> Buffer {
     if winograd::suits(g) {
         return winograd::convolve(x, weight, winograd::Direction::Forward, bias, g);
     }
     let (g, depth) = (g.flat(), g.channels * g.taps());
-    let weight = Stored { values: weight, columns: depth };
+    let weight = Stored {
+        values: weight,
+        columns: depth,
+    };
     let start = bias.map_or(Start::Zero, Start::Rows);
-    product([g.batch, g.outputs, g.pixels()], depth, &weight, &Patches { images: x, g }, start, precision)
+    product(
+        [g.batch, g.outputs, g.pixels()],
+        depth,
+        &weight,
+        &Patches { images: x, g },
+        start,
+        precision,
+    )
 }
 
 /// The gradient to the input.
-pub fn backward_input(dy: &[f32], (weight, precision): (Values, Precision), g: &Geometry) -> Buffer {
+pub fn backward_input(
+    dy: &[f32],
+    (weight, precision): (Values, Precision),
+    g: &Geometry,
+) -> Buffer {
     if let Some(turned) = g.turned().filter(winograd::suits) {
         return winograd::convolve(dy, weight, winograd::Direction::Backward, None, &turned);
     }
     if let Some(turned) = g.turned().filter(Geometry::is_pointwise) {
-        let weight = Turned(Stored { values: weight, columns: g.channels });
-        let right = Patches { images: dy, g: turned.flat() };
-        return product([g.batch, g.channels, g.plane()], g.outputs, &weight, &right, Start::Zero, precision);
+        let weight = Turned(Stored {
+            values: weight,
+            columns: g.channels,
+        });
+        let right = Patches {
+            images: dy,
+            g: turned.flat(),
+        };
+        return product(
+            [g.batch, g.channels, g.plane()],
+            g.outputs,
+            &weight,
+            &right,
+            Start::Zero,
+            precision,
+        );
     }
     backward_input_by_columns(dy, (weight, precision), g)
 }
 
 /// The general gradient to the input: rows of the column matrix's gradient, added back to where they came from.
-fn backward_input_by_columns(dy: &[f32], (weight, precision): (Values, Precision), g: &Geometry) -> Buffer {
+fn backward_input_by_columns(
+    dy: &[f32],
+    (weight, precision): (Values, Precision),
+    g: &Geometry,
+) -> Buffer {
     let (taps, pixels) = (g.taps(), g.pixels());
-    let share_rows = (HELD / (taps * pixels).max(1)).min(g.channels / TASKS).max(CHANNELS);
+    let share_rows = (HELD / (taps * pixels).max(1))
+        .min(g.channels / TASKS)
+        .max(CHANNELS);
     let mut dx = Buffer::zeros(g.batch * g.channels * g.plane());
-    let planes =
-        Cut { matrices: g.batch, rows: g.channels, columns: g.plane(), panel: g.plane(), share_rows, share_panels: 1 };
+    let planes = Cut {
+        matrices: g.batch,
+        rows: g.channels,
+        columns: g.plane(),
+        panel: g.plane(),
+        share_rows,
+        share_panels: 1,
+    };
     planes.for_each_share(&mut dx, |mut share| {
         let (channels, image) = (share.rows.clone(), share.panels.start);
         let values = weight.slice(channels.start * taps..weight.len());
-        let kernels = Turned(Stored { values, columns: g.channels * taps });
+        let kernels = Turned(Stored {
+            values,
+            columns: g.channels * taps,
+        });
         let dy = Matrix::new(&dy[image * g.outputs * pixels..], g.outputs, pixels);
         let mut rows = Buffer::stale(channels.len() * taps * pixels);
         Packed::new(&dy, g.outputs, pixels, precision).multiply(
@@ -206,7 +283,12 @@ fn backward_input_by_columns(dy: &[f32], (weight, precision): (Values, Precision
         let mut dx = share.block(0..channels.len(), image);
         for (i, row) in rows.chunks(pixels.max(1)).enumerate() {
             let (channel, tap) = (i / taps, i % taps);
-            add_back(row, g, [tap / g.kernel[1], tap % g.kernel[1]], dx.row(channel));
+            add_back(
+                row,
+                g,
+                [tap / g.kernel[1], tap % g.kernel[1]],
+                dx.row(channel),
+            );
         }
     });
     dx

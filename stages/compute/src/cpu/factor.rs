@@ -21,7 +21,12 @@ pub const GRAIN: usize = 32;
 /// The left factor.
 pub trait Left: Sync {
     /// The part `rows`, `depth`, copied to `space` or borrowed.
-    fn tile<'a>(&'a self, rows: Range<usize>, depth: Range<usize>, space: &'a mut [f32]) -> Matrix<'a>;
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a>;
 }
 
 /// The right factor: one matrix, or one for each matrix of the result.
@@ -38,7 +43,12 @@ pub trait Right: Sync {
 }
 
 impl Left for Matrix<'_> {
-    fn tile<'a>(&'a self, rows: Range<usize>, depth: Range<usize>, space: &'a mut [f32]) -> Matrix<'a> {
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a> {
         let part = self.rows(rows).columns(depth);
         if part.column_stride == 1 {
             for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(part.rows) {
@@ -62,7 +72,13 @@ impl Right for Matrix<'_> {
                 panel[..part.columns].copy_from_slice(part.row(k));
             }
         } else {
-            transpose_into(part.values(), part.column_stride, [part.columns, part.rows], panel, COLUMNS);
+            transpose_into(
+                part.values(),
+                part.column_stride,
+                [part.columns, part.rows],
+                panel,
+                COLUMNS,
+            );
         }
     }
 }
@@ -75,9 +91,15 @@ pub struct Stored<'a> {
 }
 
 impl Left for Stored<'_> {
-    fn tile<'a>(&'a self, rows: Range<usize>, depth: Range<usize>, space: &'a mut [f32]) -> Matrix<'a> {
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a> {
         for (row, space) in rows.clone().zip(space.chunks_mut(TILE_STRIDE)) {
-            self.values.widen(row * self.columns + depth.start, &mut space[..depth.len()]);
+            self.values
+                .widen(row * self.columns + depth.start, &mut space[..depth.len()]);
         }
         Matrix::strided(space, rows.len(), depth.len(), TILE_STRIDE)
     }
@@ -86,7 +108,10 @@ impl Left for Stored<'_> {
 impl Right for Stored<'_> {
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
         for (k, panel) in depth.zip(panel.chunks_mut(COLUMNS)) {
-            self.values.widen(k * self.columns + columns.start, &mut panel[..columns.len()]);
+            self.values.widen(
+                k * self.columns + columns.start,
+                &mut panel[..columns.len()],
+            );
         }
     }
 }
@@ -96,9 +121,16 @@ impl Right for Stored<'_> {
 pub struct Turned<'a>(pub Stored<'a>);
 
 impl Left for Turned<'_> {
-    fn tile<'a>(&'a self, rows: Range<usize>, depth: Range<usize>, space: &'a mut [f32]) -> Matrix<'a> {
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a> {
         for (k, space) in depth.clone().zip(space.chunks_mut(ROWS)) {
-            self.0.values.widen(k * self.0.columns + rows.start, &mut space[..rows.len()]);
+            self.0
+                .values
+                .widen(k * self.0.columns + rows.start, &mut space[..rows.len()]);
         }
         Matrix::strided(space, depth.len(), rows.len(), ROWS).transposed()
     }
@@ -112,11 +144,20 @@ impl Right for Turned<'_> {
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
         if let Values::F32(values) = self.0.values {
             let rows = &values[columns.start * self.0.columns + depth.start..];
-            return transpose_into(rows, self.0.columns, [columns.len(), depth.len()], panel, COLUMNS);
+            return transpose_into(
+                rows,
+                self.0.columns,
+                [columns.len(), depth.len()],
+                panel,
+                COLUMNS,
+            );
         }
         let mut rows = [0.0; COLUMNS * DEPTH];
         for (column, row) in columns.clone().zip(rows.chunks_mut(DEPTH)) {
-            self.0.values.widen(column * self.0.columns + depth.start, &mut row[..depth.len()]);
+            self.0.values.widen(
+                column * self.0.columns + depth.start,
+                &mut row[..depth.len()],
+            );
         }
         transpose_into(&rows, DEPTH, [columns.len(), depth.len()], panel, COLUMNS);
     }

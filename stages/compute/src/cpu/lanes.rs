@@ -6,7 +6,10 @@ pub const LANES: usize = 64;
 
 /// Joins the `WIDTH` lanes from `WIDTH` on to those before.
 #[inline(always)]
-fn halve<const ALL: usize, const WIDTH: usize>(lanes: &mut [f32; ALL], operation: &impl Fn(f32, f32) -> f32) {
+fn halve<const ALL: usize, const WIDTH: usize>(
+    lanes: &mut [f32; ALL],
+    operation: &impl Fn(f32, f32) -> f32,
+) {
     for i in 0..WIDTH {
         lanes[i] = operation(lanes[i], lanes[i + WIDTH]);
     }
@@ -63,9 +66,18 @@ const FEW: usize = 16;
 
 /// The sums of all `terms` over the triples of `x`, `y` and `z`, in one pass.
 #[inline(always)]
-pub fn sums<const N: usize>(x: &[f32], y: &[f32], z: &[f32], terms: impl Fn(f32, f32, f32) -> [f32; N]) -> [f32; N] {
+pub fn sums<const N: usize>(
+    x: &[f32],
+    y: &[f32],
+    z: &[f32],
+    terms: impl Fn(f32, f32, f32) -> [f32; N],
+) -> [f32; N] {
     let mut lanes = [[0.0; FEW]; N];
-    let ((xs, x), (ys, y), (zs, z)) = (x.as_chunks::<FEW>(), y.as_chunks::<FEW>(), z.as_chunks::<FEW>());
+    let ((xs, x), (ys, y), (zs, z)) = (
+        x.as_chunks::<FEW>(),
+        y.as_chunks::<FEW>(),
+        z.as_chunks::<FEW>(),
+    );
     for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
         for lane in 0..FEW {
             let terms = terms(x[lane], y[lane], z[lane]);

@@ -17,9 +17,13 @@ const ALONE: usize = 2 * CHUNK;
 /// Calls `kernel` with the number and the values of every chunk of `out`.
 pub fn fill(out: &mut [f32], chunk: usize, kernel: impl Fn(usize, &mut [f32]) + Sync) {
     if out.len() <= chunk.max(ALONE) {
-        out.chunks_mut(chunk).enumerate().for_each(|(i, out)| kernel(i, out));
+        out.chunks_mut(chunk)
+            .enumerate()
+            .for_each(|(i, out)| kernel(i, out));
     } else {
-        out.par_chunks_mut(chunk).enumerate().for_each(|(i, out)| kernel(i, out));
+        out.par_chunks_mut(chunk)
+            .enumerate()
+            .for_each(|(i, out)| kernel(i, out));
     }
 }
 
@@ -133,6 +137,9 @@ pub fn leaky_per_channel(x: &[f32], slopes: &[f32], plane: usize) -> Buffer {
 
 /// Folds `term` of every element, starting from 0.
 fn fold(x: &[f32], term: impl Fn(f32) -> f64 + Sync, join: impl Fn(f64, f64) -> f64 + Sync) -> f64 {
-    let partial: Vec<f64> = x.par_chunks(CHUNK).map(|x| x.iter().fold(0.0, |sum, &x| join(sum, term(x)))).collect();
+    let partial: Vec<f64> = x
+        .par_chunks(CHUNK)
+        .map(|x| x.iter().fold(0.0, |sum, &x| join(sum, term(x))))
+        .collect();
     partial.into_iter().fold(0.0, join)
 }

@@ -76,7 +76,11 @@ mod tests {
         for i in -87_000..88_000 {
             let x = i as f32 * 1e-3;
             let exact = f64::from(x).exp();
-            assert!((f64::from(exp(x)) / exact - 1.0).abs() < 1.6e-7, "exp({x}) is {}, not {exact}", exp(x));
+            assert!(
+                (f64::from(exp(x)) / exact - 1.0).abs() < 1.6e-7,
+                "exp({x}) is {}, not {exact}",
+                exp(x)
+            );
         }
         assert_eq!(exp(0.0), 1.0);
         assert!(exp(f32::NAN).is_nan());

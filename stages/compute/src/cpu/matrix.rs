@@ -24,16 +24,37 @@ impl<'a> Matrix<'a> {
 
     /// The matrix whose rows start `row_stride` elements apart.
     pub fn strided(values: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
-        let reach = if rows * columns == 0 { 0 } else { (rows - 1) * row_stride + columns };
-        assert!(reach <= values.len(), "matrix: {rows}x{columns} reach beyond the values");
-        Matrix { values, rows, columns, row_stride, column_stride: 1 }
+        let reach = if rows * columns == 0 {
+            0
+        } else {
+            (rows - 1) * row_stride + columns
+        };
+        assert!(
+            reach <= values.len(),
+            "matrix: {rows}x{columns} reach beyond the values"
+        );
+        Matrix {
+            values,
+            rows,
+            columns,
+            row_stride,
+            column_stride: 1,
+        }
     }
 
     /// The rows of `range`.
     pub fn rows(self, range: Range<usize>) -> Self {
-        assert!(range.start <= range.end && range.end <= self.rows, "matrix: no rows {range:?} in {}", self.rows);
+        assert!(
+            range.start <= range.end && range.end <= self.rows,
+            "matrix: no rows {range:?} in {}",
+            self.rows
+        );
         let start = (range.start * self.row_stride).min(self.values.len());
-        Matrix { values: &self.values[start..], rows: range.len(), ..self }
+        Matrix {
+            values: &self.values[start..],
+            rows: range.len(),
+            ..self
+        }
     }
 
     /// The columns of `range`.
@@ -43,13 +64,29 @@ impl<'a> Matrix<'a> {
 
     /// The same values read the other way.
     pub fn transposed(self) -> Self {
-        let Matrix { values, rows, columns, row_stride, column_stride } = self;
-        Matrix { values, rows: columns, columns: rows, row_stride: column_stride, column_stride: row_stride }
+        let Matrix {
+            values,
+            rows,
+            columns,
+            row_stride,
+            column_stride,
+        } = self;
+        Matrix {
+            values,
+            rows: columns,
+            columns: rows,
+            row_stride: column_stride,
+            column_stride: row_stride,
+        }
     }
 
     /// One row of a matrix whose rows are contiguous.
     pub fn row(&self, row: usize) -> &'a [f32] {
-        assert!(self.column_stride == 1 && row < self.rows, "matrix: no contiguous row {row} in {}", self.rows);
+        assert!(
+            self.column_stride == 1 && row < self.rows,
+            "matrix: no contiguous row {row} in {}",
+            self.rows
+        );
         &self.values[row * self.row_stride..][..self.columns]
     }
 
@@ -72,7 +109,13 @@ impl<'a> MatrixMut<'a> {
     /// The contiguous row-major matrix that starts at `values`.
     pub fn new(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
         Matrix::new(values, rows, columns);
-        MatrixMut { start: values.as_mut_ptr(), rows, columns, row_stride: columns, borrow: PhantomData }
+        MatrixMut {
+            start: values.as_mut_ptr(),
+            rows,
+            columns,
+            row_stride: columns,
+            borrow: PhantomData,
+        }
     }
 
     pub fn rows(&self) -> usize {
@@ -101,17 +144,29 @@ impl<'a> MatrixMut<'a> {
             self.rows,
             self.columns
         );
-        let offset = if rows.is_empty() { 0 } else { rows.start * self.row_stride + columns.start };
+        let offset = if rows.is_empty() {
+            0
+        } else {
+            rows.start * self.row_stride + columns.start
+        };
         // SAFETY: the block lies within the borrowed values, and `&mut self` keeps others from being handed out.
         let start = unsafe { self.start.add(offset) };
-        MatrixMut { start, rows: rows.len(), columns: columns.len(), row_stride: self.row_stride, borrow: PhantomData }
+        MatrixMut {
+            start,
+            rows: rows.len(),
+            columns: columns.len(),
+            row_stride: self.row_stride,
+            borrow: PhantomData,
+        }
     }
 
     /// One row.
     pub fn row(&mut self, row: usize) -> &mut [f32] {
         assert!(row < self.rows, "matrix: no row {row} in {}", self.rows);
         // SAFETY: the row lies within the borrowed values, and `&mut self` keeps other rows from being handed out.
-        unsafe { std::slice::from_raw_parts_mut(self.start.add(row * self.row_stride), self.columns) }
+        unsafe {
+            std::slice::from_raw_parts_mut(self.start.add(row * self.row_stride), self.columns)
+        }
     }
 }
 
@@ -147,7 +202,10 @@ impl Cut {
 
     /// The matrix that a panel belongs to, and its columns there.
     pub fn columns_of(&self, panel: usize) -> (usize, Range<usize>) {
-        let (matrix, first) = (panel / self.panels_per_matrix(), panel % self.panels_per_matrix() * self.panel);
+        let (matrix, first) = (
+            panel / self.panels_per_matrix(),
+            panel % self.panels_per_matrix() * self.panel,
+        );
         (matrix, first..self.columns.min(first + self.panel))
     }
 
@@ -157,8 +215,16 @@ impl Cut {
 
     /// The number of shares of the stack that fills `out`.
     fn shares(&self, out: &[f32]) -> usize {
-        assert_eq!(out.len(), self.matrices * self.rows * self.columns, "matrix: the stack does not fill its values");
-        if out.is_empty() { 0 } else { self.rows.div_ceil(self.share_rows) * self.shares_across() }
+        assert_eq!(
+            out.len(),
+            self.matrices * self.rows * self.columns,
+            "matrix: the stack does not fill its values"
+        );
+        if out.is_empty() {
+            0
+        } else {
+            self.rows.div_ceil(self.share_rows) * self.shares_across()
+        }
     }
 
     /// Share number `index` of the stack that begins at `start`. No two shares have both a row and a panel in common.
@@ -166,20 +232,36 @@ impl Cut {
         let row = index / self.shares_across() * self.share_rows;
         let panel = index % self.shares_across() * self.share_panels;
         let rows = row..self.rows.min(row + self.share_rows);
-        let panels = panel..(self.matrices * self.panels_per_matrix()).min(panel + self.share_panels);
-        Share { start, cut: self, rows, panels, borrow: PhantomData }
+        let panels =
+            panel..(self.matrices * self.panels_per_matrix()).min(panel + self.share_panels);
+        Share {
+            start,
+            cut: self,
+            rows,
+            panels,
+            borrow: PhantomData,
+        }
     }
 
     /// Hands every share of the stack that fills `out` to `kernel`, in parallel.
     pub fn for_each_share(self, out: &mut [f32], kernel: impl Fn(Share) + Sync) {
         let (shares, start) = (self.shares(out), Start(out.as_mut_ptr()));
-        (0..shares).into_par_iter().for_each(|index| kernel(self.share(start.get(), index)));
+        (0..shares)
+            .into_par_iter()
+            .for_each(|index| kernel(self.share(start.get(), index)));
     }
 
     /// The same, gathering what `kernel` returns in the order of the shares.
-    pub fn map_shares<R: Send>(self, out: &mut [f32], kernel: impl Fn(Share) -> R + Sync) -> Vec<R> {
+    pub fn map_shares<R: Send>(
+        self,
+        out: &mut [f32],
+        kernel: impl Fn(Share) -> R + Sync,
+    ) -> Vec<R> {
         let (shares, start) = (self.shares(out), Start(out.as_mut_ptr()));
-        (0..shares).into_par_iter().map(|index| kernel(self.share(start.get(), index))).collect()
+        (0..shares)
+            .into_par_iter()
+            .map(|index| kernel(self.share(start.get(), index)))
+            .collect()
     }
 
     /// The same on the calling thread, one after the other.
@@ -203,7 +285,13 @@ impl Share<'_> {
         // keeps other blocks from being handed out.
         let start = unsafe { self.start.add(row * self.cut.columns + columns.start) };
         let row_stride = self.cut.columns;
-        MatrixMut { start, rows: rows.len(), columns: columns.len(), row_stride, borrow: PhantomData }
+        MatrixMut {
+            start,
+            rows: rows.len(),
+            columns: columns.len(),
+            row_stride,
+            borrow: PhantomData,
+        }
     }
 }
 

@@ -42,13 +42,21 @@ fn input_transform(d: [f32; SIGHT]) -> [f32; SIGHT] {
     let (even_a, odd_a) = (d[4] - BB * d[2], A * (d[3] - BB * d[1]));
     let (even_b, odd_b) = (d[4] - AA * d[2], B * (d[3] - AA * d[1]));
     let ends = |x: f32, y: f32, z: f32| AA * BB * x - (AA + BB) * y + z;
-    [ends(d[0], d[2], d[4]), even_a + odd_a, even_a - odd_a, even_b + odd_b, even_b - odd_b, ends(d[1], d[3], d[5])]
+    [
+        ends(d[0], d[2], d[4]),
+        even_a + odd_a,
+        even_a - odd_a,
+        even_b + odd_b,
+        even_b - odd_b,
+        ends(d[1], d[3], d[5]),
+    ]
 }
 
 /// A^T of six numbers.
 #[inline(always)]
 fn output_transform(m: [f32; SIGHT]) -> [f32; SIDE] {
-    let (sum_a, difference_a, sum_b, difference_b) = (m[1] + m[2], m[1] - m[2], m[3] + m[4], m[3] - m[4]);
+    let (sum_a, difference_a, sum_b, difference_b) =
+        (m[1] + m[2], m[1] - m[2], m[3] + m[4], m[3] - m[4]);
     [
         m[0] + sum_a + sum_b,
         A * difference_a + B * difference_b,
@@ -100,15 +108,24 @@ pub fn untransform(spots: [&[f32]; SPOTS], bias: f32, lines: [&mut [f32]; SIDE])
     let mut down = [[[0.0; LANES]; SIGHT]; SIDE];
     for column in 0..SIGHT {
         for lane in 0..LANES {
-            let values = output_transform(std::array::from_fn(|line| spots[line * SIGHT + column][lane]));
+            let values = output_transform(std::array::from_fn(|line| {
+                spots[line * SIGHT + column][lane]
+            }));
             for (down, value) in down.iter_mut().zip(values) {
                 down[column][lane] = value;
             }
         }
     }
     for (line, down) in lines.into_iter().zip(&down) {
-        for (lane, quad) in line.as_chunks_mut::<SIDE>().0.iter_mut().enumerate().take(LANES) {
-            *quad = output_transform(std::array::from_fn(|column| down[column][lane])).map(|value| value + bias);
+        for (lane, quad) in line
+            .as_chunks_mut::<SIDE>()
+            .0
+            .iter_mut()
+            .enumerate()
+            .take(LANES)
+        {
+            *quad = output_transform(std::array::from_fn(|column| down[column][lane]))
+                .map(|value| value + bias);
         }
     }
 }
@@ -122,19 +139,31 @@ fn kernel_transform([x, y, z]: [f32; 3]) -> [f32; SIGHT] {
     const AT_B: f32 = 1.0 / (2.0 * BB * (BB - AA));
     let (even_a, odd_a) = (AT_A * x + AT_A * AA * z, AT_A * A * y);
     let (even_b, odd_b) = (AT_B * x + AT_B * BB * z, AT_B * B * y);
-    [ZERO * x, even_a + odd_a, even_a - odd_a, even_b + odd_b, even_b - odd_b, z]
+    [
+        ZERO * x,
+        even_a + odd_a,
+        even_a - odd_a,
+        even_b + odd_b,
+        even_b - odd_b,
+        z,
+    ]
 }
 
 /// G from both sides of [`COLUMNS`] kernels, whose taps are the rows of `taps`.
 #[inline(always)]
-pub fn transform_taps(taps: &[f32; 9 * COLUMNS], direction: Direction, spots: &mut [[f32; COLUMNS]; SPOTS]) {
+pub fn transform_taps(
+    taps: &[f32; 9 * COLUMNS],
+    direction: Direction,
+    spots: &mut [[f32; COLUMNS]; SPOTS],
+) {
     for lane in 0..COLUMNS {
         let tap = |row: usize, column: usize| match direction {
             Direction::Forward => taps[(3 * row + column) * COLUMNS + lane],
             Direction::Backward => taps[(8 - 3 * row - column) * COLUMNS + lane],
         };
-        let down: [[f32; SIGHT]; 3] =
-            std::array::from_fn(|column| kernel_transform(std::array::from_fn(|row| tap(row, column))));
+        let down: [[f32; SIGHT]; 3] = std::array::from_fn(|column| {
+            kernel_transform(std::array::from_fn(|row| tap(row, column)))
+        });
         for line in 0..SIGHT {
             let along = kernel_transform(std::array::from_fn(|column| down[column][line]));
             for (column, value) in along.into_iter().enumerate() {

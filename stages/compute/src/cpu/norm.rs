@@ -27,14 +27,21 @@ impl Moments {
     #[inline(always)]
     fn new(mean: f32, [sum, squares]: [f32; 2], count: f32, eps: f32) -> Moments {
         let rest = sum / count;
-        Moments { mean, rest, rstd: 1.0 / (squares / count - rest * rest + eps).sqrt() }
+        Moments {
+            mean,
+            rest,
+            rstd: 1.0 / (squares / count - rest * rest + eps).sqrt(),
+        }
     }
 
     #[inline(always)]
     fn of(x: &[f32], eps: f32) -> Moments {
         let count = x.len() as f32;
         let mean = lanes::sum(x, |x| x) / count;
-        let sums = [lanes::sum(x, |x| x - mean), lanes::sum(x, |x| (x - mean) * (x - mean))];
+        let sums = [
+            lanes::sum(x, |x| x - mean),
+            lanes::sum(x, |x| (x - mean) * (x - mean)),
+        ];
         Moments::new(mean, sums, count, eps)
     }
 
@@ -53,65 +60,82 @@ fn group_at(i: usize, g: Groups) -> (usize, usize) {
 /// `x` normalised group by group, scaled, shifted and activated.
 pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation) -> Buffer {
     let mut out = Buffer::stale(x.len());
-    fill(&mut out, (g.channels / g.groups * g.plane).max(1), |i, out| {
-        let (start, channel) = group_at(i, g);
-        let x = &x[start..start + out.len()];
-        vectorize(
-            #[inline(always)]
-            || {
-                let moments = Moments::of(x, g.eps);
-                for (c, (out, x)) in out.chunks_mut(g.plane).zip(x.chunks(g.plane)).enumerate() {
-                    let (scale, shift) = (gamma[channel + c] * moments.rstd, beta[channel + c]);
-                    match activation {
-                        Activation::None => {
-                            for (out, x) in out.iter_mut().zip(x) {
-                                *out = moments.centre(*x) * scale + shift;
+    fill(
+        &mut out,
+        (g.channels / g.groups * g.plane).max(1),
+        |i, out| {
+            let (start, channel) = group_at(i, g);
+            let x = &x[start..start + out.len()];
+            vectorize(
+                #[inline(always)]
+                || {
+                    let moments = Moments::of(x, g.eps);
+                    for (c, (out, x)) in out.chunks_mut(g.plane).zip(x.chunks(g.plane)).enumerate()
+                    {
+                        let (scale, shift) = (gamma[channel + c] * moments.rstd, beta[channel + c]);
+                        match activation {
+                            Activation::None => {
+                                for (out, x) in out.iter_mut().zip(x) {
+                                    *out = moments.centre(*x) * scale + shift;
+                                }
                             }
-                        }
-                        Activation::Silu => {
-                            for (out, x) in out.iter_mut().zip(x) {
-                                *out = silu(moments.centre(*x) * scale + shift);
+                            Activation::Silu => {
+                                for (out, x) in out.iter_mut().zip(x) {
+                                    *out = silu(moments.centre(*x) * scale + shift);
+                                }
                             }
                         }
                     }
-                }
-            },
-        );
-    });
+                },
+            );
+        },
+    );
     out
 }
 
 /// The gradient of [`group`] to `x`.
-pub fn group_backward(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation, dy: &[f32]) -> Buffer {
+pub fn group_backward(
+    x: &[f32],
+    gamma: &[f32],
+    beta: &[f32],
+    g: Groups,
+    activation: Activation,
+    dy: &[f32],
+) -> Buffer {
     let mut dx = Buffer::stale(x.len());
-    fill(&mut dx, (g.channels / g.groups * g.plane).max(1), |i, dx| {
-        let (start, channel) = group_at(i, g);
-        let (x, dy) = (&x[start..start + dx.len()], &dy[start..start + dx.len()]);
-        vectorize(
-            #[inline(always)]
-            || {
-                let moments = Moments::of(x, g.eps);
-                for (c, dx) in dx.chunks_mut(g.plane).enumerate() {
-                    let (x, dy) = (&x[c * g.plane..], &dy[c * g.plane..]);
-                    let gamma = gamma[channel + c];
-                    let (scale, shift) = (gamma * moments.rstd, beta[channel + c]);
-                    match activation {
-                        Activation::None => {
-                            for (dx, dy) in dx.iter_mut().zip(dy) {
-                                *dx = dy * gamma;
+    fill(
+        &mut dx,
+        (g.channels / g.groups * g.plane).max(1),
+        |i, dx| {
+            let (start, channel) = group_at(i, g);
+            let (x, dy) = (&x[start..start + dx.len()], &dy[start..start + dx.len()]);
+            vectorize(
+                #[inline(always)]
+                || {
+                    let moments = Moments::of(x, g.eps);
+                    for (c, dx) in dx.chunks_mut(g.plane).enumerate() {
+                        let (x, dy) = (&x[c * g.plane..], &dy[c * g.plane..]);
+                        let gamma = gamma[channel + c];
+                        let (scale, shift) = (gamma * moments.rstd, beta[channel + c]);
+                        match activation {
+                            Activation::None => {
+                                for (dx, dy) in dx.iter_mut().zip(dy) {
+                                    *dx = dy * gamma;
+                                }
                             }
-                        }
-                        Activation::Silu => {
-                            for ((dx, x), dy) in dx.iter_mut().zip(x).zip(dy) {
-                                *dx = dy * silu_slope(moments.centre(*x) * scale + shift) * gamma;
+                            Activation::Silu => {
+                                for ((dx, x), dy) in dx.iter_mut().zip(x).zip(dy) {
+                                    *dx =
+                                        dy * silu_slope(moments.centre(*x) * scale + shift) * gamma;
+                                }
                             }
                         }
                     }
-                }
-                project(x, dx, moments);
-            },
-        );
-    });
+                    project(x, dx, moments);
+                },
+            );
+        },
+    );
     dx
 }
 
@@ -121,7 +145,8 @@ pub fn group_backward(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activat
 fn project(x: &[f32], dx: &mut [f32], moments: Moments) {
     let count = x.len() as f32;
     let along_mean = lanes::sum(dx, |dx| dx) / count;
-    let along_value = lanes::sum_pairs(dx, x, |dx, x| dx * moments.centre(x)) / count * moments.rstd;
+    let along_value =
+        lanes::sum_pairs(dx, x, |dx, x| dx * moments.centre(x)) / count * moments.rstd;
     for (dx, x) in dx.iter_mut().zip(x) {
         *dx = moments.rstd * (*dx - along_mean - moments.centre(*x) * moments.rstd * along_value);
     }
@@ -132,7 +157,9 @@ pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
     let (width, rows) = (gamma.len(), rows_per_task(gamma.len()));
     let mut out = Buffer::stale(x.len());
     fill(&mut out, rows * width, |i, out| {
-        let pairs = out.chunks_exact_mut(width).zip(x[i * rows * width..].chunks_exact(width));
+        let pairs = out
+            .chunks_exact_mut(width)
+            .zip(x[i * rows * width..].chunks_exact(width));
         vectorize(
             #[inline(always)]
             || {
@@ -155,7 +182,9 @@ pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Buffer 
     let (width, rows) = (gamma.len(), rows_per_task(gamma.len()));
     let mut dx = Buffer::stale(x.len());
     fill(&mut dx, rows * width, |i, dx| {
-        let inputs = x[i * rows * width..].chunks_exact(width).zip(dy[i * rows * width..].chunks_exact(width));
+        let inputs = x[i * rows * width..]
+            .chunks_exact(width)
+            .zip(dy[i * rows * width..].chunks_exact(width));
         let triples = dx.chunks_exact_mut(width).zip(inputs);
         vectorize(
             #[inline(always)]
@@ -182,6 +211,7 @@ fn layer_row_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32], dx: &mut [
     let along_mean = slopes / count;
     let along_value = (along - moments.rest * slopes) / count * moments.rstd;
     for (((dx, x), dy), gamma) in dx.iter_mut().zip(x).zip(dy).zip(gamma) {
-        *dx = moments.rstd * (dy * gamma - along_mean - moments.centre(*x) * moments.rstd * along_value);
+        *dx = moments.rstd
+            * (dy * gamma - along_mean - moments.centre(*x) * moments.rstd * along_value);
     }
 }

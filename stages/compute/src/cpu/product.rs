@@ -59,8 +59,18 @@ pub fn cut([matrices, rows, columns]: [usize; 3]) -> Cut {
     let panels = (matrices * columns.div_ceil(COLUMNS)).max(1);
     let share_panels = (panels / TASKS).clamp(2, PANELS);
     let down = TASKS.div_ceil(panels.div_ceil(share_panels));
-    let share_rows = rows.div_ceil(down).next_multiple_of(ROWS).clamp(FEWEST_ROWS, MOST_ROWS);
-    Cut { matrices, rows, columns, panel: COLUMNS, share_rows, share_panels }
+    let share_rows = rows
+        .div_ceil(down)
+        .next_multiple_of(ROWS)
+        .clamp(FEWEST_ROWS, MOST_ROWS);
+    Cut {
+        matrices,
+        rows,
+        columns,
+        panel: COLUMNS,
+        share_rows,
+        share_panels,
+    }
 }
 
 /// Fills a share with what its sums start from, unless that is nothing.
@@ -97,20 +107,39 @@ pub fn add_product(
         let panels = &mut panels[..share.panels.len() * steps.len() * COLUMNS];
         for start in steps.clone().step_by(right.grain()) {
             let grain = start..steps.end.min(start + right.grain());
-            for (panel, packed) in share.panels.clone().zip(panels.chunks_mut(steps.len() * COLUMNS)) {
+            for (panel, packed) in share
+                .panels
+                .clone()
+                .zip(panels.chunks_mut(steps.len() * COLUMNS))
+            {
                 let (matrix, columns) = cut.columns_of(panel);
                 let packed = &mut packed[(start - first) * COLUMNS..][..grain.len() * COLUMNS];
                 right.pack(matrix, columns, grain.clone(), packed);
             }
         }
-        panels.chunks_mut(steps.len() * COLUMNS).for_each(|packed| narrow_panel(packed, precision));
+        panels
+            .chunks_mut(steps.len() * COLUMNS)
+            .for_each(|packed| narrow_panel(packed, precision));
         for row in (0..rows.len()).step_by(ROWS) {
             let tile = row..rows.len().min(row + ROWS);
             let [space, narrow] = &mut spaces;
-            let left = left.tile(rows.start + tile.start..rows.start + tile.end, steps.clone(), space);
+            let left = left.tile(
+                rows.start + tile.start..rows.start + tile.end,
+                steps.clone(),
+                space,
+            );
             let left = narrow_tile(left, narrow, precision);
-            for (panel, packed) in share.panels.clone().zip(panels.chunks(steps.len() * COLUMNS)) {
-                multiply_tile(&mut share.block(tile.clone(), panel), left, packed, (old, precision));
+            for (panel, packed) in share
+                .panels
+                .clone()
+                .zip(panels.chunks(steps.len() * COLUMNS))
+            {
+                multiply_tile(
+                    &mut share.block(tile.clone(), panel),
+                    left,
+                    packed,
+                    (old, precision),
+                );
             }
         }
     }
@@ -127,7 +156,11 @@ fn narrow_panel(panel: &mut [f32], precision: Precision) {
             for row in 0..(panel.len() / COLUMNS).div_ceil(2) {
                 let (lower, upper) = (2 * row * COLUMNS, (2 * row + 1) * COLUMNS);
                 for column in 0..COLUMNS {
-                    let upper = if upper < panel.len() { panel[upper + column] } else { 0.0 };
+                    let upper = if upper < panel.len() {
+                        panel[upper + column]
+                    } else {
+                        0.0
+                    };
                     panel[row * COLUMNS + column] = bf16::pair(panel[lower + column], upper);
                 }
             }
@@ -148,7 +181,11 @@ fn narrow_tile<'a>(tile: Matrix<'a>, space: &'a mut [f32], precision: Precision)
             for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(tile.rows) {
                 for (k, space) in space.iter_mut().enumerate().take(columns.div_ceil(2)) {
                     let at = row * row_stride + 2 * k * step;
-                    let upper = if 2 * k + 1 < columns { values[at + step] } else { 0.0 };
+                    let upper = if 2 * k + 1 < columns {
+                        values[at + step]
+                    } else {
+                        0.0
+                    };
                     *space = bf16::pair(values[at], upper);
                 }
             }
@@ -178,7 +215,12 @@ impl Packed {
                 narrow_panel(packed, precision);
             }
         }
-        Packed { values, depth, columns, precision }
+        Packed {
+            values,
+            depth,
+            columns,
+            precision,
+        }
     }
 
     /// Writes `left` times this factor to `out`, a contiguous matrix of `rows` rows, on the calling thread.
@@ -192,10 +234,19 @@ impl Packed {
             for row in (0..rows).step_by(ROWS) {
                 let tile = row..rows.min(row + ROWS);
                 let [space, narrow] = &mut spaces;
-                let left = narrow_tile(left.tile(tile.clone(), steps.clone(), space), narrow, self.precision);
+                let left = narrow_tile(
+                    left.tile(tile.clone(), steps.clone(), space),
+                    narrow,
+                    self.precision,
+                );
                 for (panel, packed) in values.chunks(steps.len() * COLUMNS).enumerate() {
                     let columns = panel * COLUMNS..self.columns.min((panel + 1) * COLUMNS);
-                    multiply_tile(&mut out.block(tile.clone(), columns), left, packed, (old, self.precision));
+                    multiply_tile(
+                        &mut out.block(tile.clone(), columns),
+                        left,
+                        packed,
+                        (old, self.precision),
+                    );
                 }
             }
         }

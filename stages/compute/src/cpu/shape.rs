@@ -34,7 +34,9 @@ pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Buffer
 }
 
 fn copy(from: &[f32], to: &mut [f32]) {
-    fill(to, CHUNK, |i, to| to.copy_from_slice(&from[i * CHUNK..][..to.len()]));
+    fill(to, CHUNK, |i, to| {
+        to.copy_from_slice(&from[i * CHUNK..][..to.len()])
+    });
 }
 
 /// Each of `batch` matrices `[rows, columns]` as `[columns, rows]`.
@@ -61,7 +63,9 @@ pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer 
         for (out, x) in out.chunks_mut(factor * wide).zip(rows) {
             let (first, copies) = out.split_at_mut(wide);
             repeat_each(x, factor, first);
-            copies.chunks_mut(wide).for_each(|copy| copy.copy_from_slice(first));
+            copies
+                .chunks_mut(wide)
+                .for_each(|copy| copy.copy_from_slice(first));
         }
     });
     out
@@ -71,9 +75,14 @@ pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer 
 fn repeat_each(x: &[f32], factor: usize, out: &mut [f32]) {
     if factor == 2 {
         let pairs = out.as_chunks_mut::<2>().0;
-        pairs.iter_mut().zip(x).for_each(|(pair, &x)| *pair = [x, x]);
+        pairs
+            .iter_mut()
+            .zip(x)
+            .for_each(|(pair, &x)| *pair = [x, x]);
     } else {
-        out.chunks_mut(factor).zip(x).for_each(|(out, &x)| out.fill(x));
+        out.chunks_mut(factor)
+            .zip(x)
+            .for_each(|(out, &x)| out.fill(x));
     }
 }
 
@@ -83,7 +92,9 @@ pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) 
     let mut out = Buffer::zeros(planes * h * w);
     fill(&mut out, w.max(1), |i, out| {
         for dy in dy[i * factor * wide..(i + 1) * factor * wide].chunks(wide) {
-            out.iter_mut().zip(dy.chunks(factor)).for_each(|(out, dy)| *out += dy.iter().sum::<f32>());
+            out.iter_mut()
+                .zip(dy.chunks(factor))
+                .for_each(|(out, dy)| *out += dy.iter().sum::<f32>());
         }
     });
     out
@@ -99,7 +110,11 @@ pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
         for column in 0..factor {
             let source = (plane * factor + y % factor) * factor + column;
             let x = &x[(source * h + y / factor) * w..][..w];
-            out[column..].iter_mut().step_by(factor).zip(x).for_each(|(out, x)| *out = *x);
+            out[column..]
+                .iter_mut()
+                .step_by(factor)
+                .zip(x)
+                .for_each(|(out, x)| *out = *x);
         }
     });
     out
@@ -111,9 +126,15 @@ pub fn unshuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer
     let mut out = Buffer::stale(planes * h * factor * wide);
     fill(&mut out, w.max(1), |row, out| {
         let (plane, y) = (row / h, row % h);
-        let (source, line, column) = (plane / (factor * factor), plane / factor % factor, plane % factor);
+        let (source, line, column) = (
+            plane / (factor * factor),
+            plane / factor % factor,
+            plane % factor,
+        );
         let x = &x[(source * h * factor + y * factor + line) * wide..][..wide];
-        out.iter_mut().zip(x[column..].iter().step_by(factor)).for_each(|(out, x)| *out = *x);
+        out.iter_mut()
+            .zip(x[column..].iter().step_by(factor))
+            .for_each(|(out, x)| *out = *x);
     });
     out
 }
@@ -121,16 +142,26 @@ pub fn unshuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer
 /// Mirrors an index at the first and last of `len` pixels.
 fn mirrored(index: usize, before: usize, len: usize) -> usize {
     let distance = index.abs_diff(before);
-    if index < before || distance < len { distance } else { 2 * (len - 1) - distance }
+    if index < before || distance < len {
+        distance
+    } else {
+        2 * (len - 1) - distance
+    }
 }
 
 /// `[planes, h, w]` continued by mirroring, `[top, bottom, left, right]` pixels wide.
-pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, right]: [usize; 4]) -> Buffer {
+pub fn pad_reflect(
+    x: &[f32],
+    [planes, h, w]: [usize; 3],
+    [top, bottom, left, right]: [usize; 4],
+) -> Buffer {
     let (height, width) = (top + h + bottom, left + w + right);
     let mut out = Buffer::stale(planes * height * width);
     fill(&mut out, width.max(1), |i, out| {
         let row = &x[(i / height * h + mirrored(i % height, top, h)) * w..][..w];
-        out.iter_mut().enumerate().for_each(|(j, out)| *out = row[mirrored(j, left, w)]);
+        out.iter_mut()
+            .enumerate()
+            .for_each(|(j, out)| *out = row[mirrored(j, left, w)]);
     });
     out
 }
@@ -138,6 +169,8 @@ pub fn pad_reflect(x: &[f32], [planes, h, w]: [usize; 3], [top, bottom, left, ri
 /// Row `id` of the table for every id.
 pub fn gather_rows(table: Values, depth: usize, ids: &[u32]) -> Buffer {
     let mut out = Buffer::stale(ids.len() * depth);
-    out.chunks_mut(depth.max(1)).zip(ids).for_each(|(out, &id)| table.widen(id as usize * depth, out));
+    out.chunks_mut(depth.max(1))
+        .zip(ids)
+        .for_each(|(out, &id)| table.widen(id as usize * depth, out));
     out
 }

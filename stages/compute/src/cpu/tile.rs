@@ -33,17 +33,46 @@ pub enum Old {
 /// rows have [`COLUMNS`] elements, one after the other, whatever `out` has. In bf16, `a` and `panel` hold
 /// [pairs](super::bf16::pair).
 #[inline(always)]
-pub fn multiply_tile(out: &mut MatrixMut, a: Matrix, panel: &[f32], (old, precision): (Old, Precision)) {
+pub fn multiply_tile(
+    out: &mut MatrixMut,
+    a: Matrix,
+    panel: &[f32],
+    (old, precision): (Old, Precision),
+) {
     let (rows, columns, depth) = (out.rows(), out.columns(), a.columns);
-    assert!(rows <= ROWS && columns <= COLUMNS && a.rows == rows, "tile: the extents disagree");
-    assert!(panel.len() >= depth * COLUMNS, "tile: the panel is too short");
+    assert!(
+        rows <= ROWS && columns <= COLUMNS && a.rows == rows,
+        "tile: the extents disagree"
+    );
+    assert!(
+        panel.len() >= depth * COLUMNS,
+        "tile: the panel is too short"
+    );
     if rows > 0 && columns == COLUMNS {
         // SAFETY: the extents of all three have just been checked.
-        return unsafe { dispatch(depth, a, panel.as_ptr(), out.start(), out.row_stride(), (old, precision)) };
+        return unsafe {
+            dispatch(
+                depth,
+                a,
+                panel.as_ptr(),
+                out.start(),
+                out.row_stride(),
+                (old, precision),
+            )
+        };
     }
     let mut whole = [0.0; ROWS * COLUMNS];
     // SAFETY: as above; `whole` has room for the largest tile.
-    unsafe { dispatch(depth, a, panel.as_ptr(), whole.as_mut_ptr(), COLUMNS, (Old::Forget, precision)) };
+    unsafe {
+        dispatch(
+            depth,
+            a,
+            panel.as_ptr(),
+            whole.as_mut_ptr(),
+            COLUMNS,
+            (Old::Forget, precision),
+        )
+    };
     for (row, sums) in whole.chunks(COLUMNS).enumerate().take(rows) {
         for (out, sum) in out.row(row).iter_mut().zip(sums) {
             *out = if old == Old::Keep { *out + sum } else { *sum };
@@ -65,15 +94,21 @@ unsafe fn dispatch(
     unsafe {
         match precision {
             #[cfg(target_arch = "x86_64")]
-            Precision::Bf16 if Level::current().has_bf16_dot() => avx512_bf16(depth, a, panel, out, stride, old),
+            Precision::Bf16 if Level::current().has_bf16_dot() => {
+                avx512_bf16(depth, a, panel, out, stride, old)
+            }
             #[cfg(target_arch = "x86_64")]
-            Precision::F32 if Level::current() == Level::Avx512 => avx512(depth, a, panel, out, stride, old),
+            Precision::F32 if Level::current() == Level::Avx512 => {
+                avx512(depth, a, panel, out, stride, old)
+            }
             #[cfg(target_arch = "x86_64")]
             Precision::Bf16 if Level::current() >= Level::Avx2 => {
                 avx2::<Pairs<__m256>>(depth, a, panel, out, stride, old)
             }
             #[cfg(target_arch = "x86_64")]
-            Precision::F32 if Level::current() == Level::Avx2 => avx2::<__m256>(depth, a, panel, out, stride, old),
+            Precision::F32 if Level::current() == Level::Avx2 => {
+                avx2::<__m256>(depth, a, panel, out, stride, old)
+            }
             Precision::Bf16 => split::<Pairs<Lanes>>(depth, a, panel, out, stride, old),
             Precision::F32 => split::<Lanes>(depth, a, panel, out, stride, old),
         }
@@ -83,7 +118,14 @@ unsafe fn dispatch(
 /// SAFETY: that of [`dispatch`].
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512bw")]
-unsafe fn avx512(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+unsafe fn avx512(
+    depth: usize,
+    a: Matrix,
+    panel: *const f32,
+    out: *mut f32,
+    stride: usize,
+    old: Old,
+) {
     // SAFETY: by the contract of this function.
     unsafe { split::<__m512>(depth, a, panel, out, stride, old) }
 }
@@ -91,7 +133,14 @@ unsafe fn avx512(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stri
 /// SAFETY: that of [`dispatch`].
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512bf16")]
-unsafe fn avx512_bf16(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+unsafe fn avx512_bf16(
+    depth: usize,
+    a: Matrix,
+    panel: *const f32,
+    out: *mut f32,
+    stride: usize,
+    old: Old,
+) {
     // SAFETY: by the contract of this function.
     unsafe { split::<Dots>(depth, a, panel, out, stride, old) }
 }
@@ -99,7 +148,14 @@ unsafe fn avx512_bf16(depth: usize, a: Matrix, panel: *const f32, out: *mut f32,
 /// SAFETY: that of [`dispatch`]; `V` is a vector of AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-unsafe fn avx2<V: Vector>(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+unsafe fn avx2<V: Vector>(
+    depth: usize,
+    a: Matrix,
+    panel: *const f32,
+    out: *mut f32,
+    stride: usize,
+    old: Old,
+) {
     // SAFETY: by the contract of this function.
     unsafe { split::<V>(depth, a, panel, out, stride, old) }
 }
@@ -107,12 +163,22 @@ unsafe fn avx2<V: Vector>(depth: usize, a: Matrix, panel: *const f32, out: *mut 
 /// Cuts the tile into parts that fit the registers.
 /// SAFETY: that of [`dispatch`]; inlined where the vector's instructions may be used.
 #[inline(always)]
-unsafe fn split<V: Vector>(depth: usize, a: Matrix, panel: *const f32, out: *mut f32, stride: usize, old: Old) {
+unsafe fn split<V: Vector>(
+    depth: usize,
+    a: Matrix,
+    panel: *const f32,
+    out: *mut f32,
+    stride: usize,
+    old: Old,
+) {
     for row in (0..a.rows).step_by(V::TALL) {
         for column in (0..COLUMNS).step_by(2 * V::LANES) {
             // SAFETY: the offsets lie within the tile and the panel.
             unsafe {
-                let (a_start, strides) = (a.values().as_ptr().add(row * a.row_stride), [a.row_stride, a.column_stride]);
+                let (a_start, strides) = (
+                    a.values().as_ptr().add(row * a.row_stride),
+                    [a.row_stride, a.column_stride],
+                );
                 let (panel, out) = (panel.add(column), out.add(row * stride + column));
                 macro_rules! rows {
                     ($($rows:literal)*) => {
@@ -147,7 +213,10 @@ unsafe fn sum<V: Vector, const R: usize>(
         for first in (0..depth).step_by(CHAIN) {
             let mut sums = [[V::splat(0.0); 2]; R];
             for k in first..depth.min(first + CHAIN) {
-                let b = [V::load(panel.add(k * COLUMNS)), V::load(panel.add(k * COLUMNS + V::LANES))];
+                let b = [
+                    V::load(panel.add(k * COLUMNS)),
+                    V::load(panel.add(k * COLUMNS + V::LANES)),
+                ];
                 for (row, sums) in rows.iter().zip(&mut sums) {
                     let a = V::splat(*row.add(k * step));
                     sums[0] = a.multiply_add(b[0], sums[0]);
@@ -161,7 +230,12 @@ unsafe fn sum<V: Vector, const R: usize>(
         for (row, totals) in totals.iter().enumerate() {
             for (i, sum) in totals.iter().enumerate() {
                 let out = out.add(row * stride + i * V::LANES);
-                (if old == Old::Keep { sum.add(V::load(out)) } else { *sum }).store(out);
+                (if old == Old::Keep {
+                    sum.add(V::load(out))
+                } else {
+                    *sum
+                })
+                .store(out);
             }
         }
     }

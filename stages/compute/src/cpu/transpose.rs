@@ -8,27 +8,56 @@ const BLOCK: usize = 16;
 
 /// Writes the `count` rows of `rows`, each of `depth` elements and `row_stride` apart, as the first columns of `out`,
 /// whose `depth` rows are `out_stride` apart.
-pub fn transpose_into(rows: &[f32], row_stride: usize, [count, depth]: [usize; 2], out: &mut [f32], out_stride: usize) {
+pub fn transpose_into(
+    rows: &[f32],
+    row_stride: usize,
+    [count, depth]: [usize; 2],
+    out: &mut [f32],
+    out_stride: usize,
+) {
     if count == 0 || depth == 0 {
         return;
     }
-    assert!((count - 1) * row_stride + depth <= rows.len(), "transpose: the rows reach beyond their values");
-    assert!((depth - 1) * out_stride + count <= out.len(), "transpose: the columns reach beyond their values");
+    assert!(
+        (count - 1) * row_stride + depth <= rows.len(),
+        "transpose: the rows reach beyond their values"
+    );
+    assert!(
+        (depth - 1) * out_stride + count <= out.len(),
+        "transpose: the columns reach beyond their values"
+    );
     for row in (0..count).step_by(BLOCK) {
         for k in (0..depth).step_by(BLOCK) {
             let extent = [BLOCK.min(count - row), BLOCK.min(depth - k)];
-            let (from, to) = (&rows[row * row_stride + k..], &mut out[k * out_stride + row..]);
+            let (from, to) = (
+                &rows[row * row_stride + k..],
+                &mut out[k * out_stride + row..],
+            );
             match Level::current() {
                 // SAFETY: the level is the processor's; the block lies within both, by the assertions above.
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512 => unsafe { turn(from.as_ptr(), row_stride, extent, to.as_mut_ptr(), out_stride) },
+                Level::Avx512 => unsafe {
+                    turn(
+                        from.as_ptr(),
+                        row_stride,
+                        extent,
+                        to.as_mut_ptr(),
+                        out_stride,
+                    )
+                },
                 _ => turn_by_element(from, row_stride, extent, to, out_stride),
             }
         }
     }
 }
 
-fn turn_by_element(from: &[f32], row_stride: usize, [count, depth]: [usize; 2], to: &mut [f32], out_stride: usize) {
+fn turn_by_element(
+    from: &[f32],
+    row_stride: usize,
+    [count, depth]: [usize; 2],
+    to: &mut [f32],
+    out_stride: usize,
+) {
     for row in 0..count {
         for (k, value) in from[row * row_stride..][..depth].iter().enumerate() {
             to[k * out_stride + row] = *value;
@@ -41,7 +70,13 @@ fn turn_by_element(from: &[f32], row_stride: usize, [count, depth]: [usize; 2], 
 /// SAFETY: the processor has AVX-512, and the block lies within both memories.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-unsafe fn turn(from: *const f32, row_stride: usize, [count, depth]: [usize; 2], to: *mut f32, out_stride: usize) {
+unsafe fn turn(
+    from: *const f32,
+    row_stride: usize,
+    [count, depth]: [usize; 2],
+    to: *mut f32,
+    out_stride: usize,
+) {
     use std::arch::x86_64::*;
 
     /// Which of two rows' 32 lanes the lower (or the higher) of them takes.
@@ -77,7 +112,10 @@ unsafe fn turn(from: *const f32, row_stride: usize, [count, depth]: [usize; 2], 
         }
     }
 
-    let (read, write) = ((1u32 << depth).wrapping_sub(1) as u16, (1u32 << count).wrapping_sub(1) as u16);
+    let (read, write) = (
+        (1u32 << depth).wrapping_sub(1) as u16,
+        (1u32 << count).wrapping_sub(1) as u16,
+    );
     // SAFETY: masks and counts keep every access within the block.
     unsafe {
         let mut rows: [__m512; BLOCK] = std::array::from_fn(|row| {
@@ -107,7 +145,11 @@ mod tests {
             transpose_into(&rows, stride, [count, depth], &mut out, out_stride);
             for (k, column) in out.chunks(out_stride).enumerate() {
                 let expected: Vec<f32> = (0..count).map(|row| rows[row * stride + k]).collect();
-                assert_eq!((&column[..count], &column[count..]), (&expected[..], &[-1.0, -1.0][..]), "{count}x{depth}");
+                assert_eq!(
+                    (&column[..count], &column[count..]),
+                    (&expected[..], &[-1.0, -1.0][..]),
+                    "{count}x{depth}"
+                );
             }
         }
     }

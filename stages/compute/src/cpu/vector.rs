@@ -88,7 +88,10 @@ x86_vector!(
     _mm512_fmadd_ps,
     _mm512_add_ps,
     |x| _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_castps_si512(x))),
-    |x| _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(x), _mm512_set1_epi32(UPPER as i32)))
+    |x| _mm512_castsi512_ps(_mm512_and_si512(
+        _mm512_castps_si512(x),
+        _mm512_set1_epi32(UPPER as i32)
+    ))
 );
 x86_vector!(
     __m256,
@@ -100,7 +103,10 @@ x86_vector!(
     _mm256_fmadd_ps,
     _mm256_add_ps,
     |x| _mm256_castsi256_ps(_mm256_slli_epi32::<16>(_mm256_castps_si256(x))),
-    |x| _mm256_castsi256_ps(_mm256_and_si256(_mm256_castps_si256(x), _mm256_set1_epi32(UPPER as i32)))
+    |x| _mm256_castsi256_ps(_mm256_and_si256(
+        _mm256_castps_si256(x),
+        _mm256_set1_epi32(UPPER as i32)
+    ))
 );
 
 /// The bits of the upper bf16 of a pair.
@@ -136,7 +142,11 @@ impl Vector for Lanes {
         // Where the processor has no fused instruction, `mul_add` would be a call.
         let fused = |i: usize| self.0[i].mul_add(factor.0[i], sum.0[i]);
         let rounded = |i: usize| self.0[i] * factor.0[i] + sum.0[i];
-        Lanes(if cfg!(target_arch = "aarch64") { std::array::from_fn(fused) } else { std::array::from_fn(rounded) })
+        Lanes(if cfg!(target_arch = "aarch64") {
+            std::array::from_fn(fused)
+        } else {
+            std::array::from_fn(rounded)
+        })
     }
 
     #[inline(always)]

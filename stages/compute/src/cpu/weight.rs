@@ -53,9 +53,9 @@ impl<'a> Values<'a> {
             Values::F32(values) => out.copy_from_slice(values),
             Values::Bytes(bytes) => convert(bytes, out, f32::from_le_bytes),
             Values::F16(bytes) => convert(bytes, out, |bytes| from_f16(u16::from_le_bytes(bytes))),
-            Values::Bf16(bytes) => {
-                convert(bytes, out, |bytes| f32::from_bits(u32::from(u16::from_le_bytes(bytes)) << 16))
-            }
+            Values::Bf16(bytes) => convert(bytes, out, |bytes| {
+                f32::from_bits(u32::from(u16::from_le_bytes(bytes)) << 16)
+            }),
         }
     }
 
@@ -66,13 +66,15 @@ impl<'a> Values<'a> {
     }
 
     pub fn first_not_finite(self) -> Option<(usize, f32)> {
-        (0..self.len().div_ceil(CHUNK)).into_par_iter().find_map_first(|chunk| {
-            let first = chunk * CHUNK;
-            let mut values = vec![0.0; CHUNK.min(self.len() - first)];
-            self.widen(first, &mut values);
-            let found = values.iter().position(|value| !value.is_finite())?;
-            Some((first + found, values[found]))
-        })
+        (0..self.len().div_ceil(CHUNK))
+            .into_par_iter()
+            .find_map_first(|chunk| {
+                let first = chunk * CHUNK;
+                let mut values = vec![0.0; CHUNK.min(self.len() - first)];
+                self.widen(first, &mut values);
+                let found = values.iter().position(|value| !value.is_finite())?;
+                Some((first + found, values[found]))
+            })
     }
 }
 
@@ -92,9 +94,16 @@ fn convert<const N: usize>(bytes: &[[u8; N]], out: &mut [f32], read: impl Fn([u8
 /// difference of the biases, 2^112, be it normal or not; only infinities and NaN need their exponent filled.
 #[inline(always)]
 fn from_f16(bits: u16) -> f32 {
-    let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff) << 13);
+    let (sign, magnitude) = (
+        u32::from(bits & 0x8000) << 16,
+        u32::from(bits & 0x7fff) << 13,
+    );
     let scaled = (f32::from_bits(magnitude) * f32::from_bits((127 + 112) << 23)).to_bits();
-    let special = if magnitude >= 0x7c00 << 13 { 0x7f80_0000 } else { 0 };
+    let special = if magnitude >= 0x7c00 << 13 {
+        0x7f80_0000
+    } else {
+        0
+    };
     f32::from_bits(sign | scaled | special)
 }
 
@@ -105,7 +114,12 @@ mod tests {
     #[test]
     fn every_half_widens_to_its_value() {
         let all: Vec<u8> = (0..=u16::MAX).flat_map(u16::to_le_bytes).collect();
-        for (bits, got) in Values::new(Format::F16, &all).to_buffer().iter().copied().enumerate() {
+        for (bits, got) in Values::new(Format::F16, &all)
+            .to_buffer()
+            .iter()
+            .copied()
+            .enumerate()
+        {
             let (exponent, fraction) = (bits >> 10 & 31, (bits & 1023) as f64 / 1024.0);
             let magnitude = match exponent {
                 0 => fraction * 2f64.powi(-14),
@@ -114,16 +128,26 @@ mod tests {
                 _ => (1.0 + fraction) * 2f64.powi(exponent as i32 - 15),
             };
             let expected = magnitude.copysign(if bits < 0x8000 { 1.0 } else { -1.0 });
-            let same = f64::from(got) == expected && got.is_sign_negative() == expected.is_sign_negative();
-            assert!(same || got.is_nan() && expected.is_nan(), "{bits:#06x} is {got}, expected {expected}");
+            let same =
+                f64::from(got) == expected && got.is_sign_negative() == expected.is_sign_negative();
+            assert!(
+                same || got.is_nan() && expected.is_nan(),
+                "{bits:#06x} is {got}, expected {expected}"
+            );
         }
     }
 
     #[test]
     fn a_number_that_is_none_is_found() {
-        let mut bytes: Vec<u8> = [1.5f32; 40_000].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut bytes: Vec<u8> = [1.5f32; 40_000]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
         assert_eq!(Values::new(Format::F32, &bytes).first_not_finite(), None);
         bytes[4 * 33_333..][..4].copy_from_slice(&f32::INFINITY.to_le_bytes());
-        assert_eq!(Values::new(Format::F32, &bytes).first_not_finite(), Some((33_333, f32::INFINITY)));
+        assert_eq!(
+            Values::new(Format::F32, &bytes).first_not_finite(),
+            Some((33_333, f32::INFINITY))
+        );
     }
 }

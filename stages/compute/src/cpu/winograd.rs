@@ -8,7 +8,8 @@ use super::buffer::Buffer;
 use super::matrix::{Cut, Matrix, MatrixMut, Share};
 pub use super::minimal_filter::Direction;
 use super::minimal_filter::{
-    LANES, SIDE, SIGHT, SPOTS, lines_of, transform_along, transform_down, transform_taps, untransform,
+    LANES, SIDE, SIGHT, SPOTS, lines_of, transform_along, transform_down, transform_taps,
+    untransform,
 };
 use super::simd::vectorize;
 use super::tile::{COLUMNS, Old, ROWS, multiply_tile};
@@ -34,8 +35,14 @@ const CHANNELS: usize = 4;
 /// Whether the transforms pay: there must be enough products per transformed number, and full panels of tiles.
 pub fn suits(g: &Geometry) -> bool {
     let tiles = g.batch * g.out_height.div_ceil(SIDE) * g.out_width.div_ceil(SIDE);
-    let (direct, here) = (9 * g.batch * g.pixels(), SPOTS * tiles.next_multiple_of(COLUMNS));
-    g.kernel == [3, 3] && g.conv.stride == 1 && g.channels.min(g.outputs) >= NARROWEST && direct >= 2 * here
+    let (direct, here) = (
+        9 * g.batch * g.pixels(),
+        SPOTS * tiles.next_multiple_of(COLUMNS),
+    );
+    g.kernel == [3, 3]
+        && g.conv.stride == 1
+        && g.channels.min(g.outputs) >= NARROWEST
+        && direct >= 2 * here
 }
 
 /// Some rows of tiles, counted through all images.
@@ -46,12 +53,21 @@ struct Band<'a> {
 
 /// Convolves every image of `x` with `weight`, and adds `bias`. `g` is the convolution to compute, whose inputs are
 /// `weight`'s outputs if it is used backward.
-pub fn convolve(x: &[f32], weight: Values, direction: Direction, bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+pub fn convolve(
+    x: &[f32],
+    weight: Values,
+    direction: Direction,
+    bias: Option<&[f32]>,
+    g: &Geometry,
+) -> Buffer {
     let mut out = Buffer::stale(g.batch * g.outputs * g.pixels());
     let (across, down) = (g.out_width.div_ceil(SIDE), g.out_height.div_ceil(SIDE));
     let step = (TILES / across).max(1);
     for first in (0..g.batch * down).step_by(step) {
-        let band = Band { g, rows: first..(first + step).min(g.batch * down) };
+        let band = Band {
+            g,
+            rows: first..(first + step).min(g.batch * down),
+        };
         let inputs = band.transform_inputs(x);
         // A panel is one row of pixels.
         let rows = Cut {
@@ -59,7 +75,11 @@ pub fn convolve(x: &[f32], weight: Values, direction: Direction, bias: Option<&[
             rows: g.outputs,
             columns: g.pixels(),
             panel: g.out_width,
-            share_rows: g.outputs.div_ceil(TASKS).next_multiple_of(ROWS).min(OUTPUTS),
+            share_rows: g
+                .outputs
+                .div_ceil(TASKS)
+                .next_multiple_of(ROWS)
+                .min(OUTPUTS),
             share_panels: g.batch * g.out_height,
         };
         rows.for_each_share(&mut out, |mut share| {
@@ -90,7 +110,9 @@ impl Band<'_> {
     /// The image and the first output row of each row of tiles.
     fn places(&self) -> impl Iterator<Item = (usize, usize)> {
         let down = self.g.out_height.div_ceil(SIDE);
-        self.rows.clone().map(move |row| (row / down, row % down * SIDE))
+        self.rows
+            .clone()
+            .map(move |row| (row / down, row % down * SIDE))
     }
 
     /// The transformed inputs: for each spot and panel of tiles, a packed panel `[channels, COLUMNS]`.
@@ -141,7 +163,14 @@ impl Band<'_> {
 
     /// Moves one line of spots, `[SIGHT, rows, across + 1]`, to row `row` of the share's panels. `tiles` is space for
     /// one spot of all tiles.
-    fn write_spots(&self, line: usize, row: usize, spots: &[f32], tiles: &mut [f32], share: &mut Share) {
+    fn write_spots(
+        &self,
+        line: usize,
+        row: usize,
+        spots: &[f32],
+        tiles: &mut [f32],
+        share: &mut Share,
+    ) {
         let across = self.across();
         for column in 0..SIGHT {
             let first_panel = (line * SIGHT + column) * self.panels();
@@ -154,25 +183,35 @@ impl Band<'_> {
                 }
             }
             for (panel, tiles) in tiles.chunks_exact(COLUMNS).enumerate().take(self.panels()) {
-                share.block(row..row + 1, first_panel + panel).row(0)[..COLUMNS].copy_from_slice(tiles);
+                share.block(row..row + 1, first_panel + panel).row(0)[..COLUMNS]
+                    .copy_from_slice(tiles);
             }
         }
     }
 
     /// The products at every spot, `[SPOTS, outputs, panels * COLUMNS]`.
-    fn multiply(&self, inputs: &[f32], weight: Values, direction: Direction, outputs: Range<usize>) -> Buffer {
+    fn multiply(
+        &self,
+        inputs: &[f32],
+        weight: Values,
+        direction: Direction,
+        outputs: Range<usize>,
+    ) -> Buffer {
         let (channels, width) = (self.g.channels, self.panels() * COLUMNS);
         let mut sums = Buffer::stale(SPOTS * outputs.len() * width);
         for first in (0..channels).step_by(DEPTH) {
             let depth = first..channels.min(first + DEPTH);
             let count = outputs.len() * depth.len();
             let old = if first == 0 { Old::Forget } else { Old::Keep };
-            let kernels = transform_kernels(weight, direction, self.g, outputs.clone(), depth.clone());
+            let kernels =
+                transform_kernels(weight, direction, self.g, outputs.clone(), depth.clone());
             for (spot, sums) in sums.chunks_mut(outputs.len() * width).enumerate() {
                 let kernels = &kernels[spot * count..(spot + 1) * count];
                 let kernels = match direction {
                     Direction::Forward => Matrix::new(kernels, outputs.len(), depth.len()),
-                    Direction::Backward => Matrix::new(kernels, depth.len(), outputs.len()).transposed(),
+                    Direction::Backward => {
+                        Matrix::new(kernels, depth.len(), outputs.len()).transposed()
+                    }
                 };
                 let mut sums = MatrixMut::new(sums, outputs.len(), width);
                 for panel in 0..self.panels() {
@@ -181,7 +220,12 @@ impl Band<'_> {
                     for row in (0..outputs.len()).step_by(ROWS) {
                         let rows = row..outputs.len().min(row + ROWS);
                         let mut tile = sums.block(rows.clone(), columns.clone());
-                        multiply_tile(&mut tile, kernels.rows(rows), &inputs[start..], (old, Precision::F32));
+                        multiply_tile(
+                            &mut tile,
+                            kernels.rows(rows),
+                            &inputs[start..],
+                            (old, Precision::F32),
+                        );
                     }
                 }
             }
@@ -195,17 +239,25 @@ impl Band<'_> {
         let mut lines = vec![0.0; SIDE * SIDE * width];
         for first in (0..width).step_by(LANES) {
             let spot = |spot: usize| &sums[(spot * outputs + row) * width + first..];
-            let [a, b, c, d] = lines_of(&mut lines, SIDE * width).map(|line| &mut line[SIDE * first..]);
+            let [a, b, c, d] =
+                lines_of(&mut lines, SIDE * width).map(|line| &mut line[SIDE * first..]);
             vectorize(
                 #[inline(always)]
                 || untransform(std::array::from_fn(spot), bias, [a, b, c, d]),
             );
         }
         for (i, (image, y)) in self.places().enumerate() {
-            for (dy, line) in lines.chunks(SIDE * width).enumerate().take(self.g.out_height - y) {
+            for (dy, line) in lines
+                .chunks(SIDE * width)
+                .enumerate()
+                .take(self.g.out_height - y)
+            {
                 let panel = image * self.g.out_height + y + dy;
                 let line = &line[SIDE * i * self.across()..][..self.g.out_width];
-                share.block(row..row + 1, panel).row(0).copy_from_slice(line);
+                share
+                    .block(row..row + 1, panel)
+                    .row(0)
+                    .copy_from_slice(line);
             }
         }
     }
@@ -233,7 +285,13 @@ fn transform_kernels(
     let (mut panel, mut spots) = ([0.0; 9 * COLUMNS], [[0.0; COLUMNS]; SPOTS]);
     for first in (0..count).step_by(COLUMNS) {
         let columns = first..count.min(first + COLUMNS);
-        transpose_into(&taps[9 * first..], 9, [columns.len(), 9], &mut panel, COLUMNS);
+        transpose_into(
+            &taps[9 * first..],
+            9,
+            [columns.len(), 9],
+            &mut panel,
+            COLUMNS,
+        );
         vectorize(
             #[inline(always)]
             || transform_taps(&panel, direction, &mut spots),

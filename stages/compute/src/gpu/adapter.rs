@@ -63,7 +63,10 @@ pub fn find() -> Result<Vec<Found>, GpuError> {
         return Err(GpuError::NoAdapter(absence(&instance)));
     }
     adapters.sort_by_key(|adapter| order(adapter.get_info().device_type));
-    let found = |(index, adapter)| Found { report: report(index, &adapter), adapter };
+    let found = |(index, adapter)| Found {
+        report: report(index, &adapter),
+        adapter,
+    };
     Ok(adapters.into_iter().enumerate().map(found).collect())
 }
 
@@ -83,28 +86,51 @@ fn absence(instance: &wgpu::Instance) -> String {
 
 fn order(kind: wgpu::DeviceType) -> usize {
     use wgpu::DeviceType::{Cpu, DiscreteGpu, IntegratedGpu, Other, VirtualGpu};
-    [DiscreteGpu, IntegratedGpu, VirtualGpu, Other, Cpu].iter().position(|&known| known == kind).unwrap_or(usize::MAX)
+    [DiscreteGpu, IntegratedGpu, VirtualGpu, Other, Cpu]
+        .iter()
+        .position(|&known| known == kind)
+        .unwrap_or(usize::MAX)
 }
 
 fn report(index: usize, adapter: &wgpu::Adapter) -> Report {
     let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
-    let driver = format!("{} {}", info.driver, info.driver_info).trim().to_owned();
+    let driver = format!("{} {}", info.driver, info.driver_info)
+        .trim()
+        .to_owned();
     Report {
         index,
         backend: info.backend.to_string(),
         hardware: info.device_type != wgpu::DeviceType::Cpu,
         limits: vec![
-            ("bytes of one array that a kernel sees", limits.max_storage_buffer_binding_size),
+            (
+                "bytes of one array that a kernel sees",
+                limits.max_storage_buffer_binding_size,
+            ),
             ("bytes of one array", limits.max_buffer_size),
-            ("bytes that a workgroup shares", limits.max_compute_workgroup_storage_size.into()),
-            ("invocations of a workgroup", limits.max_compute_invocations_per_workgroup.into()),
-            ("arrays that a kernel sees", limits.max_storage_buffers_per_shader_stage.into()),
+            (
+                "bytes that a workgroup shares",
+                limits.max_compute_workgroup_storage_size.into(),
+            ),
+            (
+                "invocations of a workgroup",
+                limits.max_compute_invocations_per_workgroup.into(),
+            ),
+            (
+                "arrays that a kernel sees",
+                limits.max_storage_buffers_per_shader_stage.into(),
+            ),
         ],
         features: vec![
             (HALVES, features.contains(wgpu::Features::SHADER_F16)),
             ("subgroups", features.contains(wgpu::Features::SUBGROUP)),
-            ("cooperative matrices", features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX)),
-            ("timestamps", features.contains(wgpu::Features::TIMESTAMP_QUERY)),
+            (
+                "cooperative matrices",
+                features.contains(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX),
+            ),
+            (
+                "timestamps",
+                features.contains(wgpu::Features::TIMESTAMP_QUERY),
+            ),
         ],
         unfit: lack(&limits),
         name: info.name,
@@ -115,9 +141,21 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> Report {
 /// What the kernels need and the adapter lacks.
 fn lack(limits: &wgpu::Limits) -> Option<String> {
     let needs = [
-        ("bytes that a workgroup shares", limits.max_compute_workgroup_storage_size, WORKGROUP_MEMORY),
-        ("invocations of a workgroup", limits.max_compute_invocations_per_workgroup, WORKGROUP_SIZE),
-        ("arrays that a kernel sees", limits.max_storage_buffers_per_shader_stage, BINDINGS),
+        (
+            "bytes that a workgroup shares",
+            limits.max_compute_workgroup_storage_size,
+            WORKGROUP_MEMORY,
+        ),
+        (
+            "invocations of a workgroup",
+            limits.max_compute_invocations_per_workgroup,
+            WORKGROUP_SIZE,
+        ),
+        (
+            "arrays that a kernel sees",
+            limits.max_storage_buffers_per_shader_stage,
+            BINDINGS,
+        ),
     ];
     let missing = needs.into_iter().find(|(_, has, needed)| has < needed);
     missing.map(|(what, has, needed)| format!("{what}: {has} of the {needed} that are needed"))
@@ -130,12 +168,17 @@ pub fn choose(index: Option<usize>) -> Result<Found, GpuError> {
     let at = match index {
         Some(asked) if asked >= count => return Err(GpuError::NoSuchAdapter { asked, count }),
         Some(asked) => asked,
-        None if !found[0].report.hardware => return Err(GpuError::OnlySoftware(found.swap_remove(0).report.name)),
+        None if !found[0].report.hardware => {
+            return Err(GpuError::OnlySoftware(found.swap_remove(0).report.name));
+        }
         None => 0,
     };
     let chosen = found.swap_remove(at);
     match &chosen.report.unfit {
-        Some(reason) => Err(GpuError::Unfit { adapter: chosen.report.name, reason: reason.clone() }),
+        Some(reason) => Err(GpuError::Unfit {
+            adapter: chosen.report.name,
+            reason: reason.clone(),
+        }),
         None => Ok(chosen),
     }
 }

@@ -75,18 +75,35 @@ impl Gpu {
     /// whose kernels see so many bytes of an array at once, and name no numbers of 16 bits.
     pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
-        let (mut limits, mut required_features) = (adapter.limits(), adapter.features() & wgpu::Features::SHADER_F16);
+        let (mut limits, mut required_features) = (
+            adapter.limits(),
+            adapter.features() & wgpu::Features::SHADER_F16,
+        );
         if let Some(window) = window {
-            limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.min(window);
+            limits.max_storage_buffer_binding_size =
+                limits.max_storage_buffer_binding_size.min(window);
             required_features = wgpu::Features::empty();
         }
         let required_limits = limits.clone();
-        let descriptor = wgpu::DeviceDescriptor { required_features, required_limits, ..Default::default() };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
-            .map_err(|error| GpuError::Unfit { adapter: report.name.clone(), reason: error.to_string() })?;
+        let descriptor = wgpu::DeviceDescriptor {
+            required_features,
+            required_limits,
+            ..Default::default()
+        };
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&descriptor)).map_err(|error| {
+                GpuError::Unfit {
+                    adapter: report.name.clone(),
+                    reason: error.to_string(),
+                }
+            })?;
         let (fault, pool) = (Fault::default(), Arc::default());
         watch(&device, &fault, &pool);
-        let work = Work { kernels: Kernels::default(), recorder: Recorder::new(&device), counts: Counts::default() };
+        let work = Work {
+            kernels: Kernels::default(),
+            recorder: Recorder::new(&device),
+            counts: Counts::default(),
+        };
         Ok(Gpu {
             hardware: report.hardware,
             halves: required_features.contains(wgpu::Features::SHADER_F16),
@@ -132,13 +149,19 @@ impl Gpu {
     /// What was done so far.
     pub fn counts(&self) -> Counts {
         let work = lock(&self.work);
-        Counts { pipelines: work.kernels.count(), ..work.counts }
+        Counts {
+            pipelines: work.kernels.count(),
+            ..work.counts
+        }
     }
 
     /// Stops whatever runs on the device, up to the nearest [`super::fault::attempt`].
     fn fail(&self, error: GpuError) -> ! {
         // A command may be refused since the device is lost, of which it tells when asked after all work is over.
-        let _ = self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) });
+        let _ = self.device.poll(wgpu::PollType::Wait {
+            submission_index: None,
+            timeout: Some(LAST_WORDS),
+        });
         let mut fault = lock(&self.fault);
         let first = fault.get_or_insert(error).clone();
         drop(fault);
@@ -160,7 +183,10 @@ impl Gpu {
     /// Records a job. It runs when a batch is full, or when values are read.
     pub fn run(&self, job: &Job) {
         self.start(job);
-        self.account(job.operations, job.arrays.iter().map(|array| array.bytes()).sum());
+        self.account(
+            job.operations,
+            job.arrays.iter().map(|array| array.bytes()).sum(),
+        );
     }
 
     /// Adds to what was done: operations, and bytes through device memory.
@@ -174,7 +200,12 @@ impl Gpu {
     /// [`Gpu::account`].
     pub fn start(&self, job: &Job) {
         self.check();
-        assert!(job.groups.iter().all(|&count| count <= GROUPS), "{}: {:?} workgroups", job.kernel.name, job.groups);
+        assert!(
+            job.groups.iter().all(|&count| count <= GROUPS),
+            "{}: {:?} workgroups",
+            job.kernel.name,
+            job.groups
+        );
         if job.groups.contains(&0) {
             return;
         }
@@ -182,24 +213,44 @@ impl Gpu {
         if work.recorder.is_full() {
             self.hand_over(&mut work);
         }
-        let pieces: Vec<Piece> = job.arrays.iter().flat_map(|array| self.pieces(array)).collect();
+        let pieces: Vec<Piece> = job
+            .arrays
+            .iter()
+            .flat_map(|array| self.pieces(array))
+            .collect();
         let pipeline = self.pipeline(&mut work.kernels, job, pieces.len());
-        work.recorder.dispatch(&self.device, &pipeline, &pieces, job.words, job.groups);
+        work.recorder
+            .dispatch(&self.device, &pipeline, &pieces, job.words, job.groups);
         work.counts.dispatches += 1;
     }
 
     /// An array as kernels see it.
     fn pieces<'b>(&self, array: &'b Buffer) -> impl Iterator<Item = Piece<'b>> + use<'b> {
         let (window, all) = (self.window, array.bytes());
-        let piece = move |offset| Piece { buffer: array.raw(), offset, bytes: window.min(all - offset) };
+        let piece = move |offset| Piece {
+            buffer: array.raw(),
+            offset,
+            bytes: window.min(all - offset),
+        };
         (0..all).step_by(window as usize).map(piece)
     }
 
     /// The pipeline of a job whose arrays lie in so many pieces in all.
     fn pipeline(&self, kernels: &mut Kernels, job: &Job, pieces: usize) -> Pipeline {
-        let counts = job.arrays.iter().map(|array| array.bytes().div_ceil(self.window) as u32).collect();
-        let counts = Pieces { counts, window: self.window };
-        let pipeline = if pieces > self.bindings { None } else { kernels.get(&self.device, job.kernel, &counts) };
+        let counts = job
+            .arrays
+            .iter()
+            .map(|array| array.bytes().div_ceil(self.window) as u32)
+            .collect();
+        let counts = Pieces {
+            counts,
+            window: self.window,
+        };
+        let pipeline = if pieces > self.bindings {
+            None
+        } else {
+            kernels.get(&self.device, job.kernel, &counts)
+        };
         pipeline.unwrap_or_else(|| {
             let asked: u64 = job.arrays.iter().map(|array| array.bytes()).sum();
             too_large(asked, self.window.saturating_mul(self.bindings as u64))
@@ -225,7 +276,10 @@ impl Gpu {
 
     /// Waits until one batch is done, or all that was handed over.
     fn wait_for(&self, submission_index: Option<wgpu::SubmissionIndex>) {
-        if let Err(error) = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: None }) {
+        if let Err(error) = self.device.poll(wgpu::PollType::Wait {
+            submission_index,
+            timeout: None,
+        }) {
             self.fail(GpuError::Lost(error.to_string()));
         }
         self.check();

@@ -5,20 +5,55 @@ use super::pool::Buffer;
 use super::product::{Along, Factor, Product};
 use crate::conv::Geometry;
 
-fn product<'a>(factors: &'static str, name: &'static str, a: Factor<'a>, b: Factor<'a>, g: &Geometry) -> Product<'a> {
+fn product<'a>(
+    factors: &'static str,
+    name: &'static str,
+    a: Factor<'a>,
+    b: Factor<'a>,
+    g: &Geometry,
+) -> Product<'a> {
     let [top, _, left, _] = g.conv.pad;
-    let image = [g.channels, g.height, g.width, g.out_height, g.out_width, g.conv.stride, top, left];
-    Product { factors, name, image, kernel: g.kernel, ..Product::dense(a, b, [0; 3], [0; 4]) }
+    let image = [
+        g.channels,
+        g.height,
+        g.width,
+        g.out_height,
+        g.out_width,
+        g.conv.stride,
+        top,
+        left,
+    ];
+    Product {
+        factors,
+        name,
+        image,
+        kernel: g.kernel,
+        ..Product::dense(a, b, [0; 3], [0; 4])
+    }
 }
 
 /// `x` convolved with `weight`, plus `bias`.
-pub fn forward(gpu: &Gpu, x: &Buffer, weight: Factor, bias: Option<&Buffer>, g: &Geometry) -> Buffer {
+pub fn forward(
+    gpu: &Gpu,
+    x: &Buffer,
+    weight: Factor,
+    bias: Option<&Buffer>,
+    g: &Geometry,
+) -> Buffer {
     forward_product(x, weight, bias, g).run(gpu)
 }
 
 /// The product that this is.
-pub fn forward_product<'a>(x: &'a Buffer, weight: Factor<'a>, bias: Option<&'a Buffer>, g: &Geometry) -> Product<'a> {
-    let (depth, pixels) = (g.channels * g.kernel[0] * g.kernel[1], g.out_height * g.out_width);
+pub fn forward_product<'a>(
+    x: &'a Buffer,
+    weight: Factor<'a>,
+    bias: Option<&'a Buffer>,
+    g: &Geometry,
+) -> Product<'a> {
+    let (depth, pixels) = (
+        g.channels * g.kernel[0] * g.kernel[1],
+        g.out_height * g.out_width,
+    );
     Product {
         bias: bias.map(|bias| (bias, Along::Rows)),
         extents: [g.outputs, depth, g.batch * pixels],

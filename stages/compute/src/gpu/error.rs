@@ -13,7 +13,9 @@ pub enum GpuError {
     )]
     OnlySoftware(String),
     /// The number is too high.
-    #[error("there is no GPU {asked}; there are {count}, counted from 0, and `srnerf-dag doctor` lists them")]
+    #[error(
+        "there is no GPU {asked}; there are {count}, counted from 0, and `srnerf-dag doctor` lists them"
+    )]
     NoSuchAdapter {
         /// The number asked for.
         asked: usize,

@@ -22,12 +22,17 @@ pub fn attempt<T>(run: impl FnOnce() -> T) -> Result<T, GpuError> {
 
 /// Stops what asks for more than a kernel can see; the device goes on.
 pub fn too_large(asked: u64, limit: u64) -> ! {
-    resume_unwind(Box::new(GpuError::TooLarge { asked: mib(asked), limit: limit >> 20 }))
+    resume_unwind(Box::new(GpuError::TooLarge {
+        asked: mib(asked),
+        limit: limit >> 20,
+    }))
 }
 
 /// There is no more memory.
 pub fn full(pool: &Pool) -> GpuError {
-    GpuError::OutOfMemory { held: mib(pool.held()) }
+    GpuError::OutOfMemory {
+        held: mib(pool.held()),
+    }
 }
 
 /// Keeps the first fault that the driver tells of; a loss, which other faults may come of, before any other.
@@ -36,17 +41,20 @@ pub fn watch(device: &wgpu::Device, fault: &Fault, pool: &Arc<Pool>) {
     let (errors, losses, pool) = (fault.clone(), fault.clone(), Arc::downgrade(pool));
     device.on_uncaptured_error(Arc::new(move |error| {
         let fault = match error {
-            wgpu::Error::OutOfMemory { .. } => {
-                pool.upgrade().map_or(GpuError::OutOfMemory { held: 0 }, |pool| full(&pool))
-            }
-            wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
-                GpuError::Refused(description)
-            }
+            wgpu::Error::OutOfMemory { .. } => pool
+                .upgrade()
+                .map_or(GpuError::OutOfMemory { held: 0 }, |pool| full(&pool)),
+            wgpu::Error::Validation { description, .. }
+            | wgpu::Error::Internal { description, .. } => GpuError::Refused(description),
         };
         lock(&errors).get_or_insert(fault);
     }));
     device.set_device_lost_callback(move |reason, message| {
-        let why = if message.is_empty() { format!("{reason:?}") } else { message };
+        let why = if message.is_empty() {
+            format!("{reason:?}")
+        } else {
+            message
+        };
         *lock(&losses) = Some(GpuError::Lost(why));
     });
 }

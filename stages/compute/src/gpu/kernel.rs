@@ -25,13 +25,27 @@ pub struct Kernel {
 
 impl Kernel {
     /// A kernel without constants or functions of its own.
-    pub fn new(name: &'static str, templates: &'static [&'static str], arrays: [usize; 2]) -> Kernel {
-        Kernel { name, templates, constants: Vec::new(), head: String::new(), arrays, halves: false }
+    pub fn new(
+        name: &'static str,
+        templates: &'static [&'static str],
+        arrays: [usize; 2],
+    ) -> Kernel {
+        Kernel {
+            name,
+            templates,
+            constants: Vec::new(),
+            head: String::new(),
+            arrays,
+            halves: false,
+        }
     }
 
     /// The same with extents that are known when it is compiled.
     pub fn with(self, constants: &[(&'static str, u32)]) -> Kernel {
-        Kernel { constants: constants.to_vec(), ..self }
+        Kernel {
+            constants: constants.to_vec(),
+            ..self
+        }
     }
 
     /// The same with functions that the templates leave open.
@@ -41,11 +55,26 @@ impl Kernel {
 
     /// Its text for arrays that lie in so many pieces each; `None` if one cannot lie in pieces.
     fn text(&self, pieces: &Pieces) -> Option<String> {
-        let constants: String =
-            self.constants.iter().map(|(name, value)| format!("const {name} = {value}u;\n")).collect();
-        let text = format!("{constants}{}\n{}", self.head, expand(&self.templates.join("\n"), &self.constants));
-        let text = if pieces.are_whole() { text } else { split(&text, &pieces.counts, pieces.window)? };
-        Some(if self.halves { format!("enable f16;\n{text}") } else { text })
+        let constants: String = self
+            .constants
+            .iter()
+            .map(|(name, value)| format!("const {name} = {value}u;\n"))
+            .collect();
+        let text = format!(
+            "{constants}{}\n{}",
+            self.head,
+            expand(&self.templates.join("\n"), &self.constants)
+        );
+        let text = if pieces.are_whole() {
+            text
+        } else {
+            split(&text, &pieces.counts, pieces.window)?
+        };
+        Some(if self.halves {
+            format!("enable f16;\n{text}")
+        } else {
+            text
+        })
     }
 
     /// How many pieces it reads and writes.
@@ -98,15 +127,31 @@ pub struct Kernels {
 
 impl Kernels {
     /// The pipeline of `kernel`, compiled at the first call; `None` if its arrays cannot lie in such pieces.
-    pub fn get(&mut self, device: &wgpu::Device, kernel: &Kernel, pieces: &Pieces) -> Option<Pipeline> {
-        let identity = (kernel.name, kernel.constants.clone(), kernel.head.clone(), pieces.counts.clone());
+    pub fn get(
+        &mut self,
+        device: &wgpu::Device,
+        kernel: &Kernel,
+        pieces: &Pieces,
+    ) -> Option<Pipeline> {
+        let identity = (
+            kernel.name,
+            kernel.constants.clone(),
+            kernel.head.clone(),
+            pieces.counts.clone(),
+        );
         if let Some(pipeline) = self.pipelines.get(&identity) {
             return Some(pipeline.clone());
         }
         let (text, bindings) = (kernel.text(pieces)?, kernel.bindings(pieces));
-        let layout = self.layouts.entry(bindings).or_insert_with(|| layout(device, bindings));
+        let layout = self
+            .layouts
+            .entry(bindings)
+            .or_insert_with(|| layout(device, bindings));
         let code = compile(device, kernel.name, text, &layout.pipeline);
-        let pipeline = Pipeline { code, group: layout.group.clone() };
+        let pipeline = Pipeline {
+            code,
+            group: layout.group.clone(),
+        };
         self.pipelines.insert(identity, pipeline.clone());
         Some(pipeline)
     }
@@ -124,9 +169,15 @@ fn compile(
     layout: &wgpu::PipelineLayout,
 ) -> wgpu::ComputePipeline {
     let source = wgpu::ShaderSource::Wgsl(text.into());
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(name), source });
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(name),
+        source,
+    });
     // Every kernel writes the memory that its workgroup shares before it reads it.
-    let options = wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() };
+    let options = wgpu::PipelineCompilationOptions {
+        zero_initialize_workgroup_memory: false,
+        ..Default::default()
+    };
     device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(name),
         layout: Some(layout),
@@ -141,15 +192,35 @@ fn layout(device: &wgpu::Device, [read, written]: [usize; 2]) -> Layout {
     let entry = |binding: usize, kind, has_dynamic_offset| wgpu::BindGroupLayoutEntry {
         binding: binding as u32,
         visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer { ty: kind, has_dynamic_offset, min_binding_size: None },
+        ty: wgpu::BindingType::Buffer {
+            ty: kind,
+            has_dynamic_offset,
+            min_binding_size: None,
+        },
         count: None,
     };
-    let array = |at| entry(1 + at, wgpu::BufferBindingType::Storage { read_only: at < read }, false);
+    let array = |at| {
+        entry(
+            1 + at,
+            wgpu::BufferBindingType::Storage {
+                read_only: at < read,
+            },
+            false,
+        )
+    };
     let parameters = entry(0, wgpu::BufferBindingType::Uniform, true);
-    let entries: Vec<_> = std::iter::once(parameters).chain((0..read + written).map(array)).collect();
-    let group = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries });
-    let descriptor =
-        wgpu::PipelineLayoutDescriptor { label: None, bind_group_layouts: &[Some(&group)], immediate_size: 0 };
+    let entries: Vec<_> = std::iter::once(parameters)
+        .chain((0..read + written).map(array))
+        .collect();
+    let group = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: None,
+        entries: &entries,
+    });
+    let descriptor = wgpu::PipelineLayoutDescriptor {
+        label: None,
+        bind_group_layouts: &[Some(&group)],
+        immediate_size: 0,
+    };
     let pipeline = device.create_pipeline_layout(&descriptor);
     Layout { group, pipeline }
 }

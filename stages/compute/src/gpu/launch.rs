@@ -10,7 +10,11 @@ const EACH: usize = 1024;
 /// Workgroups for `count` pieces of work, folded into two axes where one has not room enough.
 pub fn folded(count: usize) -> [u32; 3] {
     let rows = count.div_ceil(1 << 15);
-    [if rows > 1 { 1 << 15 } else { count as u32 }, rows as u32, 1]
+    [
+        if rows > 1 { 1 << 15 } else { count as u32 },
+        rows as u32,
+        1,
+    ]
 }
 
 /// The bits of a float as a parameter.
@@ -35,18 +39,39 @@ pub struct Each<'a> {
 impl Each<'_> {
     /// Computes `len` results.
     pub fn run(&self, gpu: &Gpu, len: usize) -> Buffer {
-        let kernel =
-            Kernel::new(self.name, &[include_str!("wgsl/each.wgsl")], [self.reads.len(), 1]).having(self.head());
-        let words: Vec<u32> = std::iter::once(len as u32).chain(self.words.iter().map(|(_, word)| *word)).collect();
+        let kernel = Kernel::new(
+            self.name,
+            &[include_str!("wgsl/each.wgsl")],
+            [self.reads.len(), 1],
+        )
+        .having(self.head());
+        let words: Vec<u32> = std::iter::once(len as u32)
+            .chain(self.words.iter().map(|(_, word)| *word))
+            .collect();
         let reads: Vec<&Buffer> = self.reads.iter().map(|(_, buffer)| *buffer).collect();
-        one(gpu, &kernel, &reads, len, &words, folded(len.div_ceil(EACH)), len as u64)
+        one(
+            gpu,
+            &kernel,
+            &reads,
+            len,
+            &words,
+            folded(len.div_ceil(EACH)),
+            len as u64,
+        )
     }
 
     fn head(&self) -> String {
-        let fields: String = self.words.iter().map(|(field, _)| format!("    {field},\n")).collect();
+        let fields: String = self
+            .words
+            .iter()
+            .map(|(field, _)| format!("    {field},\n"))
+            .collect();
         let array = |(at, (array, _)): (usize, &(&str, _))| {
             let (name, element) = array.split_once(": ").unwrap_or((array, "f32"));
-            format!("@group(0) @binding({}) var<storage, read> {name}: array<{element}>;\n", at + 1)
+            format!(
+                "@group(0) @binding({}) var<storage, read> {name}: array<{element}>;\n",
+                at + 1
+            )
         };
         let reads: String = self.reads.iter().enumerate().map(array).collect();
         let out = self.reads.len() + 1;
@@ -72,6 +97,12 @@ pub fn one(
     let out = gpu.buffer(len);
     let arrays: Vec<&Buffer> = reads.iter().copied().chain([&out]).collect();
     let groups = if len == 0 { [0; 3] } else { groups };
-    gpu.run(&Job { kernel, arrays: &arrays, words, groups, operations });
+    gpu.run(&Job {
+        kernel,
+        arrays: &arrays,
+        words,
+        groups,
+        operations,
+    });
     out
 }

@@ -10,9 +10,19 @@ pub fn matmul(gpu: &Gpu, a: &Buffer, b: &Buffer, [m, k, n]: [usize; 3]) -> Buffe
 }
 
 /// `x [rows, k]` times the transpose of `weight [m, k]`, plus `bias [m]`.
-pub fn linear(gpu: &Gpu, x: &Buffer, weight: Factor, bias: Option<&Buffer>, [rows, k, m]: [usize; 3]) -> Buffer {
+pub fn linear(
+    gpu: &Gpu,
+    x: &Buffer,
+    weight: Factor,
+    bias: Option<&Buffer>,
+    [rows, k, m]: [usize; 3],
+) -> Buffer {
     let bias = bias.map(|bias| (bias, Along::Columns));
-    Product { bias, ..Product::dense(x.into(), weight, [rows, k, m], [k, 1, 1, k]) }.run(gpu)
+    Product {
+        bias,
+        ..Product::dense(x.into(), weight, [rows, k, m], [k, 1, 1, k])
+    }
+    .run(gpu)
 }
 
 /// `dy [rows, m]` times `weight [m, k]`.

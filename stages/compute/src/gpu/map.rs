@@ -16,14 +16,24 @@ pub const MATH: &str = include_str!("wgsl/math.wgsl");
 /// `len` times the same number.
 pub fn fill(gpu: &Gpu, len: usize, value: f32) -> Buffer {
     let words = [("number: f32", bits(value))];
-    Each { name: "fill", reads: &[], words: &words, value: "return p.number;", functions: "" }.run(gpu, len)
+    Each {
+        name: "fill",
+        reads: &[],
+        words: &words,
+        value: "return p.number;",
+        functions: "",
+    }
+    .run(gpu, len)
 }
 
 /// A function of every element.
 pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
     let (value, [a, b]) = match function {
         Unary::Scale(factor) => ("return p.a * x[i];", [factor, 0.0]),
-        Unary::Clamp { low, high } => ("let v = x[i]; return select(clamp(v, p.a, p.b), v, v != v);", [low, high]),
+        Unary::Clamp { low, high } => (
+            "let v = x[i]; return select(clamp(v, p.a, p.b), v, v != v);",
+            [low, high],
+        ),
         Unary::Offset(number) => ("return x[i] + p.a;", [number, 0.0]),
         Unary::Leaky(slope) => ("return select(p.a * x[i], x[i], x[i] > 0.0);", [slope, 0.0]),
         Unary::Sigmoid => ("return sigmoid(x[i]);", [0.0; 2]),
@@ -33,7 +43,14 @@ pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
         Unary::QuickGelu => ("return x[i] * sigmoid(1.702 * x[i]);", [0.0; 2]),
     };
     let words = [("a: f32", bits(a)), ("b: f32", bits(b))];
-    Each { name: "unary", reads: &[("x: f32", x)], words: &words, value, functions: MATH }.run(gpu, len)
+    Each {
+        name: "unary",
+        reads: &[("x: f32", x)],
+        words: &words,
+        value,
+        functions: MATH,
+    }
+    .run(gpu, len)
 }
 
 /// A function of every pair of elements.
@@ -45,15 +62,35 @@ pub fn binary(gpu: &Gpu, function: Binary, x: &Buffer, y: &Buffer, len: usize) -
         Binary::GeluSlope => ("return y[i] * gelu_slope(x[i]);", [0.0; 2]),
         Binary::QuickGeluSlope => ("return y[i] * quick_gelu_slope(x[i]);", [0.0; 2]),
     };
-    let (reads, words) = ([("x: f32", x), ("y: f32", y)], [("a: f32", bits(a)), ("b: f32", bits(b))]);
-    Each { name: "binary", reads: &reads, words: &words, value, functions: MATH }.run(gpu, len)
+    let (reads, words) = (
+        [("x: f32", x), ("y: f32", y)],
+        [("a: f32", bits(a)), ("b: f32", bits(b))],
+    );
+    Each {
+        name: "binary",
+        reads: &reads,
+        words: &words,
+        value,
+        functions: MATH,
+    }
+    .run(gpu, len)
 }
 
 /// Every plane of `plane` elements plus its own number.
 pub fn add_per_plane(gpu: &Gpu, x: &Buffer, numbers: &Buffer, plane: usize, len: usize) -> Buffer {
-    let (reads, words) = ([("x: f32", x), ("numbers: f32", numbers)], [("plane: u32", plane as u32)]);
+    let (reads, words) = (
+        [("x: f32", x), ("numbers: f32", numbers)],
+        [("plane: u32", plane as u32)],
+    );
     let value = "return x[i] + numbers[i / p.plane];";
-    Each { name: "add_per_plane", reads: &reads, words: &words, value, functions: "" }.run(gpu, len)
+    Each {
+        name: "add_per_plane",
+        reads: &reads,
+        words: &words,
+        value,
+        functions: "",
+    }
+    .run(gpu, len)
 }
 
 /// Every plane of `plane` elements, where they are below 0 times the number of its channel.
@@ -64,30 +101,58 @@ pub fn leaky_per_channel(
     plane: usize,
     len: usize,
 ) -> Buffer {
-    let (reads, words) =
-        ([("x: f32", x), ("slopes: f32", slopes)], [("plane: u32", plane as u32), ("channels: u32", channels as u32)]);
+    let (reads, words) = (
+        [("x: f32", x), ("slopes: f32", slopes)],
+        [
+            ("plane: u32", plane as u32),
+            ("channels: u32", channels as u32),
+        ],
+    );
     let value = "return select(slopes[i / p.plane % p.channels] * x[i], x[i], x[i] > 0.0);";
-    Each { name: "leaky_per_channel", reads: &reads, words: &words, value, functions: "" }.run(gpu, len)
+    Each {
+        name: "leaky_per_channel",
+        reads: &reads,
+        words: &words,
+        value,
+        functions: "",
+    }
+    .run(gpu, len)
 }
 
 /// `a gelu(b)` for rows `[a, b]` of `2 * half` elements; `len` results.
 pub fn geglu(gpu: &Gpu, x: &Buffer, half: usize, len: usize) -> Buffer {
     let words = [("half: u32", half as u32)];
-    let value =
-        "let at = i / p.half * 2u * p.half + i % p.half; let b = x[at + p.half]; return x[at] * b * normal_cdf(b);";
-    Each { name: "geglu", reads: &[("x: f32", x)], words: &words, value, functions: MATH }.run(gpu, len)
+    let value = "let at = i / p.half * 2u * p.half + i % p.half; let b = x[at + p.half]; return x[at] * b * normal_cdf(b);";
+    Each {
+        name: "geglu",
+        reads: &[("x: f32", x)],
+        words: &words,
+        value,
+        functions: MATH,
+    }
+    .run(gpu, len)
 }
 
 /// The gradient of [`geglu`]; `len` is twice the number of `dy`.
 pub fn geglu_backward(gpu: &Gpu, x: &Buffer, dy: &Buffer, half: usize, len: usize) -> Buffer {
-    let (reads, words) = ([("x: f32", x), ("dy: f32", dy)], [("half: u32", half as u32)]);
+    let (reads, words) = (
+        [("x: f32", x), ("dy: f32", dy)],
+        [("half: u32", half as u32)],
+    );
     let value = "let row = i / (2u * p.half); let c = i % (2u * p.half); let d = dy[row * p.half + c % p.half];
     if (c < p.half) {
         let b = x[i + p.half];
         return d * b * normal_cdf(b);
     }
     return d * x[i - p.half] * gelu_slope(x[i]);";
-    Each { name: "geglu_backward", reads: &reads, words: &words, value, functions: MATH }.run(gpu, len)
+    Each {
+        name: "geglu_backward",
+        reads: &reads,
+        words: &words,
+        value,
+        functions: MATH,
+    }
+    .run(gpu, len)
 }
 
 /// One step of Adam on `[parameter, gradient, mean, square]`: the new parameter and moments.
@@ -95,7 +160,10 @@ pub fn adam(gpu: &Gpu, step: Step, arrays: [&Buffer; 4], len: usize) -> [Buffer;
     let kernel = Kernel::new("adam", &[include_str!("wgsl/adam.wgsl")], [4, 3]);
     let out = [0; 3].map(|_| gpu.buffer(len));
     let [parameter, gradient, mean, square] = arrays;
-    let factors = [step.beta1, step.beta2, step.eps, step.rate, step.root, step.keep].map(bits);
+    let factors = [
+        step.beta1, step.beta2, step.eps, step.rate, step.root, step.keep,
+    ]
+    .map(bits);
     let words: Vec<u32> = std::iter::once(len as u32).chain(factors).collect();
     gpu.run(&Job {
         kernel: &kernel,
@@ -114,12 +182,25 @@ pub fn reduce(gpu: &Gpu, reduction: Reduction, x: &Buffer, len: usize) -> f64 {
         Reduction::SumOfSquares => ("v * v", "a + b"),
         Reduction::MaxAbs => ("select(0.0, abs(v), v == v)", "max(a, b)"),
     };
-    let head =
-        format!("fn term(v: f32) -> f32 {{ return {term}; }}\nfn join(a: f32, b: f32) -> f32 {{ return {join}; }}\n");
+    let head = format!(
+        "fn term(v: f32) -> f32 {{ return {term}; }}\nfn join(a: f32, b: f32) -> f32 {{ return {join}; }}\n"
+    );
     let kernel = Kernel::new("reduce", &[include_str!("wgsl/reduce.wgsl")], [1, 1]).having(head);
     let blocks = len.div_ceil(BLOCK);
-    let parts = one(gpu, &kernel, &[x], blocks, &[len as u32], folded(blocks), len as u64);
+    let parts = one(
+        gpu,
+        &kernel,
+        &[x],
+        blocks,
+        &[len as u32],
+        folded(blocks),
+        len as u64,
+    );
     let parts = gpu.read(&parts, blocks);
     let parts = parts.into_iter().map(f64::from);
-    if reduction == Reduction::MaxAbs { parts.fold(0.0, f64::max) } else { parts.sum() }
+    if reduction == Reduction::MaxAbs {
+        parts.fold(0.0, f64::max)
+    } else {
+        parts.sum()
+    }
 }

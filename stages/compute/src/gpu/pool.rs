@@ -32,8 +32,14 @@ impl Drop for Buffer {
     fn drop(&mut self) {
         let mut idle = self.pool.lock();
         idle.in_use -= self.raw.size();
-        let waiting = Waiting { raw: self.raw.clone(), batch: idle.batch };
-        idle.buffers.entry(self.raw.size()).or_default().push(waiting);
+        let waiting = Waiting {
+            raw: self.raw.clone(),
+            batch: idle.batch,
+        };
+        idle.buffers
+            .entry(self.raw.size())
+            .or_default()
+            .push(waiting);
     }
 }
 
@@ -91,7 +97,11 @@ impl Pool {
         let size = class(bytes).min(largest).max(bytes);
         let raw = self.idle(size, writer).unwrap_or_else(|| create(size));
         self.lock().in_use += raw.size();
-        Buffer { raw, bytes, pool: self.clone() }
+        Buffer {
+            raw,
+            bytes,
+            pool: self.clone(),
+        }
     }
 
     fn idle(&self, size: u64, writer: Writer) -> Option<wgpu::Buffer> {
@@ -116,7 +126,12 @@ impl Pool {
     /// Bytes of all memory, in use or idle.
     pub fn held(&self) -> u64 {
         let idle = self.lock();
-        idle.in_use + idle.buffers.iter().map(|(size, buffers)| size * buffers.len() as u64).sum::<u64>()
+        idle.in_use
+            + idle
+                .buffers
+                .iter()
+                .map(|(size, buffers)| size * buffers.len() as u64)
+                .sum::<u64>()
     }
 }
 
@@ -129,7 +144,9 @@ mod tests {
         for bytes in (1..100_000).step_by(37) {
             let size = class(bytes);
             assert!(
-                size >= bytes && size.is_multiple_of(4) && (size <= 256 || size < bytes + bytes / 4 + 4),
+                size >= bytes
+                    && size.is_multiple_of(4)
+                    && (size <= 256 || size < bytes + bytes / 4 + 4),
                 "{bytes}: {size}"
             );
         }

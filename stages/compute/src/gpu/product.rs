@@ -29,7 +29,10 @@ pub struct Factor<'a> {
 
 impl<'a> From<&'a Buffer> for Factor<'a> {
     fn from(numbers: &'a Buffer) -> Factor<'a> {
-        Factor { numbers, format: Format::F32 }
+        Factor {
+            numbers,
+            format: Format::F32,
+        }
     }
 }
 
@@ -77,15 +80,45 @@ pub struct Tile {
 }
 
 /// The tile that reads the factors the least often.
-pub const LARGE: Tile = Tile { rows: 128, columns: 128, depth: 8, per_invocation: [8, 8] };
+pub const LARGE: Tile = Tile {
+    rows: 128,
+    columns: 128,
+    depth: 8,
+    per_invocation: [8, 8],
+};
 /// The tile that cuts a product into the most parts.
-pub const SQUARE: Tile = Tile { rows: 64, columns: 64, depth: 16, per_invocation: [4, 4] };
-const HIGH: Tile = Tile { rows: 128, columns: 64, depth: 16, per_invocation: [8, 4] };
-const BROAD: Tile = Tile { rows: 64, columns: 128, depth: 16, per_invocation: [4, 8] };
+pub const SQUARE: Tile = Tile {
+    rows: 64,
+    columns: 64,
+    depth: 16,
+    per_invocation: [4, 4],
+};
+const HIGH: Tile = Tile {
+    rows: 128,
+    columns: 64,
+    depth: 16,
+    per_invocation: [8, 4],
+};
+const BROAD: Tile = Tile {
+    rows: 64,
+    columns: 128,
+    depth: 16,
+    per_invocation: [4, 8],
+};
 /// What an adapter's tuning chooses from.
 pub const TILES: [Tile; 4] = [SQUARE, HIGH, BROAD, LARGE];
-const TALL: Tile = Tile { rows: 256, columns: 16, depth: 16, per_invocation: [4, 4] };
-const WIDE: Tile = Tile { rows: 16, columns: 256, depth: 16, per_invocation: [4, 4] };
+const TALL: Tile = Tile {
+    rows: 256,
+    columns: 16,
+    depth: 16,
+    per_invocation: [4, 4],
+};
+const WIDE: Tile = Tile {
+    rows: 16,
+    columns: 256,
+    depth: 16,
+    per_invocation: [4, 4],
+};
 
 impl Tile {
     /// The largest tile that leaves enough of them; long ones where one extent is short. It says how the depth is cut,
@@ -133,7 +166,12 @@ impl fmt::Display for Tile {
 
 impl<'a> Product<'a> {
     /// A product of two matrices that lie in memory, by the strides of each.
-    pub fn dense(a: Factor<'a>, b: Factor<'a>, extents: [usize; 3], strides: [usize; 4]) -> Product<'a> {
+    pub fn dense(
+        a: Factor<'a>,
+        b: Factor<'a>,
+        extents: [usize; 3],
+        strides: [usize; 4],
+    ) -> Product<'a> {
         Product {
             factors: include_str!("wgsl/dense.wgsl"),
             name: "product",
@@ -155,7 +193,14 @@ impl<'a> Product<'a> {
         let usual = Tile::usual(rows, columns);
         let is_thin = usual == TALL || usual == WIDE;
         let class = Class::of(self.image[0] == 0, usual == LARGE);
-        self.run_in(gpu, if is_thin { usual } else { gpu.tuning().tile(class) })
+        self.run_in(
+            gpu,
+            if is_thin {
+                usual
+            } else {
+                gpu.tuning().tile(class)
+            },
+        )
     }
 
     /// Computes it in tiles of one's choice.
@@ -163,17 +208,33 @@ impl<'a> Product<'a> {
         let [rows, depth, columns] = self.extents;
         let (usual, tiles) = (Tile::usual(rows, columns), tile.count(rows, columns));
         let enough = usual.count(rows, columns).iter().product::<usize>();
-        let parts = (depth / LEAST_DEPTH).min(ENOUGH_TILES / enough.max(1)).clamp(1, 32);
+        let parts = (depth / LEAST_DEPTH)
+            .min(ENOUGH_TILES / enough.max(1))
+            .clamp(1, 32);
         let chunk = depth.div_ceil(parts).next_multiple_of(usual.depth);
         let parts = depth.div_ceil(chunk).max(1);
         let bias = self.bias.filter(|_| parts == 1);
-        let reads: Vec<&Buffer> =
-            [self.a.numbers, self.b.numbers].into_iter().chain(bias.map(|(bias, _)| bias)).collect();
+        let reads: Vec<&Buffer> = [self.a.numbers, self.b.numbers]
+            .into_iter()
+            .chain(bias.map(|(bias, _)| bias))
+            .collect();
         let groups = [tiles[0] as u32, tiles[1] as u32, parts as u32];
         let (len, operations) = (rows * columns, 2 * (rows * depth * columns) as u64);
         let kernel = self.kernel(tile, bias.is_some(), gpu.has_halves());
-        let out = one(gpu, &kernel, &reads, parts * len, &self.words(chunk), groups, operations);
-        if parts == 1 { out } else { self.join(gpu, &out, parts, len) }
+        let out = one(
+            gpu,
+            &kernel,
+            &reads,
+            parts * len,
+            &self.words(chunk),
+            groups,
+            operations,
+        );
+        if parts == 1 {
+            out
+        } else {
+            self.join(gpu, &out, parts, len)
+        }
     }
 
     fn kernel(&self, tile: Tile, bias: bool, halves: bool) -> Kernel {
@@ -181,15 +242,34 @@ impl<'a> Product<'a> {
         let [kh, kw] = self.kernel.map(|extent| extent as u32);
         let [a, b] = self.depth_first.map(u32::from);
         let out = 3 + u32::from(bias);
-        constants.extend([("KH", kh), ("KW", kw), ("A_DEPTH_FIRST", a), ("B_MOVES", b), ("B_STAYS", 1 - b)]);
+        constants.extend([
+            ("KH", kh),
+            ("KW", kw),
+            ("A_DEPTH_FIRST", a),
+            ("B_MOVES", b),
+            ("B_STAYS", 1 - b),
+        ]);
         constants.push(("OUT", out));
-        let start = if bias { BIASED } else { "fn start(i: u32) -> f32 {\n    return 0.0;\n}\n" };
-        let [a, b] = [("a", 1, self.a.format), ("b", 2, self.b.format)].map(|(name, at, format)| {
-            if halves && format == Format::F16 { half_reader(name, at) } else { reader(name, at, format) }
-        });
+        let start = if bias {
+            BIASED
+        } else {
+            "fn start(i: u32) -> f32 {\n    return 0.0;\n}\n"
+        };
+        let [a, b] =
+            [("a", 1, self.a.format), ("b", 2, self.b.format)].map(|(name, at, format)| {
+                if halves && format == Format::F16 {
+                    half_reader(name, at)
+                } else {
+                    reader(name, at, format)
+                }
+            });
         let halves = halves && [self.a.format, self.b.format].contains(&Format::F16);
-        let kernel = Kernel::new(self.name, &[PRODUCT], [2 + usize::from(bias), 1]).with(&constants);
-        Kernel { halves, ..kernel.having([a, b, start.into(), self.factors.into()].concat()) }
+        let kernel =
+            Kernel::new(self.name, &[PRODUCT], [2 + usize::from(bias), 1]).with(&constants);
+        Kernel {
+            halves,
+            ..kernel.having([a, b, start.into(), self.factors.into()].concat())
+        }
     }
 
     /// How outputs find their bias: the number `(i / inner) % count`.
@@ -205,14 +285,31 @@ impl<'a> Product<'a> {
     fn words(&self, chunk: usize) -> Vec<u32> {
         let first = self.extents;
         let [inner, count] = self.bias_at();
-        let words = [first[0], first[2], first[1], chunk, self.pixels, inner, count];
-        words.iter().chain(&self.strides).chain(&self.image).map(|&word| word as u32).collect()
+        let words = [
+            first[0],
+            first[2],
+            first[1],
+            chunk,
+            self.pixels,
+            inner,
+            count,
+        ];
+        words
+            .iter()
+            .chain(&self.strides)
+            .chain(&self.image)
+            .map(|&word| word as u32)
+            .collect()
     }
 
     /// Sums the parts of the depth in their order, and adds the bias.
     fn join(&self, gpu: &Gpu, parts: &Buffer, count: usize, len: usize) -> Buffer {
         let [inner, biases] = self.bias_at();
-        let words = [("parts: u32", count as u32), ("inner: u32", inner as u32), ("count: u32", biases as u32)];
+        let words = [
+            ("parts: u32", count as u32),
+            ("inner: u32", inner as u32),
+            ("count: u32", biases as u32),
+        ];
         let sum = "var sum = 0.0;
     for (var part = 0u; part < p.parts; part++) {
         sum += x[part * p.len + i];
@@ -223,7 +320,14 @@ impl<'a> Product<'a> {
             reads.push(("bias: f32", bias));
             value = format!("{sum} + bias[i / p.inner % p.count];");
         }
-        Each { name: "join", reads: &reads, words: &words, value: &value, functions: "" }.run(gpu, len)
+        Each {
+            name: "join",
+            reads: &reads,
+            words: &words,
+            value: &value,
+            functions: "",
+        }
+        .run(gpu, len)
     }
 }
 
@@ -237,8 +341,14 @@ fn start(i: u32) -> f32 {
 fn reader(name: &str, binding: u32, format: Format) -> String {
     let (element, value) = match format {
         Format::F32 => ("f32", format!("return {name}[i];")),
-        Format::F16 => ("u32", format!("return unpack2x16float({name}[i / 2u])[i % 2u];")),
-        Format::Bf16 => ("u32", format!("return bitcast<f32>({name}[i / 2u] >> (i % 2u * 16u) << 16u);")),
+        Format::F16 => (
+            "u32",
+            format!("return unpack2x16float({name}[i / 2u])[i % 2u];"),
+        ),
+        Format::Bf16 => (
+            "u32",
+            format!("return bitcast<f32>({name}[i / 2u] >> (i % 2u * 16u) << 16u);"),
+        ),
     };
     format!(
         "@group(0) @binding({binding}) var<storage, read> {name}: array<{element}>;\n\

@@ -21,8 +21,15 @@ pub struct Piece<'b> {
 impl<'b> Piece<'b> {
     fn entry(&self, binding: usize) -> wgpu::BindGroupEntry<'b> {
         let (buffer, offset, size) = (self.buffer, self.offset, wgpu::BufferSize::new(self.bytes));
-        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size });
-        wgpu::BindGroupEntry { binding: binding as u32, resource }
+        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer,
+            offset,
+            size,
+        });
+        wgpu::BindGroupEntry {
+            binding: binding as u32,
+            resource,
+        }
     }
 }
 
@@ -45,7 +52,12 @@ impl Recorder {
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        Recorder { pass: None, encoder: None, words: Vec::new(), parameters }
+        Recorder {
+            pass: None,
+            encoder: None,
+            words: Vec::new(),
+            parameters,
+        }
     }
 
     /// Whether no further command fits.
@@ -63,21 +75,39 @@ impl Recorder {
         groups: [u32; 3],
     ) {
         let offset = self.words.len();
-        assert!(words.len() * 4 <= SLOT, "a kernel has at most {} parameters", SLOT / 4);
+        assert!(
+            words.len() * 4 <= SLOT,
+            "a kernel has at most {} parameters",
+            SLOT / 4
+        );
         self.words.extend_from_slice(bytemuck::cast_slice(words));
         self.words.resize(offset + SLOT, 0);
         let group = bind(device, pipeline, &self.parameters, pieces);
-        let encoder = self.encoder.get_or_insert_with(|| device.create_command_encoder(&Default::default()));
-        let pass = self.pass.get_or_insert_with(|| encoder.begin_compute_pass(&Default::default()).forget_lifetime());
+        let encoder = self
+            .encoder
+            .get_or_insert_with(|| device.create_command_encoder(&Default::default()));
+        let pass = self.pass.get_or_insert_with(|| {
+            encoder
+                .begin_compute_pass(&Default::default())
+                .forget_lifetime()
+        });
         pass.set_pipeline(&pipeline.code);
         pass.set_bind_group(0, &group, &[offset as u32]);
         pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
     }
 
     /// Records a copy of the first `bytes` of one buffer into another.
-    pub fn copy(&mut self, device: &wgpu::Device, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: u64) {
+    pub fn copy(
+        &mut self,
+        device: &wgpu::Device,
+        from: &wgpu::Buffer,
+        to: &wgpu::Buffer,
+        bytes: u64,
+    ) {
         self.pass = None;
-        let encoder = self.encoder.get_or_insert_with(|| device.create_command_encoder(&Default::default()));
+        let encoder = self
+            .encoder
+            .get_or_insert_with(|| device.create_command_encoder(&Default::default()));
         encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
@@ -93,9 +123,25 @@ impl Recorder {
     }
 }
 
-fn bind(device: &wgpu::Device, pipeline: &Pipeline, parameters: &wgpu::Buffer, pieces: &[Piece]) -> wgpu::BindGroup {
-    let parameters = Piece { buffer: parameters, offset: 0, bytes: SLOT as u64 };
-    let entries: Vec<_> =
-        std::iter::once(&parameters).chain(pieces).enumerate().map(|(at, piece)| piece.entry(at)).collect();
-    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &pipeline.group, entries: &entries })
+fn bind(
+    device: &wgpu::Device,
+    pipeline: &Pipeline,
+    parameters: &wgpu::Buffer,
+    pieces: &[Piece],
+) -> wgpu::BindGroup {
+    let parameters = Piece {
+        buffer: parameters,
+        offset: 0,
+        bytes: SLOT as u64,
+    };
+    let entries: Vec<_> = std::iter::once(&parameters)
+        .chain(pieces)
+        .enumerate()
+        .map(|(at, piece)| piece.entry(at))
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: None,
+        layout: &pipeline.group,
+        entries: &entries,
+    })
 }

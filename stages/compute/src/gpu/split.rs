@@ -31,7 +31,8 @@ enum Use {
 /// `None` if one of those has elements of a type that is not known here.
 pub fn split(text: &str, pieces: &[u32], window: u64) -> Option<String> {
     let (mut arrays, mut uses) = (Vec::new(), BTreeSet::new());
-    let (mut declared, rest): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| is_declaration(line));
+    let (mut declared, rest): (Vec<&str>, Vec<&str>) =
+        text.lines().partition(|line| is_declaration(line));
     declared.sort_by_key(|line| binding(line));
     for (line, &pieces) in declared.into_iter().zip(pieces) {
         arrays.push(Array::read(line, pieces)?);
@@ -54,7 +55,13 @@ fn is_declaration(line: &str) -> bool {
 }
 
 fn binding(declaration: &str) -> Option<u32> {
-    declaration.split_once("@binding(")?.1.split_once(')')?.0.parse().ok()
+    declaration
+        .split_once("@binding(")?
+        .1
+        .split_once(')')?
+        .0
+        .parse()
+        .ok()
 }
 
 impl<'t> Array<'t> {
@@ -62,18 +69,31 @@ impl<'t> Array<'t> {
     fn read(line: &'t str, pieces: u32) -> Option<Self> {
         let (access, rest) = line.split_once("storage, ")?.1.split_once("> ")?;
         let (name, element) = rest.split_once(": array<")?;
-        Some(Self { name, access, element: element.strip_suffix(">;")?, pieces })
+        Some(Self {
+            name,
+            access,
+            element: element.strip_suffix(">;")?,
+            pieces,
+        })
     }
 
     fn piece(&self, number: u32) -> String {
-        if self.pieces == 1 { self.name.to_owned() } else { format!("{}_{number}", self.name) }
+        if self.pieces == 1 {
+            self.name.to_owned()
+        } else {
+            format!("{}_{number}", self.name)
+        }
     }
 
     fn declaration(&self, first: u32) -> String {
-        let Self { access, element, .. } = self;
+        let Self {
+            access, element, ..
+        } = self;
         let one = |number| {
             let (binding, name) = (first + number, self.piece(number));
-            format!("@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;\n")
+            format!(
+                "@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;\n"
+            )
         };
         (0..self.pieces).map(one).collect()
     }
@@ -83,12 +103,21 @@ impl<'t> Array<'t> {
         let per_piece = window / bytes_of(self.element)?;
         let (parameters, result) = match usage {
             Use::Get => ("i: u32".to_owned(), format!(" -> {}", self.element)),
-            Use::Put(part) if part.is_empty() => (format!("i: u32, value: {}", self.element), String::new()),
-            Use::Put(_) => (format!("i: u32, value: {}32", self.element.chars().last()?), String::new()),
+            Use::Put(part) if part.is_empty() => {
+                (format!("i: u32, value: {}", self.element), String::new())
+            }
+            Use::Put(_) => (
+                format!("i: u32, value: {}32", self.element.chars().last()?),
+                String::new(),
+            ),
             Use::Call(_) => ("i: u32, value: u32".to_owned(), " -> u32".to_owned()),
         };
         let case = |number| {
-            let label = if number + 1 < self.pieces { format!("case {number}u") } else { "default".to_owned() };
+            let label = if number + 1 < self.pieces {
+                format!("case {number}u")
+            } else {
+                "default".to_owned()
+            };
             let place = format!("{}[i % {per_piece}u]", self.piece(number));
             let statement = match usage {
                 Use::Get => format!("return {place}"),
@@ -99,7 +128,9 @@ impl<'t> Array<'t> {
         };
         let cases: String = (0..self.pieces).map(case).collect();
         let name = self.function(usage);
-        Some(format!("\nfn {name}({parameters}){result} {{\n    switch i / {per_piece}u {{\n{cases}    }}\n}}\n"))
+        Some(format!(
+            "\nfn {name}({parameters}){result} {{\n    switch i / {per_piece}u {{\n{cases}    }}\n}}\n"
+        ))
     }
 
     fn function(&self, usage: &Use) -> String {
@@ -129,8 +160,13 @@ fn is_name(c: char) -> bool {
 fn rewrite(text: &str, arrays: &[Array], uses: &mut BTreeSet<(usize, Use)>) -> String {
     let (mut out, mut rest) = (String::new(), text);
     while let Some(open) = rest.find('[') {
-        let start = rest[..open].rfind(|c| !is_name(c)).map_or(0, |before| before + 1);
-        let Some(which) = arrays.iter().position(|array| array.name == &rest[start..open] && array.pieces > 1) else {
+        let start = rest[..open]
+            .rfind(|c| !is_name(c))
+            .map_or(0, |before| before + 1);
+        let Some(which) = arrays
+            .iter()
+            .position(|array| array.name == &rest[start..open] && array.pieces > 1)
+        else {
             out.push_str(&rest[..=open]);
             rest = &rest[open + 1..];
             continue;
@@ -161,8 +197,15 @@ fn usage<'t>(before: &mut String, after: &'t str) -> (Use, Option<&'t str>, &'t 
     }
     let part = |name: &str| 1 + name.find(|c| !is_name(c)).unwrap_or(name.len());
     let end = after.strip_prefix('.').map_or(0, part);
-    match after[end..].strip_prefix(" = ").and_then(|value| Some((value, value.find(';')?))) {
-        Some((value, len)) => (Use::Put(after[..end].to_owned()), Some(&value[..len]), &value[len..]),
+    match after[end..]
+        .strip_prefix(" = ")
+        .and_then(|value| Some((value, value.find(';')?)))
+    {
+        Some((value, len)) => (
+            Use::Put(after[..end].to_owned()),
+            Some(&value[..len]),
+            &value[len..],
+        ),
         None => (Use::Get, None, after),
     }
 }
@@ -211,6 +254,13 @@ fn main() {
 
     #[test]
     fn elements_of_an_unknown_type_cannot_be_split() {
-        assert_eq!(split(&KERNEL.replace("array<vec4f>", "array<Level>"), &[1, 1, 2], 64), None);
+        assert_eq!(
+            split(
+                &KERNEL.replace("array<vec4f>", "array<Level>"),
+                &[1, 1, 2],
+                64
+            ),
+            None
+        );
     }
 }

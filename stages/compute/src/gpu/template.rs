@@ -16,22 +16,35 @@ type Names = BTreeMap<String, String>;
 
 /// The text of `template` with every directive carried out and every `${name}` of `constants` replaced.
 pub fn expand(template: &str, constants: &[(&'static str, u32)]) -> String {
-    let names = constants.iter().map(|(name, value)| ((*name).to_owned(), value.to_string())).collect();
+    let names = constants
+        .iter()
+        .map(|(name, value)| ((*name).to_owned(), value.to_string()))
+        .collect();
     let lines: Vec<&str> = template.lines().collect();
     let (mut blocks, mut out) = (BTreeMap::new(), String::new());
     expand_lines(&lines, &names, &mut blocks, &mut out);
     out
 }
 
-fn expand_lines<'t>(lines: &[&'t str], names: &Names, blocks: &mut BTreeMap<String, Vec<&'t str>>, out: &mut String) {
+fn expand_lines<'t>(
+    lines: &[&'t str],
+    names: &Names,
+    blocks: &mut BTreeMap<String, Vec<&'t str>>,
+    out: &mut String,
+) {
     let mut at = 0;
     while let Some(line) = lines.get(at) {
-        let words: Vec<String> = line.split_whitespace().map(|word| substitute(word, names)).collect();
+        let words: Vec<String> = line
+            .split_whitespace()
+            .map(|word| substitute(word, names))
+            .collect();
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         match words[..] {
             ["#for", name, count] => {
                 let body = body(&lines[at + 1..]);
-                let count: u32 = count.parse().unwrap_or_else(|_| panic!("template: `{line}` has no count"));
+                let count: u32 = count
+                    .parse()
+                    .unwrap_or_else(|_| panic!("template: `{line}` has no count"));
                 for value in 0..count {
                     expand_lines(body, &with(names, name, &value.to_string()), blocks, out);
                 }
@@ -43,9 +56,16 @@ fn expand_lines<'t>(lines: &[&'t str], names: &Names, blocks: &mut BTreeMap<Stri
                 at += body.len() + 1;
             }
             ["#use", name, ref arguments @ ..] => {
-                let body = blocks.get(name).cloned().unwrap_or_else(|| panic!("template: there is no `{name}`"));
-                let pairs = arguments.iter().filter_map(|argument| argument.split_once('='));
-                let names = pairs.fold(names.clone(), |names, (name, value)| with(&names, name, value));
+                let body = blocks
+                    .get(name)
+                    .cloned()
+                    .unwrap_or_else(|| panic!("template: there is no `{name}`"));
+                let pairs = arguments
+                    .iter()
+                    .filter_map(|argument| argument.split_once('='));
+                let names = pairs.fold(names.clone(), |names, (name, value)| {
+                    with(&names, name, value)
+                });
                 expand_lines(&body, &names, blocks, out);
             }
             _ => {
@@ -83,8 +103,12 @@ fn substitute(line: &str, names: &Names) -> String {
     let mut parts = line.split("${");
     let mut out = parts.next().unwrap_or_default().to_owned();
     for part in parts {
-        let (name, rest) = part.split_once('}').unwrap_or_else(|| panic!("template: `{line}` has an open brace"));
-        let value = names.get(name).unwrap_or_else(|| panic!("template: nothing stands for `{name}`"));
+        let (name, rest) = part
+            .split_once('}')
+            .unwrap_or_else(|| panic!("template: `{line}` has an open brace"));
+        let value = names
+            .get(name)
+            .unwrap_or_else(|| panic!("template: nothing stands for `{name}`"));
         out.push_str(value);
         out.push_str(rest);
     }
@@ -98,7 +122,8 @@ mod tests {
     #[test]
     fn loops_nest_and_blocks_take_arguments() {
         let text = "#define add\nlet ${X}${i} = a${i} + N${N};\n#end\n#for i ${N}\n#use add X=s\n#for j 2\nf(${i}, ${j})\n#end\n#end\nend";
-        let expected = "let s0 = a0 + N2;\nf(0, 0)\nf(0, 1)\nlet s1 = a1 + N2;\nf(1, 0)\nf(1, 1)\nend\n";
+        let expected =
+            "let s0 = a0 + N2;\nf(0, 0)\nf(0, 1)\nlet s1 = a1 + N2;\nf(1, 0)\nf(1, 1)\nend\n";
         assert_eq!(expand(text, &[("N", 2)]), expected);
     }
 

@@ -32,7 +32,12 @@ pub enum Class {
 }
 
 impl Class {
-    const ALL: [Class; 4] = [Class::FewDense, Class::ManyDense, Class::FewConv, Class::ManyConv];
+    const ALL: [Class; 4] = [
+        Class::FewDense,
+        Class::ManyDense,
+        Class::FewConv,
+        Class::ManyConv,
+    ];
 
     /// The kind of a product that is not thin.
     pub fn of(is_dense: bool, is_many: bool) -> Class {
@@ -40,12 +45,21 @@ impl Class {
     }
 
     fn name(self) -> &'static str {
-        ["linear, few tiles", "linear, many tiles", "convolution, few tiles", "convolution, many tiles"][self as usize]
+        [
+            "linear, few tiles",
+            "linear, many tiles",
+            "convolution, few tiles",
+            "convolution, many tiles",
+        ][self as usize]
     }
 
     /// The tile until something was measured.
     fn usual(self) -> Tile {
-        if matches!(self, Class::FewDense | Class::FewConv) { SQUARE } else { LARGE }
+        if matches!(self, Class::FewDense | Class::FewConv) {
+            SQUARE
+        } else {
+            LARGE
+        }
     }
 
     /// Computes a product of this kind in a tile, of an extent that networks have divided by `less` each way.
@@ -54,13 +68,21 @@ impl Class {
         let ([rows, columns], side) = ([1024, 512].map(|n| more * n / less), more * 32 / less);
         match self {
             Class::FewDense | Class::ManyDense => {
-                let (a, b) = (fill(gpu, rows * channels, 0.0), fill(gpu, channels * columns, 0.0));
+                let (a, b) = (
+                    fill(gpu, rows * channels, 0.0),
+                    fill(gpu, channels * columns, 0.0),
+                );
                 let strides = [channels, 1, 1, channels];
-                Product::dense((&a).into(), (&b).into(), [rows, channels, columns], strides).run_in(gpu, tile);
+                Product::dense((&a).into(), (&b).into(), [rows, channels, columns], strides)
+                    .run_in(gpu, tile);
             }
             Class::FewConv | Class::ManyConv => {
-                let (x, w) = (fill(gpu, channels * side * side, 0.0), fill(gpu, channels * channels * 9, 0.0));
-                conv::forward_product(&x, (&w).into(), None, &geometry(channels, side)).run_in(gpu, tile);
+                let (x, w) = (
+                    fill(gpu, channels * side * side, 0.0),
+                    fill(gpu, channels * channels * 9, 0.0),
+                );
+                conv::forward_product(&x, (&w).into(), None, &geometry(channels, side))
+                    .run_in(gpu, tile);
             }
         }
     }
@@ -69,7 +91,17 @@ impl Class {
 /// A 3x3 convolution that keeps the number of channels.
 fn geometry(channels: usize, side: usize) -> Geometry {
     let (conv, [height, width, out_height, out_width]) = (Conv::padded(1), [side; 4]);
-    Geometry { batch: 1, channels, height, width, outputs: channels, kernel: [3, 3], conv, out_height, out_width }
+    Geometry {
+        batch: 1,
+        channels,
+        height,
+        width,
+        outputs: channels,
+        kernel: [3, 3],
+        conv,
+        out_height,
+        out_width,
+    }
 }
 
 /// The tile of every kind of products.
@@ -87,7 +119,10 @@ impl Tuning {
     pub fn measure(gpu: &Gpu, less: usize) -> Tuning {
         Tuning(Class::ALL.map(|class| {
             let timed = TILES.map(|tile| (time(gpu, || class.run(gpu, tile, less)), tile));
-            timed.into_iter().min_by_key(|(time, _)| *time).map_or(class.usual(), |(_, tile)| tile)
+            timed
+                .into_iter()
+                .min_by_key(|(time, _)| *time)
+                .map_or(class.usual(), |(_, tile)| tile)
         }))
     }
 
@@ -99,7 +134,9 @@ impl Tuning {
     /// What [`fmt::Display`] wrote; `None` if that does not name a tile for every kind.
     pub fn read(text: &str) -> Option<Tuning> {
         let tile = |class: Class| {
-            let name = text.lines().find_map(|line| line.strip_prefix(class.name())?.strip_prefix(": "))?;
+            let name = text
+                .lines()
+                .find_map(|line| line.strip_prefix(class.name())?.strip_prefix(": "))?;
             TILES.into_iter().find(|tile| tile.to_string() == name)
         };
         let [a, b, c, d] = Class::ALL.map(tile);
@@ -109,7 +146,9 @@ impl Tuning {
 
 impl fmt::Display for Tuning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        Class::ALL.iter().try_for_each(|class| writeln!(f, "{}: {}", class.name(), self.tile(*class)))
+        Class::ALL
+            .iter()
+            .try_for_each(|class| writeln!(f, "{}: {}", class.name(), self.tile(*class)))
     }
 }
 
@@ -140,7 +179,14 @@ mod tests {
         let Some(device) = testing::gpu() else { return };
         let tuning = Tuning::measure(device.gpu_context(), 16);
         assert_eq!(Tuning::read(&tuning.to_string()), Some(tuning));
-        assert_eq!(Tuning::read(&tuning.to_string().replace("linear, few tiles: ", "linear, few tiles: 7x")), None);
+        assert_eq!(
+            Tuning::read(
+                &tuning
+                    .to_string()
+                    .replace("linear, few tiles: ", "linear, few tiles: 7x")
+            ),
+            None
+        );
         assert_eq!(Tuning::read(""), None);
     }
 
@@ -149,17 +195,30 @@ mod tests {
         let Some(device) = testing::gpu() else { return };
         let gpu = device.gpu_context();
         let pattern = |len: usize| {
-            let values: Vec<f32> = (0..len).map(|i| (i * 7919 % 1000) as f32 / 500.0 - 1.0).collect();
+            let values: Vec<f32> = (0..len)
+                .map(|i| (i * 7919 % 1000) as f32 / 500.0 - 1.0)
+                .collect();
             gpu.upload(bytemuck::cast_slice(&values))
         };
         // One of few tiles and a cut depth; then one of many.
         for [rows, depth, columns] in [[70, 700, 90], [1030, 41, 1030]] {
             let (a, b) = (pattern(rows * depth), pattern(depth * columns));
-            let product = Product::dense((&a).into(), (&b).into(), [rows, depth, columns], [depth, 1, columns, 1]);
+            let product = Product::dense(
+                (&a).into(),
+                (&b).into(),
+                [rows, depth, columns],
+                [depth, 1, columns, 1],
+            );
             let expected = gpu.read(&product.run(gpu), rows * columns);
             for tile in TILES {
                 let got = gpu.read(&product.run_in(gpu, tile), rows * columns);
-                assert!(expected.iter().zip(&got).all(|(a, b)| a.to_bits() == b.to_bits()), "{tile}");
+                assert!(
+                    expected
+                        .iter()
+                        .zip(&got)
+                        .all(|(a, b)| a.to_bits() == b.to_bits()),
+                    "{tile}"
+                );
             }
         }
     }

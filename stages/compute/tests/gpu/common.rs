@@ -13,7 +13,9 @@ pub fn gpu() -> Option<&'static Device> {
 /// Numbers in [-1, 1) that look random, on the CPU.
 pub fn pattern(salt: u64, shape: &[usize]) -> Array {
     let len: usize = shape.iter().product();
-    let value = |i: u64| ((i + salt * 7919).wrapping_mul(2_654_435_761) as u32 >> 16) as f32 / 32768.0 - 1.0;
+    let value = |i: u64| {
+        ((i + salt * 7919).wrapping_mul(2_654_435_761) as u32 >> 16) as f32 / 32768.0 - 1.0
+    };
     Device::cpu().array(shape, (0..len as u64).map(value).collect())
 }
 
@@ -46,6 +48,9 @@ pub fn assert_close(what: &str, got: &Array, expected: &Array) {
     let size = expected.iter().fold(CANCELLED, |max, x| max.max(x.abs()));
     for (i, (got, expected)) in got.iter().zip(&expected).enumerate() {
         let error = (got - expected).abs() / size;
-        assert!(error <= 1e-5, "{what}: element {i} is {got}, expected {expected}: {error:.1e}");
+        assert!(
+            error <= 1e-5,
+            "{what}: element {i} is {got}, expected {expected}: {error:.1e}"
+        );
     }
 }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use compute::activation::{
-    geglu, geglu_backward, gelu, gelu_backward, leaky_relu, prelu, quick_gelu, quick_gelu_backward, relu, sigmoid,
-    silu, silu_backward,
+    geglu, geglu_backward, gelu, gelu_backward, leaky_relu, prelu, quick_gelu, quick_gelu_backward,
+    relu, sigmoid, silu, silu_backward,
 };
 use compute::adam::{Adam, AdamState, update};
 use compute::attention::{attention, attention_backward};
@@ -15,16 +15,22 @@ use compute::matmul::matmul;
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
 use compute::resize::{Filter, resize, resize_backward};
 use compute::shape::{
-    concat, crop, gather_rows, nchw_to_tokens, pad_reflect, pixel_shuffle, pixel_unshuffle, slice, tokens_to_nchw,
-    upsample_nearest, upsample_nearest_backward,
+    concat, crop, gather_rows, nchw_to_tokens, pad_reflect, pixel_shuffle, pixel_unshuffle, slice,
+    tokens_to_nchw, upsample_nearest, upsample_nearest_backward,
 };
 use compute::{Array, Format, Weight, reduce, testing};
 use proptest::prelude::*;
 
 use crate::common::{agree, assert_close, gpu, pattern, to};
 
-const FILTERS: [Filter; 6] =
-    [Filter::Nearest, Filter::Bilinear, Filter::BicubicTorch, Filter::BicubicPil, Filter::Lanczos3, Filter::Area];
+const FILTERS: [Filter; 6] = [
+    Filter::Nearest,
+    Filter::Bilinear,
+    Filter::BicubicTorch,
+    Filter::BicubicPil,
+    Filter::Lanczos3,
+    Filter::Area,
+];
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 21))]
@@ -141,7 +147,10 @@ fn check_attention(inputs: &[Array; 4], heads: usize, causal: bool) {
     agree("attention", inputs, |x| {
         let attended = attention(&x[0], &x[1], &x[2], heads, causal);
         let gradients = attention_backward(&x[0], &x[1], &x[2], &attended, heads, causal, &x[3]);
-        [attended.out, attended.lse].into_iter().chain(gradients).collect()
+        [attended.out, attended.lse]
+            .into_iter()
+            .chain(gradients)
+            .collect()
     });
 }
 
@@ -153,26 +162,50 @@ fn a_deep_head_is_summed_in_slices() {
 
 #[test]
 fn products_of_every_tile_and_of_a_cut_depth() {
-    for [rows, k, m] in [[1030, 40, 1030], [300, 700, 4], [4, 700, 300], [65, 2100, 66]] {
-        let inputs = [pattern(1, &[rows, k]), pattern(2, &[m, k]), pattern(3, &[m])];
-        agree("linear", &inputs, |x| vec![linear(&x[0], &x[1], Some(&x[2]))]);
+    for [rows, k, m] in [
+        [1030, 40, 1030],
+        [300, 700, 4],
+        [4, 700, 300],
+        [65, 2100, 66],
+    ] {
+        let inputs = [
+            pattern(1, &[rows, k]),
+            pattern(2, &[m, k]),
+            pattern(3, &[m]),
+        ];
+        agree("linear", &inputs, |x| {
+            vec![linear(&x[0], &x[1], Some(&x[2]))]
+        });
     }
     let conv = Conv::padded(1);
-    let inputs = [pattern(1, &[2, 70, 9, 7]), pattern(2, &[3, 70, 3, 3]), pattern(3, &[3])];
-    agree("conv2d", &inputs, |x| vec![conv2d(&x[0], &x[1], Some(&x[2]), conv)]);
+    let inputs = [
+        pattern(1, &[2, 70, 9, 7]),
+        pattern(2, &[3, 70, 3, 3]),
+        pattern(3, &[3]),
+    ];
+    agree("conv2d", &inputs, |x| {
+        vec![conv2d(&x[0], &x[1], Some(&x[2]), conv)]
+    });
 }
 
 #[test]
 fn a_group_of_many_chunks() {
     let shape = [1, 4, 130, 90];
-    let x = scaled_sum(&[(1.0, &pattern(1, &shape)), (1.0, &pattern(1, &shape).device().full(&shape, 3.0))]);
-    agree("group_norm", &[x, pattern(2, &[4]), pattern(3, &[4]), pattern(4, &shape)], |x| {
-        let (gamma, beta) = (&x[1], &x[2]);
-        vec![
-            group_norm(&x[0], gamma, beta, 2, 1e-5, Activation::Silu),
-            group_norm_backward(&x[0], gamma, beta, 2, 1e-5, Activation::Silu, &x[3]),
-        ]
-    });
+    let x = scaled_sum(&[
+        (1.0, &pattern(1, &shape)),
+        (1.0, &pattern(1, &shape).device().full(&shape, 3.0)),
+    ]);
+    agree(
+        "group_norm",
+        &[x, pattern(2, &[4]), pattern(3, &[4]), pattern(4, &shape)],
+        |x| {
+            let (gamma, beta) = (&x[1], &x[2]);
+            vec![
+                group_norm(&x[0], gamma, beta, 2, 1e-5, Activation::Silu),
+                group_norm_backward(&x[0], gamma, beta, 2, 1e-5, Activation::Silu, &x[3]),
+            ]
+        },
+    );
 }
 
 #[test]
@@ -180,30 +213,55 @@ fn weights_stay_in_16_bits_and_are_widened_by_the_kernel() {
     // A device of its own, since it counts.
     let Some(gpu) = &testing::gpu() else { return };
     let values = pattern(2, &[33, 21]).to_vec();
-    let halves: Vec<u8> = values.iter().flat_map(|&v| half::f16::from_f32(v).to_le_bytes()).collect();
-    let brains: Vec<u8> = values.iter().flat_map(|&v| half::bf16::from_f32(v).to_le_bytes()).collect();
+    let halves: Vec<u8> = values
+        .iter()
+        .flat_map(|&v| half::f16::from_f32(v).to_le_bytes())
+        .collect();
+    let brains: Vec<u8> = values
+        .iter()
+        .flat_map(|&v| half::bf16::from_f32(v).to_le_bytes())
+        .collect();
     for (format, bytes) in [(Format::F16, halves), (Format::Bf16, brains)] {
         let before = gpu.counts().unwrap();
         let len = bytes.len();
-        let on = |device| Weight::from_bytes(device, &[33, 21], format, Arc::new(bytes.clone()), 0..len);
+        let on =
+            |device| Weight::from_bytes(device, &[33, 21], format, Arc::new(bytes.clone()), 0..len);
         let (there, here) = (on(gpu), on(&compute::Device::cpu()));
         let x = pattern(1, &[40, 21]);
-        assert_close("linear", &linear(&to(gpu, &x), &there, None), &linear(&x, &here, None));
-        assert_eq!(gather_rows(&there, &[3, 32]).to_vec(), gather_rows(&here, &[3, 32]).to_vec());
+        assert_close(
+            "linear",
+            &linear(&to(gpu, &x), &there, None),
+            &linear(&x, &here, None),
+        );
+        assert_eq!(
+            gather_rows(&there, &[3, 32]).to_vec(),
+            gather_rows(&here, &[3, 32]).to_vec()
+        );
         assert_eq!(there.to_array().to_vec(), here.to_array().to_vec());
         let uploaded = (gpu.counts().unwrap() - before).uploaded as usize;
-        assert_eq!(uploaded, 4 * 40 * 21 + len + 4 * 2 * 21 + 4 * 33 * 21, "{format:?}: input, weight, rows, widened");
+        assert_eq!(
+            uploaded,
+            4 * 40 * 21 + len + 4 * 2 * 21 + 4 * 33 * 21,
+            "{format:?}: input, weight, rows, widened"
+        );
     }
 }
 
 #[test]
 fn steps_of_adam() {
-    let adam = Adam { weight_decay: 0.1, ..Adam::default() };
-    agree("adam", &[pattern(1, &[37, 19]), pattern(2, &[37, 19])], |x| {
-        let (mut parameter, mut state) = (x[0].clone(), AdamState::new(&x[0]));
-        (1..4).for_each(|step| update(&adam, &mut parameter, &x[1], &mut state, step));
-        vec![parameter, state.m, state.v]
-    });
+    let adam = Adam {
+        weight_decay: 0.1,
+        ..Adam::default()
+    };
+    agree(
+        "adam",
+        &[pattern(1, &[37, 19]), pattern(2, &[37, 19])],
+        |x| {
+            let (mut parameter, mut state) = (x[0].clone(), AdamState::new(&x[0]));
+            (1..4).for_each(|step| update(&adam, &mut parameter, &x[1], &mut state, step));
+            vec![parameter, state.m, state.v]
+        },
+    );
 }
 
 #[test]
@@ -212,9 +270,14 @@ fn reductions() {
     for len in [0, 1, 255, 4097, 70_000] {
         let x = pattern(5, &[len]);
         let y = to(gpu, &x);
-        let close = |a: f32, b: f32| (a - b).abs() <= 1e-5 * len.max(1) as f32 || (a.is_nan() && b.is_nan());
+        let close = |a: f32, b: f32| {
+            (a - b).abs() <= 1e-5 * len.max(1) as f32 || (a.is_nan() && b.is_nan())
+        };
         assert!(close(reduce::sum(&y), reduce::sum(&x)), "sum of {len}");
-        assert!(close(reduce::mean_square(&y), reduce::mean_square(&x)), "mean square of {len}");
+        assert!(
+            close(reduce::mean_square(&y), reduce::mean_square(&x)),
+            "mean square of {len}"
+        );
         assert_eq!(reduce::max_abs(&y), reduce::max_abs(&x), "largest of {len}");
     }
 }

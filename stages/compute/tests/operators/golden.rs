@@ -13,15 +13,24 @@ struct Golden(BTreeMap<String, serde_json::Value>);
 
 impl Golden {
     fn load() -> Golden {
-        Golden(serde_json::from_str(include_str!("golden/golden.json")).expect("golden.json parses"))
+        Golden(
+            serde_json::from_str(include_str!("golden/golden.json")).expect("golden.json parses"),
+        )
     }
 
     fn get(&self, name: &str) -> Array {
         let list = |key: &str| self.0[name][key].as_array().expect("a list");
-        let shape: Vec<usize> =
-            list("shape").iter().map(|extent| extent.as_u64().expect("an extent") as usize).collect();
-        Device::cpu()
-            .array(&shape, list("values").iter().map(|value| value.as_f64().expect("a number") as f32).collect())
+        let shape: Vec<usize> = list("shape")
+            .iter()
+            .map(|extent| extent.as_u64().expect("an extent") as usize)
+            .collect();
+        Device::cpu().array(
+            &shape,
+            list("values")
+                .iter()
+                .map(|value| value.as_f64().expect("a number") as f32)
+                .collect(),
+        )
     }
 
     #[track_caller]
@@ -39,37 +48,65 @@ impl Golden {
 #[test]
 fn convolutions_are_torchs() {
     let golden = Golden::load();
-    let (x, w, b) = (pattern(1, &[2, 3, 9, 7]), pattern(2, &[4, 3, 3, 3]), pattern(3, &[4]));
-    for (name, stride, pad) in [("plain", 1, [1; 4]), ("strided", 2, [0, 1, 0, 1]), ("uneven", 1, [0, 2, 1, 0])] {
+    let (x, w, b) = (
+        pattern(1, &[2, 3, 9, 7]),
+        pattern(2, &[4, 3, 3, 3]),
+        pattern(3, &[4]),
+    );
+    for (name, stride, pad) in [
+        ("plain", 1, [1; 4]),
+        ("strided", 2, [0, 1, 0, 1]),
+        ("uneven", 1, [0, 2, 1, 0]),
+    ] {
         let conv = Conv { stride, pad };
         let y = conv2d(&x, &w, Some(&b), conv);
         let dy = pattern(4, y.shape());
         golden.check(&format!("conv.{name}"), &y);
-        golden.check(&format!("conv.{name}.dx"), &conv2d_backward_input(&dy, &w, conv, [9, 7]));
-        golden.check(&format!("conv.{name}.dw"), &conv2d_backward_weight(&x, &dy, conv, [3, 3]));
+        golden.check(
+            &format!("conv.{name}.dx"),
+            &conv2d_backward_input(&dy, &w, conv, [9, 7]),
+        );
+        golden.check(
+            &format!("conv.{name}.dw"),
+            &conv2d_backward_weight(&x, &dy, conv, [3, 3]),
+        );
     }
 }
 
 #[test]
 fn norms_are_torchs() {
     let golden = Golden::load();
-    let (x, gamma, beta) = (pattern(5, &[2, 6, 5, 3]), pattern(6, &[6]), pattern(7, &[6]));
+    let (x, gamma, beta) = (
+        pattern(5, &[2, 6, 5, 3]),
+        pattern(6, &[6]),
+        pattern(7, &[6]),
+    );
     let dy = pattern(8, x.shape());
     for (name, act) in [("plain", Activation::None), ("silu", Activation::Silu)] {
-        golden.check(&format!("group_norm.{name}"), &group_norm(&x, &gamma, &beta, 3, 1e-5, act));
+        golden.check(
+            &format!("group_norm.{name}"),
+            &group_norm(&x, &gamma, &beta, 3, 1e-5, act),
+        );
         let dx = group_norm_backward(&x, &gamma, &beta, 3, 1e-5, act, &dy);
         golden.check(&format!("group_norm.{name}.dx"), &dx);
     }
     let (x, gamma, beta) = (pattern(5, &[3, 37]), pattern(6, &[37]), pattern(7, &[37]));
     golden.check("layer_norm", &layer_norm(&x, &gamma, &beta, 1e-5));
-    golden.check("layer_norm.dx", &layer_norm_backward(&x, &gamma, 1e-5, &pattern(8, x.shape())));
+    golden.check(
+        "layer_norm.dx",
+        &layer_norm_backward(&x, &gamma, 1e-5, &pattern(8, x.shape())),
+    );
 }
 
 #[test]
 fn attention_is_torchs() {
     let golden = Golden::load();
     let q = elementwise::scale(&pattern(9, &[2, 67, 6]), 4.0);
-    for (name, keys, causal) in [("full", 67, false), ("cross", 5, false), ("causal", 67, true)] {
+    for (name, keys, causal) in [
+        ("full", 67, false),
+        ("cross", 5, false),
+        ("causal", 67, true),
+    ] {
         let (k, v) = (pattern(10, &[2, keys, 6]), pattern(11, &[2, keys, 6]));
         let attended = attention::attention(&q, &k, &v, 2, causal);
         golden.check(&format!("attention.{name}"), &attended.out);
@@ -91,7 +128,11 @@ fn activations_are_torchs() {
     let functions: [(&str, Forward, Backward); 3] = [
         ("silu", activation::silu, activation::silu_backward),
         ("gelu", activation::gelu, activation::gelu_backward),
-        ("quick_gelu", activation::quick_gelu, activation::quick_gelu_backward),
+        (
+            "quick_gelu",
+            activation::quick_gelu,
+            activation::quick_gelu_backward,
+        ),
     ];
     for (name, forward, backward) in functions {
         golden.check(name, &forward(&x));
@@ -99,7 +140,10 @@ fn activations_are_torchs() {
     }
     let x = elementwise::scale(&pattern(13, &[5, 22]), 3.0);
     golden.check("geglu", &activation::geglu(&x));
-    golden.check("geglu.dx", &activation::geglu_backward(&x, &pattern(14, &[5, 11])));
+    golden.check(
+        "geglu.dx",
+        &activation::geglu_backward(&x, &pattern(14, &[5, 11])),
+    );
 }
 
 #[test]
@@ -109,7 +153,12 @@ fn resizing_is_torchs() {
     let cases = [
         ("bicubic_torch_up", small, Filter::BicubicTorch, false),
         ("bicubic_torch_down", large, Filter::BicubicTorch, false),
-        ("bicubic_torch_antialias_down", large, Filter::BicubicTorch, true),
+        (
+            "bicubic_torch_antialias_down",
+            large,
+            Filter::BicubicTorch,
+            true,
+        ),
         ("bilinear_up", small, Filter::Bilinear, false),
         ("bilinear_antialias_down", large, Filter::Bilinear, true),
         ("nearest_up", small, Filter::Nearest, false),
@@ -118,7 +167,13 @@ fn resizing_is_torchs() {
     ];
     for (name, [h, w], filter, antialias) in cases {
         let [height, width] = if h == 9 { [36, 52] } else { [12, 16] };
-        let y = resize(&pattern(15, &[1, 1, h, w]), height, width, filter, antialias);
+        let y = resize(
+            &pattern(15, &[1, 1, h, w]),
+            height,
+            width,
+            filter,
+            antialias,
+        );
         golden.check_resized(name, &y);
     }
 }
@@ -134,7 +189,10 @@ fn resizing_is_pillows() {
         ("bilinear_pil_down", [47, 63], [12, 16], Filter::Bilinear),
     ];
     for (name, [h, w], [height, width], filter) in cases {
-        golden.check_resized(name, &resize(&pattern(15, &[1, 1, h, w]), height, width, filter, true));
+        golden.check_resized(
+            name,
+            &resize(&pattern(15, &[1, 1, h, w]), height, width, filter, true),
+        );
     }
 }
 
@@ -147,11 +205,22 @@ fn reflection_is_torchs() {
 #[test]
 fn adam_is_torchs() {
     for (name, weight_decay) in [("adam", 0.0), ("adamw", 0.1)] {
-        let adam = Adam { rate: 0.01, beta2: 0.99, weight_decay, ..Adam::default() };
+        let adam = Adam {
+            rate: 0.01,
+            beta2: 0.99,
+            weight_decay,
+            ..Adam::default()
+        };
         let mut parameter = pattern(18, &[9]);
         let mut state = AdamState::new(&parameter);
         for step in 0..3 {
-            update(&adam, &mut parameter, &pattern(19 + step, &[9]), &mut state, step + 1);
+            update(
+                &adam,
+                &mut parameter,
+                &pattern(19 + step, &[9]),
+                &mut state,
+                step + 1,
+            );
         }
         Golden::load().check(name, &parameter);
     }

@@ -70,24 +70,39 @@ proptest! {
     }
 }
 
-const FILTERS: [Filter; 6] =
-    [Filter::Nearest, Filter::Bilinear, Filter::BicubicTorch, Filter::BicubicPil, Filter::Lanczos3, Filter::Area];
+const FILTERS: [Filter; 6] = [
+    Filter::Nearest,
+    Filter::Bilinear,
+    Filter::BicubicTorch,
+    Filter::BicubicPil,
+    Filter::Lanczos3,
+    Filter::Area,
+];
 
 /// Convolution as the textbook sums it.
 fn definition(x: &Array, weight: &Array, bias: &Array, conv: Conv) -> Array {
-    let (&[_, c, h, w], &[o, _, kh, kw]) = (x.shape(), weight.shape()) else { panic!("four axes") };
+    let (&[_, c, h, w], &[o, _, kh, kw]) = (x.shape(), weight.shape()) else {
+        panic!("four axes")
+    };
     let [top, bottom, left, right] = conv.pad;
-    let (height, width) = ((h + top + bottom - kh) / conv.stride + 1, (w + left + right - kw) / conv.stride + 1);
+    let (height, width) = (
+        (h + top + bottom - kh) / conv.stride + 1,
+        (w + left + right - kw) / conv.stride + 1,
+    );
     let (values, kernel, bias) = (x.to_vec(), weight.to_vec(), bias.to_vec());
     let pixel = |c: usize, y: usize, x: usize| match (y.checked_sub(top), x.checked_sub(left)) {
         (Some(y), Some(x)) if y < h && x < w => values[(c * h + y) * w + x],
         _ => 0.0,
     };
     let mut out = Vec::new();
-    for (o, y, x) in (0..o).flat_map(|o| (0..height).flat_map(move |y| (0..width).map(move |x| (o, y, x)))) {
-        let taps = (0..c).flat_map(|c| (0..kh).flat_map(move |ky| (0..kw).map(move |kx| (c, ky, kx))));
+    for (o, y, x) in
+        (0..o).flat_map(|o| (0..height).flat_map(move |y| (0..width).map(move |x| (o, y, x))))
+    {
+        let taps =
+            (0..c).flat_map(|c| (0..kh).flat_map(move |ky| (0..kw).map(move |kx| (c, ky, kx))));
         let term = |(i, ky, kx)| {
-            kernel[((o * c + i) * kh + ky) * kw + kx] * pixel(i, y * conv.stride + ky, x * conv.stride + kx)
+            kernel[((o * c + i) * kh + ky) * kw + kx]
+                * pixel(i, y * conv.stride + ky, x * conv.stride + kx)
         };
         out.push(bias[o] + taps.map(term).sum::<f32>());
     }
@@ -96,12 +111,25 @@ fn definition(x: &Array, weight: &Array, bias: &Array, conv: Conv) -> Array {
 
 #[test]
 fn a_convolution_of_many_tiles_has_adjoints() {
-    let conv = Conv { stride: 1, pad: [1, 1, 1, 1] };
+    let conv = Conv {
+        stride: 1,
+        pad: [1, 1, 1, 1],
+    };
     let (x, weight) = (pattern(1, &[2, 70, 37, 31]), pattern(2, &[33, 70, 3, 3]));
     let y = conv2d(&x, &weight, None, conv);
     let dy = pattern(3, y.shape());
-    assert_adjoint("input", &y, &dy, dot(&x, &conv2d_backward_input(&dy, &weight, conv, [37, 31])));
-    assert_adjoint("weight", &y, &dy, dot(&weight, &conv2d_backward_weight(&x, &dy, conv, [3, 3])));
+    assert_adjoint(
+        "input",
+        &y,
+        &dy,
+        dot(&x, &conv2d_backward_input(&dy, &weight, conv, [37, 31])),
+    );
+    assert_adjoint(
+        "weight",
+        &y,
+        &dy,
+        dot(&weight, &conv2d_backward_weight(&x, &dy, conv, [3, 3])),
+    );
 }
 
 #[test]
@@ -111,29 +139,41 @@ fn norms_have_gradients() {
         let (x, dy) = (pattern(1, &shape), pattern(4, &shape));
         for act in [Activation::None, Activation::Silu] {
             let dx = group_norm_backward(&x, &gamma, &beta, groups, 1e-3, act, &dy);
-            assert_gradient("group_norm", &x, &dy, &dx, |x| group_norm(x, &gamma, &beta, groups, 1e-3, act));
+            assert_gradient("group_norm", &x, &dy, &dx, |x| {
+                group_norm(x, &gamma, &beta, groups, 1e-3, act)
+            });
         }
     }
     for width in [1, 5, 64, 131] {
         let (gamma, beta) = (pattern(2, &[width]), pattern(3, &[width]));
         let (x, dy) = (pattern(1, &[21, width]), pattern(4, &[21, width]));
         let dx = layer_norm_backward(&x, &gamma, 1e-3, &dy);
-        assert_gradient("layer_norm", &x, &dy, &dx, |x| layer_norm(x, &gamma, &beta, 1e-3));
+        assert_gradient("layer_norm", &x, &dy, &dx, |x| {
+            layer_norm(x, &gamma, &beta, 1e-3)
+        });
     }
 }
 
 #[test]
 fn attention_has_gradients() {
     // The last two span several tiles of keys and several ranges of the backward pass.
-    for (queries, keys, heads, causal) in
-        [(3, 3, 1, false), (67, 5, 3, false), (65, 65, 2, true), (97, 1300, 2, false), (1100, 1100, 1, true)]
-    {
+    for (queries, keys, heads, causal) in [
+        (3, 3, 1, false),
+        (67, 5, 3, false),
+        (65, 65, 2, true),
+        (97, 1300, 2, false),
+        (1100, 1100, 1, true),
+    ] {
         let q = pattern(1, &[2, queries, heads * 5]);
-        let (k, v) = (pattern(2, &[2, keys, heads * 5]), pattern(3, &[2, keys, heads * 5]));
+        let (k, v) = (
+            pattern(2, &[2, keys, heads * 5]),
+            pattern(3, &[2, keys, heads * 5]),
+        );
         let dout = pattern(4, q.shape());
         let attend = |q: &Array, k: &Array, v: &Array| attention::attention(q, k, v, heads, causal);
         let attended = attend(&q, &k, &v);
-        let [dq, dk, dv] = attention::attention_backward(&q, &k, &v, &attended, heads, causal, &dout);
+        let [dq, dk, dv] =
+            attention::attention_backward(&q, &k, &v, &attended, heads, causal, &dout);
         assert_gradient("queries", &q, &dout, &dq, |q| attend(q, &k, &v).out);
         assert_gradient("keys", &k, &dout, &dk, |k| attend(&q, k, &v).out);
         assert_gradient("values", &v, &dout, &dv, |v| attend(&q, &k, v).out);
@@ -145,17 +185,44 @@ fn attention_survives_large_scores() {
     let q = compute::elementwise::scale(&pattern(1, &[1, 600, 8]), 1e3);
     let (k, v) = (pattern(2, &[1, 600, 8]), pattern(3, &[1, 600, 8]));
     let out = attention::attention(&q, &k, &v, 2, false).out;
-    assert!(out.to_vec().iter().all(|x| x.abs() <= 1.0), "a weighted mean leaves the range of the values");
+    assert!(
+        out.to_vec().iter().all(|x| x.abs() <= 1.0),
+        "a weighted mean leaves the range of the values"
+    );
 }
 
 #[test]
 fn activations_have_gradients() {
     let (x, dy) = (pattern(1, &[7, 34]), pattern(2, &[7, 34]));
-    assert_gradient("silu", &x, &dy, &activation::silu_backward(&x, &dy), activation::silu);
-    assert_gradient("gelu", &x, &dy, &activation::gelu_backward(&x, &dy), activation::gelu);
-    assert_gradient("quick_gelu", &x, &dy, &activation::quick_gelu_backward(&x, &dy), activation::quick_gelu);
+    assert_gradient(
+        "silu",
+        &x,
+        &dy,
+        &activation::silu_backward(&x, &dy),
+        activation::silu,
+    );
+    assert_gradient(
+        "gelu",
+        &x,
+        &dy,
+        &activation::gelu_backward(&x, &dy),
+        activation::gelu,
+    );
+    assert_gradient(
+        "quick_gelu",
+        &x,
+        &dy,
+        &activation::quick_gelu_backward(&x, &dy),
+        activation::quick_gelu,
+    );
     let dy = pattern(2, &[7, 17]);
-    assert_gradient("geglu", &x, &dy, &activation::geglu_backward(&x, &dy), activation::geglu);
+    assert_gradient(
+        "geglu",
+        &x,
+        &dy,
+        &activation::geglu_backward(&x, &dy),
+        activation::geglu,
+    );
 }
 
 #[test]
@@ -173,5 +240,10 @@ fn upsampling_has_an_adjoint() {
 fn matmul_is_linear_with_the_weight_turned() {
     let (a, b) = (pattern(1, &[9, 31]), pattern(2, &[31, 17]));
     let turned = shape::nchw_to_tokens(&b.reshape(&[1, 31, 17, 1])).reshape(&[17, 31]);
-    crate::common::assert_close("matmul", &matmul::matmul(&a, &b), &linear(&a, &turned, None), 1e-6);
+    crate::common::assert_close(
+        "matmul",
+        &matmul::matmul(&a, &b),
+        &linear(&a, &turned, None),
+        1e-6,
+    );
 }

@@ -8,8 +8,16 @@ use compute::Device;
 fn passes_at(level: &str) {
     let program = std::env::current_exe().expect("the path of this program");
     let skipped = ["--skip", "every_test_passes", "--skip", "memory::"];
-    let output = Command::new(program).env("COMPUTE_SIMD", level).args(skipped).output().expect("it runs");
-    assert!(output.status.success(), "{level}: {}", String::from_utf8_lossy(&output.stdout));
+    let output = Command::new(program)
+        .env("COMPUTE_SIMD", level)
+        .args(skipped)
+        .output()
+        .expect("it runs");
+    assert!(
+        output.status.success(),
+        "{level}: {}",
+        String::from_utf8_lossy(&output.stdout)
+    );
 }
 
 #[test]
@@ -26,6 +34,9 @@ fn every_test_passes_with_avx2() {
 fn a_limit_is_obeyed() {
     if let Ok(limit) = std::env::var("COMPUTE_SIMD") {
         let used = Device::cpu().instructions();
-        assert!(used == limit || used == "portable", "limited to {limit}, but using {used}");
+        assert!(
+            used == limit || used == "portable",
+            "limited to {limit}, but using {used}"
+        );
     }
 }

@@ -20,15 +20,25 @@ fn error(got: &Array, exact: &Array) -> f64 {
 #[test]
 fn long_sums_round_little() {
     let (x, weight) = (normals(1, &[24, 2304]), normals(2, &[40, 2304]));
-    let (rows, columns, y) = (x.to_vec(), weight.to_vec(), linear(&x, &weight, None).to_vec());
+    let (rows, columns, y) = (
+        x.to_vec(),
+        weight.to_vec(),
+        linear(&x, &weight, None).to_vec(),
+    );
     let (mut off, mut size) = (0.0, 0.0);
     for (i, got) in y.into_iter().enumerate() {
-        let pairs = rows[i / 40 * 2304..].iter().zip(&columns[i % 40 * 2304..]).take(2304);
+        let pairs = rows[i / 40 * 2304..]
+            .iter()
+            .zip(&columns[i % 40 * 2304..])
+            .take(2304);
         let exact: f64 = pairs.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
         (off, size) = (off + (f64::from(got) - exact).powi(2), size + exact.powi(2));
     }
     let error = (off / size).sqrt();
-    assert!(error < 2.5e-7, "an error of {error}; one sum after the other has some 4e-7");
+    assert!(
+        error < 2.5e-7,
+        "an error of {error}; one sum after the other has some 4e-7"
+    );
 }
 
 /// Rounding both factors to 8 bits costs each product 2^-9 times sqrt(2/3) of its size, root mean square; sums of many
@@ -42,18 +52,37 @@ fn assert_rounded(what: &str, got: &Array, exact: &Array) {
 #[test]
 fn bf16_costs_two_or_three_digits() {
     for (rows, m, k) in [(5, 40, 33), (70, 130, 300), (3, 64, 1024)] {
-        let (weight, x, dy) = (normals(1, &[m, k]), normals(2, &[rows, k]), normals(3, &[rows, m]));
+        let (weight, x, dy) = (
+            normals(1, &[m, k]),
+            normals(2, &[rows, k]),
+            normals(3, &[rows, m]),
+        );
         let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
-        assert_rounded("linear", &linear(&x, &narrow, None), &linear(&x, &weight, None));
-        assert_rounded("input", &linear_backward_input(&dy, &narrow), &linear_backward_input(&dy, &weight));
+        assert_rounded(
+            "linear",
+            &linear(&x, &narrow, None),
+            &linear(&x, &weight, None),
+        );
+        assert_rounded(
+            "input",
+            &linear_backward_input(&dy, &narrow),
+            &linear_backward_input(&dy, &weight),
+        );
     }
     for (c, o, kernel, stride) in [(12, 20, 3, 1), (12, 20, 3, 2), (70, 33, 1, 1)] {
-        let (weight, x) = (normals(1, &[o, c, kernel, kernel]), normals(2, &[2, c, 13, 13]));
-        let conv = Conv { stride, pad: [kernel / 2; 4] };
+        let (weight, x) = (
+            normals(1, &[o, c, kernel, kernel]),
+            normals(2, &[2, c, 13, 13]),
+        );
+        let conv = Conv {
+            stride,
+            pad: [kernel / 2; 4],
+        };
         let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
         let y = conv2d(&x, &weight, None, conv);
         assert_rounded("conv2d", &conv2d(&x, &narrow, None, conv), &y);
-        let [got, exact] = [narrow, weight.into()].map(|w| conv2d_backward_input(&y, w, conv, [13, 13]));
+        let [got, exact] =
+            [narrow, weight.into()].map(|w| conv2d_backward_input(&y, w, conv, [13, 13]));
         assert_rounded("input of conv2d", &got, &exact);
     }
 }
@@ -63,5 +92,8 @@ fn bf16_is_exact_where_the_factors_are() {
     let integers = |salt, shape: &[usize]| elementwise::sign(&pattern(salt, shape));
     let (x, weight) = (integers(1, &[17, 301]), integers(2, &[45, 301]));
     let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
-    assert_eq!(linear(&x, narrow, None).to_vec(), linear(&x, weight, None).to_vec());
+    assert_eq!(
+        linear(&x, narrow, None).to_vec(),
+        linear(&x, weight, None).to_vec()
+    );
 }

@@ -5,15 +5,23 @@ use compute::adam::{Adam, AdamState, update};
 use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
 use compute::resize::{Filter, resize};
-use compute::{Array, Device, Rng, activation, attention, elementwise, linear, matmul, reduce, shape};
+use compute::{
+    Array, Device, Rng, activation, attention, elementwise, linear, matmul, reduce, shape,
+};
 
 /// Fails unless `work` gives the same bits in pools of 1, 2 and 7 threads.
 #[track_caller]
 fn assert_same_bits(what: &str, work: impl Fn() -> Vec<Array> + Sync) {
     let run = |threads: usize| -> Vec<Vec<u32>> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool of threads");
         let arrays = pool.install(&work);
-        arrays.iter().map(|array| array.to_vec().iter().map(|x| x.to_bits()).collect()).collect()
+        arrays
+            .iter()
+            .map(|array| array.to_vec().iter().map(|x| x.to_bits()).collect())
+            .collect()
     };
     let one = run(1);
     assert!(one == run(2), "{what}: 2 threads differ from 1");
@@ -22,9 +30,22 @@ fn assert_same_bits(what: &str, work: impl Fn() -> Vec<Array> + Sync) {
 
 #[test]
 fn products() {
-    for (m, k, n) in [(1, 700, 900), (900, 700, 1), (257, 2049, 131), (1024, 320, 512), (64, 64, 64), (4, 5000, 4)] {
-        let (a, b, w) = (pattern(1, &[m, k]), pattern(2, &[k, n]), pattern(3, &[n, k]));
-        assert_same_bits(&format!("matmul {m} {k} {n}"), || vec![matmul::matmul(&a, &b)]);
+    for (m, k, n) in [
+        (1, 700, 900),
+        (900, 700, 1),
+        (257, 2049, 131),
+        (1024, 320, 512),
+        (64, 64, 64),
+        (4, 5000, 4),
+    ] {
+        let (a, b, w) = (
+            pattern(1, &[m, k]),
+            pattern(2, &[k, n]),
+            pattern(3, &[n, k]),
+        );
+        assert_same_bits(&format!("matmul {m} {k} {n}"), || {
+            vec![matmul::matmul(&a, &b)]
+        });
         let (bias, dy) = (pattern(4, &[n]), pattern(5, &[m, n]));
         assert_same_bits(&format!("linear {m} {k} {n}"), || {
             vec![
@@ -40,7 +61,10 @@ fn products() {
 fn convolutions() {
     for (stride, pad, kernel) in [(1, [1; 4], 3), (2, [0, 1, 0, 1], 3), (1, [0; 4], 1)] {
         let conv = Conv { stride, pad };
-        let (x, w) = (pattern(1, &[2, 67, 33, 47]), pattern(2, &[65, 67, kernel, kernel]));
+        let (x, w) = (
+            pattern(1, &[2, 67, 33, 47]),
+            pattern(2, &[65, 67, kernel, kernel]),
+        );
         let dy = pattern(3, conv2d(&x, &w, None, conv).shape());
         assert_same_bits("conv", || {
             vec![
@@ -58,7 +82,8 @@ fn attentions() {
         let [q, k, v, dout] = [1, 2, 3, 4].map(|salt| pattern(salt, &[1, tokens, 48]));
         assert_same_bits("attention", || {
             let attended = attention::attention(&q, &k, &v, 3, causal);
-            let [dq, dk, dv] = attention::attention_backward(&q, &k, &v, &attended, 3, causal, &dout);
+            let [dq, dk, dv] =
+                attention::attention_backward(&q, &k, &v, &attended, 3, causal, &dout);
             vec![attended.out, attended.lse, dq, dk, dv]
         });
     }
@@ -68,7 +93,10 @@ fn attentions() {
 fn norms_and_activations() {
     let (gamma, beta) = (pattern(2, &[12]), pattern(3, &[12]));
     let (x, dy) = (pattern(1, &[2, 12, 65, 63]), pattern(4, &[2, 12, 65, 63]));
-    let (tokens, dtokens) = (x.reshape(&[65 * 63 * 2, 12]), dy.reshape(&[65 * 63 * 2, 12]));
+    let (tokens, dtokens) = (
+        x.reshape(&[65 * 63 * 2, 12]),
+        dy.reshape(&[65 * 63 * 2, 12]),
+    );
     assert_same_bits("norms", || {
         vec![
             group_norm(&x, &gamma, &beta, 3, 1e-5, Activation::Silu),
@@ -85,7 +113,12 @@ fn norms_and_activations() {
 fn the_rest() {
     let (x, dy) = (pattern(1, &[2, 3, 130, 129]), pattern(2, &[2, 3, 130, 129]));
     assert_same_bits("reductions", || {
-        let numbers = vec![reduce::sum(&x), reduce::mean(&x), reduce::mean_square(&x), reduce::max_abs(&x)];
+        let numbers = vec![
+            reduce::sum(&x),
+            reduce::mean(&x),
+            reduce::mean_square(&x),
+            reduce::max_abs(&x),
+        ];
         vec![Device::cpu().array(&[4], numbers)]
     });
     assert_same_bits("maps", || {

@@ -7,17 +7,29 @@ use proptest::prelude::*;
 use crate::common::{assert_adjoint, dot};
 
 /// The 3x3 convolution's output (`image`, `channel`, `y`, `x`), summed in `f64`.
-fn exact(input: &Array, weight: &Array, pad: [usize; 4], [image, channel, y, x]: [usize; 4]) -> f64 {
-    let &[_, c, h, w] = input.shape() else { panic!("four axes") };
+fn exact(
+    input: &Array,
+    weight: &Array,
+    pad: [usize; 4],
+    [image, channel, y, x]: [usize; 4],
+) -> f64 {
+    let &[_, c, h, w] = input.shape() else {
+        panic!("four axes")
+    };
     let (values, kernels) = (input.to_vec(), weight.to_vec());
-    let tap = |i: usize, ky: usize, kx: usize| match ((y + ky).checked_sub(pad[0]), (x + kx).checked_sub(pad[2])) {
+    let tap = |i: usize, ky: usize, kx: usize| match (
+        (y + ky).checked_sub(pad[0]),
+        (x + kx).checked_sub(pad[2]),
+    ) {
         (Some(row), Some(column)) if row < h && column < w => {
             let kernel = kernels[(channel * c + i) * 9 + ky * 3 + kx];
             f64::from(values[((image * c + i) * h + row) * w + column]) * f64::from(kernel)
         }
         _ => 0.0,
     };
-    (0..c).map(|i| (0..9).map(|t| tap(i, t / 3, t % 3)).sum::<f64>()).sum()
+    (0..c)
+        .map(|i| (0..9).map(|t| tap(i, t / 3, t % 3)).sum::<f64>())
+        .sum()
 }
 
 /// Independent numbers. `pattern`'s are not: at some widths the channels' products cancel, and an error relative to
@@ -29,10 +41,17 @@ fn normals(salt: u64, shape: &[usize]) -> Array {
 /// The norm of the error over the norm of the result, over every `step`-th output.
 fn error(input: &Array, weight: &Array, pad: [usize; 4], step: usize) -> f64 {
     let y = conv2d(input, weight, None, Conv { stride: 1, pad });
-    let &[_, o, h, w] = y.shape() else { panic!("four axes") };
+    let &[_, o, h, w] = y.shape() else {
+        panic!("four axes")
+    };
     let (mut difference, mut size) = (0.0, 0.0);
     for (i, got) in y.to_vec().into_iter().enumerate().step_by(step) {
-        let expected = exact(input, weight, pad, [i / (o * h * w), i / (h * w) % o, i / w % h, i % w]);
+        let expected = exact(
+            input,
+            weight,
+            pad,
+            [i / (o * h * w), i / (h * w) % o, i / w % h, i % w],
+        );
         difference += (f64::from(got) - expected).powi(2);
         size += expected.powi(2);
     }
@@ -61,5 +80,8 @@ proptest! {
 fn many_channels_lose_less_than_two_digits() {
     let (x, weight) = (normals(1, &[1, 256, 32, 32]), normals(2, &[64, 256, 3, 3]));
     let error = error(&x, &weight, [1; 4], 131);
-    assert!(error < 2.5e-6, "an error of {error}, where plain sums have about 2e-7");
+    assert!(
+        error < 2.5e-6,
+        "an error of {error}, where plain sums have about 2e-7"
+    );
 }

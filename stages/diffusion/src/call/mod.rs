@@ -80,7 +80,9 @@ impl Call {
 
     /// The text encoder asked about a text, by the model's own tokenizer.
     pub fn prompt(source: &ModelSource, prompt: &str, device: &Device) -> Result<Self, ModelError> {
-        Ok(Self(Kind::Text(Box::new(TextCall::prompt(source, prompt, device)?))))
+        Ok(Self(Kind::Text(Box::new(TextCall::prompt(
+            source, prompt, device,
+        )?))))
     }
 
     /// One forward pass.
@@ -103,26 +105,56 @@ impl Call {
 }
 
 /// The tensor `name` of the shape that the pattern says; `None` in it fits any extent from 1 on.
-fn real(inputs: &TensorFile, name: &str, pattern: &[Option<usize>], device: &Device) -> Result<Array, ModelError> {
+fn real(
+    inputs: &TensorFile,
+    name: &str,
+    pattern: &[Option<usize>],
+    device: &Device,
+) -> Result<Array, ModelError> {
     let array = inputs.real(name, device)?;
-    let fits =
-        |(extent, wanted): (&usize, &Option<usize>)| *extent > 0 && wanted.is_none_or(|wanted| wanted == *extent);
+    let fits = |(extent, wanted): (&usize, &Option<usize>)| {
+        *extent > 0 && wanted.is_none_or(|wanted| wanted == *extent)
+    };
     if array.shape().len() == pattern.len() && array.shape().iter().zip(pattern).all(fits) {
         return Ok(array);
     }
-    let wanted: Vec<String> =
-        pattern.iter().map(|extent| extent.map_or("*".into(), |extent| extent.to_string())).collect();
-    Err(inputs.wrong(name, format!("has the shape {:?}; expected [{}]", array.shape(), wanted.join(", "))))
+    let wanted: Vec<String> = pattern
+        .iter()
+        .map(|extent| extent.map_or("*".into(), |extent| extent.to_string()))
+        .collect();
+    Err(inputs.wrong(
+        name,
+        format!(
+            "has the shape {:?}; expected [{}]",
+            array.shape(),
+            wanted.join(", ")
+        ),
+    ))
 }
 
 /// The whole numbers `name`, each below `limit`.
-fn whole(inputs: &TensorFile, name: &str, limit: u32) -> Result<(Vec<usize>, Vec<u32>), ModelError> {
+fn whole(
+    inputs: &TensorFile,
+    name: &str,
+    limit: u32,
+) -> Result<(Vec<usize>, Vec<u32>), ModelError> {
     let (shape, values) = inputs.whole(name)?;
     let number = |value: i64| {
-        let problem = || inputs.wrong(name, format!("has the value {value}; expected are 0 to {}", limit - 1));
-        u32::try_from(value).ok().filter(|value| *value < limit).ok_or_else(problem)
+        let problem = || {
+            inputs.wrong(
+                name,
+                format!("has the value {value}; expected are 0 to {}", limit - 1),
+            )
+        };
+        u32::try_from(value)
+            .ok()
+            .filter(|value| *value < limit)
+            .ok_or_else(problem)
     };
-    Ok((shape, values.into_iter().map(number).collect::<Result<_, _>>()?))
+    Ok((
+        shape,
+        values.into_iter().map(number).collect::<Result<_, _>>()?,
+    ))
 }
 
 /// One whole number for each of `count` samples; a single one stands for all.

@@ -35,8 +35,15 @@ impl Output {
 
     fn bytes(&self) -> Vec<u8> {
         match self {
-            Self::Real(array) => array.to_vec().iter().flat_map(|value| value.to_le_bytes()).collect(),
-            Self::Whole(_, values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+            Self::Real(array) => array
+                .to_vec()
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect(),
+            Self::Whole(_, values) => values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect(),
         }
     }
 }

@@ -17,7 +17,11 @@ pub(super) struct TextCall {
 }
 
 impl TextCall {
-    pub fn new(source: &ModelSource, inputs: &TensorFile, device: &Device) -> Result<Self, ModelError> {
+    pub fn new(
+        source: &ModelSource,
+        inputs: &TensorFile,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
         let encoder = TextEncoder::load(source, device)?;
         let config = encoder.config();
         let (shape, ids) = whole(inputs, "input_ids", config.vocab_size as u32)?;
@@ -28,7 +32,10 @@ impl TextCall {
             }
             _ => {
                 let most = config.max_position_embeddings;
-                Err(inputs.wrong("input_ids", format!("has the shape {shape:?}; expected [N, 1 to {most}]")))
+                Err(inputs.wrong(
+                    "input_ids",
+                    format!("has the shape {shape:?}; expected [N, 1 to {most}]"),
+                ))
             }
         }
     }
@@ -45,7 +52,10 @@ impl TextCall {
         let ids = self.ids.concat().into_iter().map(i64::from).collect();
         Outputs::from([
             ("input_ids".into(), Output::Whole(shape, ids)),
-            ("last_hidden_state".into(), Output::Real(self.encoder.forward(&self.ids))),
+            (
+                "last_hidden_state".into(),
+                Output::Real(self.encoder.forward(&self.ids)),
+            ),
         ])
     }
 }

@@ -29,20 +29,47 @@ pub(super) struct UnetCall {
 }
 
 impl UnetCall {
-    pub fn new(source: &ModelSource, inputs: &TensorFile, asked: &Asked, device: &Device) -> Result<Self, ModelError> {
+    pub fn new(
+        source: &ModelSource,
+        inputs: &TensorFile,
+        asked: &Asked,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
         let unet = Unet::load(source, device, asked.precision)?;
         let config = unet.config();
-        let sample = real(inputs, "sample", &[None, Some(config.in_channels), None, None], device)?;
-        let &[n, _, h, w] = sample.shape() else { unreachable!("the shape was checked") };
+        let sample = real(
+            inputs,
+            "sample",
+            &[None, Some(config.in_channels), None, None],
+            device,
+        )?;
+        let &[n, _, h, w] = sample.shape() else {
+            unreachable!("the shape was checked")
+        };
         let width = Some(config.cross_attention_dim.of(0));
         let output = [Some(n), Some(config.out_channels), Some(h), Some(w)];
         let labels = |classes| each(inputs, "class_labels", classes as u32, n);
         Ok(Self {
             timesteps: each(inputs, "timestep", MAX_TIMESTEP, n)?,
-            class_labels: config.num_class_embeds.map(labels).transpose()?.unwrap_or_default(),
-            text: real(inputs, "encoder_hidden_states", &[Some(n), None, width], device)?,
-            target: asked.gradients.then(|| real(inputs, "target", &output, device)).transpose()?,
-            lora: asked.lora.map(|path| LoraFile::read(path, &unet, device)).transpose()?,
+            class_labels: config
+                .num_class_embeds
+                .map(labels)
+                .transpose()?
+                .unwrap_or_default(),
+            text: real(
+                inputs,
+                "encoder_hidden_states",
+                &[Some(n), None, width],
+                device,
+            )?,
+            target: asked
+                .gradients
+                .then(|| real(inputs, "target", &output, device))
+                .transpose()?,
+            lora: asked
+                .lora
+                .map(|path| LoraFile::read(path, &unet, device))
+                .transpose()?,
             kept: asked.kept,
             sample,
             unet,
@@ -60,7 +87,9 @@ impl UnetCall {
     }
 
     pub fn forward(&self) -> Outputs {
-        let output = self.unet.forward(&self.input(), &self.unet.text(&self.text));
+        let output = self
+            .unet
+            .forward(&self.input(), &self.unet.text(&self.text));
         Outputs::from([("sample".into(), Output::Real(output))])
     }
 
@@ -72,11 +101,30 @@ impl UnetCall {
         let dy = scale(&error, 2.0 / error.len() as f32);
         let gradients = self.unet.backward(&input, &text, tape, &dy, true);
         let loss = output.device().array(&[], vec![mean_square(&error)]);
-        let mut outputs = BTreeMap::from([("sample".to_owned(), output), ("loss".to_owned(), loss)]);
-        outputs.extend(gradients.sample.map(|gradient| ("grad.sample".to_owned(), gradient)));
+        let mut outputs =
+            BTreeMap::from([("sample".to_owned(), output), ("loss".to_owned(), loss)]);
+        outputs.extend(
+            gradients
+                .sample
+                .map(|gradient| ("grad.sample".to_owned(), gradient)),
+        );
         let names = self.lora.as_ref().map(|lora| &lora.names);
-        let stored = |name: &str| names.and_then(|names| names.get(name)).map_or(name.to_owned(), Clone::clone);
-        outputs.extend(gradients.adapters.into_iter().map(|(name, d)| (format!("grad.{}", stored(&name)), d)));
-        Some(outputs.into_iter().map(|(name, array)| (name, Output::Real(array))).collect())
+        let stored = |name: &str| {
+            names
+                .and_then(|names| names.get(name))
+                .map_or(name.to_owned(), Clone::clone)
+        };
+        outputs.extend(
+            gradients
+                .adapters
+                .into_iter()
+                .map(|(name, d)| (format!("grad.{}", stored(&name)), d)),
+        );
+        Some(
+            outputs
+                .into_iter()
+                .map(|(name, array)| (name, Output::Real(array)))
+                .collect(),
+        )
     }
 }

@@ -16,20 +16,53 @@ pub(super) struct VaeCall {
 }
 
 impl VaeCall {
-    pub fn encode(source: &ModelSource, inputs: &TensorFile, device: &Device) -> Result<Self, ModelError> {
+    pub fn encode(
+        source: &ModelSource,
+        inputs: &TensorFile,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
         let vae = Vae::load(source, device)?;
-        let input = real(inputs, "sample", &[None, Some(vae.config().in_channels), None, None], device)?;
-        if input.shape()[2..].iter().any(|extent| *extent < vae.factor()) {
-            let problem = format!("has the shape {:?}; the least height and width are {}", input.shape(), vae.factor());
+        let input = real(
+            inputs,
+            "sample",
+            &[None, Some(vae.config().in_channels), None, None],
+            device,
+        )?;
+        if input.shape()[2..]
+            .iter()
+            .any(|extent| *extent < vae.factor())
+        {
+            let problem = format!(
+                "has the shape {:?}; the least height and width are {}",
+                input.shape(),
+                vae.factor()
+            );
             return Err(inputs.wrong("sample", problem));
         }
-        Ok(Self { vae, input, encode: true })
+        Ok(Self {
+            vae,
+            input,
+            encode: true,
+        })
     }
 
-    pub fn decode(source: &ModelSource, inputs: &TensorFile, device: &Device) -> Result<Self, ModelError> {
+    pub fn decode(
+        source: &ModelSource,
+        inputs: &TensorFile,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
         let vae = Vae::load(source, device)?;
-        let input = real(inputs, "latent", &[None, Some(vae.config().latent_channels), None, None], device)?;
-        Ok(Self { vae, input, encode: false })
+        let input = real(
+            inputs,
+            "latent",
+            &[None, Some(vae.config().latent_channels), None, None],
+            device,
+        )?;
+        Ok(Self {
+            vae,
+            input,
+            encode: false,
+        })
     }
 
     pub fn forward(&self) -> Outputs {

@@ -6,7 +6,11 @@ use crate::error::ModelError;
 const MAX_SIZE: usize = 1 << 16;
 
 /// Fails where a list that goes by blocks has another length than the list of blocks.
-pub(super) fn check_lengths(file: &str, blocks: usize, counts: &[(&str, usize)]) -> Result<(), ModelError> {
+pub(super) fn check_lengths(
+    file: &str,
+    blocks: usize,
+    counts: &[(&str, usize)],
+) -> Result<(), ModelError> {
     if blocks == 0 {
         return Err(ModelError::field(file, "block_out_channels", "is empty"));
     }
@@ -22,10 +26,17 @@ pub(super) fn check_lengths(file: &str, blocks: usize, counts: &[(&str, usize)])
 /// Fails where a size is zero or absurd.
 pub(super) fn check_sizes(file: &str, sizes: &[(&str, &[usize])]) -> Result<(), ModelError> {
     let wrong = |size: &usize| !(1..=MAX_SIZE).contains(size);
-    match sizes.iter().find_map(|(field, sizes)| sizes.iter().find(|size| wrong(size)).map(|size| (field, size))) {
-        Some((field, size)) => {
-            Err(ModelError::field(file, *field, format!("is {size}; it must be from 1 to {MAX_SIZE}")))
-        }
+    match sizes.iter().find_map(|(field, sizes)| {
+        sizes
+            .iter()
+            .find(|size| wrong(size))
+            .map(|size| (field, size))
+    }) {
+        Some((field, size)) => Err(ModelError::field(
+            file,
+            *field,
+            format!("is {size}; it must be from 1 to {MAX_SIZE}"),
+        )),
         None => Ok(()),
     }
 }
@@ -37,10 +48,16 @@ pub(super) fn check_divisors(
     channels: &[usize],
     of: impl Fn(usize) -> usize,
 ) -> Result<(), ModelError> {
-    match channels.iter().enumerate().find(|(i, channels)| !channels.is_multiple_of(of(*i))) {
-        Some((i, channels)) => {
-            Err(ModelError::field(file, field, format!("is {}, which does not divide {channels}", of(i))))
-        }
+    match channels
+        .iter()
+        .enumerate()
+        .find(|(i, channels)| !channels.is_multiple_of(of(*i)))
+    {
+        Some((i, channels)) => Err(ModelError::field(
+            file,
+            field,
+            format!("is {}, which does not divide {channels}", of(i)),
+        )),
         None => Ok(()),
     }
 }

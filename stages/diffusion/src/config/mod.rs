@@ -56,25 +56,42 @@ impl<T> PerBlock<T> {
 
 /// Reads a configuration. Fields of `fixed` must have the value given there (or be absent); fields of `idle` and those
 /// that begin with an underscore may have any.
-pub(crate) fn parse<T: DeserializeOwned>(file: &ModelFile, fixed: &Value, idle: &[&str]) -> Result<T, ModelError> {
-    let mut fields: Map<String, Value> =
-        serde_json::from_slice(file).map_err(|e| ModelError::file(&file.name, format!("is not a JSON object: {e}")))?;
+pub(crate) fn parse<T: DeserializeOwned>(
+    file: &ModelFile,
+    fixed: &Value,
+    idle: &[&str],
+) -> Result<T, ModelError> {
+    let mut fields: Map<String, Value> = serde_json::from_slice(file)
+        .map_err(|e| ModelError::file(&file.name, format!("is not a JSON object: {e}")))?;
     fields.retain(|name, _| !name.starts_with('_') && !idle.contains(&name.as_str()));
     for (name, supported) in fixed.as_object().into_iter().flatten() {
         match fields.remove(name) {
             Some(value) if !same(&value, supported) => {
-                return Err(ModelError::field(&file.name, name, format!("is {value}; supported is {supported}")));
+                return Err(ModelError::field(
+                    &file.name,
+                    name,
+                    format!("is {value}; supported is {supported}"),
+                ));
             }
             _ => {}
         }
     }
-    serde_path_to_error::deserialize(Value::Object(fields))
-        .map_err(|e| ModelError::field(&file.name, e.path().to_string(), format!("cannot be used: {}", e.inner())))
+    serde_path_to_error::deserialize(Value::Object(fields)).map_err(|e| {
+        ModelError::field(
+            &file.name,
+            e.path().to_string(),
+            format!("cannot be used: {}", e.inner()),
+        )
+    })
 }
 
 /// Equal, where 1 and 1.0 are, and an absent value may be written as null.
 fn same(value: &Value, supported: &Value) -> bool {
-    value.is_null() || value == supported || value.as_f64().is_some_and(|v| Some(v) == supported.as_f64())
+    value.is_null()
+        || value == supported
+        || value
+            .as_f64()
+            .is_some_and(|v| Some(v) == supported.as_f64())
 }
 
 #[cfg(test)]
@@ -82,11 +99,22 @@ mod tests {
     use super::*;
     use crate::source::ModelSource;
 
-    fn with_file<T>(text: &str, read: impl Fn(&ModelFile) -> Result<T, ModelError>) -> Result<T, String> {
+    fn with_file<T>(
+        text: &str,
+        read: impl Fn(&ModelFile) -> Result<T, ModelError>,
+    ) -> Result<T, String> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("config.json"), text).unwrap();
-        let file = ModelSource::Folder(folder.path().to_owned()).file("config.json").unwrap();
-        read(&file).map_err(|e| e.to_string().rsplit_once("config.json: ").unwrap().1.to_owned())
+        let file = ModelSource::Folder(folder.path().to_owned())
+            .file("config.json")
+            .unwrap();
+        read(&file).map_err(|e| {
+            e.to_string()
+                .rsplit_once("config.json: ")
+                .unwrap()
+                .1
+                .to_owned()
+        })
     }
 
     fn refusal(text: &str) -> String {
@@ -95,34 +123,64 @@ mod tests {
 
     #[test]
     fn what_the_networks_do_not_have_is_refused_by_name() {
-        assert_eq!(refusal(r#"{"act_fn": "mish"}"#), r#"`act_fn` is "mish"; supported is "silu""#);
-        assert_eq!(refusal(r#"{"mid_block_scale_factor": 1.5}"#), "`mid_block_scale_factor` is 1.5; supported is 1");
+        assert_eq!(
+            refusal(r#"{"act_fn": "mish"}"#),
+            r#"`act_fn` is "mish"; supported is "silu""#
+        );
+        assert_eq!(
+            refusal(r#"{"mid_block_scale_factor": 1.5}"#),
+            "`mid_block_scale_factor` is 1.5; supported is 1"
+        );
         let block = refusal(r#"{"down_block_types": ["DownBlock2D", "AttnDownBlock2D"]}"#);
         assert!(
-            block.starts_with("`down_block_types[1]` cannot be used: unknown variant `AttnDownBlock2D`"),
+            block.starts_with(
+                "`down_block_types[1]` cannot be used: unknown variant `AttnDownBlock2D`"
+            ),
             "{block}"
         );
         let unknown = refusal(r#"{"hyper_network": 3}"#);
-        assert!(unknown.contains("unknown field `hyper_network`"), "{unknown}");
-        let encoder = with_file(r#"{"down_block_types": ["AttnDownEncoderBlock2D"]}"#, VaeConfig::read).unwrap_err();
-        assert!(encoder.starts_with("`down_block_types[0]` cannot be used: unknown variant"), "{encoder}");
+        assert!(
+            unknown.contains("unknown field `hyper_network`"),
+            "{unknown}"
+        );
+        let encoder = with_file(
+            r#"{"down_block_types": ["AttnDownEncoderBlock2D"]}"#,
+            VaeConfig::read,
+        )
+        .unwrap_err();
+        assert!(
+            encoder.starts_with("`down_block_types[0]` cannot be used: unknown variant"),
+            "{encoder}"
+        );
         let text = with_file(r#"{"hidden_act": "relu"}"#, TextConfig::read).unwrap_err();
-        assert!(text.starts_with("`hidden_act` cannot be used: unknown variant `relu`"), "{text}");
+        assert!(
+            text.starts_with("`hidden_act` cannot be used: unknown variant `relu`"),
+            "{text}"
+        );
     }
 
     #[test]
     fn what_does_not_fit_together_is_refused_by_name() {
-        assert_eq!(refusal("[]").split(':').next(), Some("is not a JSON object"));
+        assert_eq!(
+            refusal("[]").split(':').next(),
+            Some("is not a JSON object")
+        );
         assert_eq!(
             refusal(r#"{"block_out_channels": [320, 640]}"#),
             "`down_block_types` has 4 entries; `block_out_channels` has 2"
         );
-        assert_eq!(refusal(r#"{"norm_num_groups": 7}"#), "`norm_num_groups` is 7, which does not divide 320");
+        assert_eq!(
+            refusal(r#"{"norm_num_groups": 7}"#),
+            "`norm_num_groups` is 7, which does not divide 320"
+        );
         assert_eq!(
             refusal(r#"{"attention_head_dim": [8, 8, 8, 0]}"#),
             "`attention_head_dim` is 0; it must be from 1 to 65536"
         );
-        assert_eq!(refusal(r#"{"in_channels": 99999999}"#), "`in_channels` is 99999999; it must be from 1 to 65536");
+        assert_eq!(
+            refusal(r#"{"in_channels": 99999999}"#),
+            "`in_channels` is 99999999; it must be from 1 to 65536"
+        );
     }
 
     #[test]
@@ -130,7 +188,13 @@ mod tests {
         let text = r#"{"_class_name": "x", "mid_block_scale_factor": 1.0, "upcast_attention": null, "num_class_embeds": null,
             "layers_per_block": [1, 2, 3, 4], "encoder_hid_dim": null, "sample_size": 128}"#;
         let config = with_file(text, UnetConfig::read).unwrap();
-        assert_eq!((config.layers_per_block.of(2), config.attention_head_dim.of(2)), (3, 8));
+        assert_eq!(
+            (
+                config.layers_per_block.of(2),
+                config.attention_head_dim.of(2)
+            ),
+            (3, 8)
+        );
         assert_eq!(config.block_out_channels, [320, 640, 1280, 1280]);
     }
 }

@@ -63,7 +63,12 @@ impl TextConfig {
         for (field, size) in sizes {
             check_sizes(&file.name, &[(field, &[size])])?;
         }
-        check_divisors(&file.name, "num_attention_heads", &[config.hidden_size], |_| config.num_attention_heads)?;
+        check_divisors(
+            &file.name,
+            "num_attention_heads",
+            &[config.hidden_size],
+            |_| config.num_attention_heads,
+        )?;
         Ok(config)
     }
 }

@@ -104,10 +104,19 @@ impl UnetConfig {
             ("down_block_types", self.down_block_types.len()),
             ("up_block_types", self.up_block_types.len()),
             ("layers_per_block", self.layers_per_block.count(blocks)),
-            ("cross_attention_dim", self.cross_attention_dim.count(blocks)),
-            ("transformer_layers_per_block", self.transformer_layers_per_block.count(blocks)),
+            (
+                "cross_attention_dim",
+                self.cross_attention_dim.count(blocks),
+            ),
+            (
+                "transformer_layers_per_block",
+                self.transformer_layers_per_block.count(blocks),
+            ),
             ("attention_head_dim", self.attention_head_dim.count(blocks)),
-            ("only_cross_attention", self.only_cross_attention.count(blocks)),
+            (
+                "only_cross_attention",
+                self.only_cross_attention.count(blocks),
+            ),
         ];
         check_lengths(file, blocks, &per_block)?;
         let sizes = [
@@ -117,16 +126,27 @@ impl UnetConfig {
             ("layers_per_block", self.layers_per_block.all()),
             ("norm_num_groups", &[self.norm_num_groups]),
             ("cross_attention_dim", self.cross_attention_dim.all()),
-            ("transformer_layers_per_block", self.transformer_layers_per_block.all()),
+            (
+                "transformer_layers_per_block",
+                self.transformer_layers_per_block.all(),
+            ),
             ("attention_head_dim", self.attention_head_dim.all()),
             ("num_class_embeds", &[self.num_class_embeds.unwrap_or(1)]),
         ];
         check_sizes(file, &sizes)?;
         if !self.block_out_channels[0].is_multiple_of(2) {
             // Half of them are the timestep's sines, half its cosines.
-            return Err(ModelError::field(file, "block_out_channels[0]", "is odd; it must be even"));
+            return Err(ModelError::field(
+                file,
+                "block_out_channels[0]",
+                "is odd; it must be even",
+            ));
         }
-        check_divisors(file, "norm_num_groups", &self.block_out_channels, |_| self.norm_num_groups)?;
-        check_divisors(file, "attention_head_dim", &self.block_out_channels, |i| self.attention_head_dim.of(i))
+        check_divisors(file, "norm_num_groups", &self.block_out_channels, |_| {
+            self.norm_num_groups
+        })?;
+        check_divisors(file, "attention_head_dim", &self.block_out_channels, |i| {
+            self.attention_head_dim.of(i)
+        })
     }
 }

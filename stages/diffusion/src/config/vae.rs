@@ -69,8 +69,10 @@ impl VaeConfig {
     }
 
     fn check(&self, file: &str) -> Result<(), ModelError> {
-        let per_block =
-            [("down_block_types", self.down_block_types.len()), ("up_block_types", self.up_block_types.len())];
+        let per_block = [
+            ("down_block_types", self.down_block_types.len()),
+            ("up_block_types", self.up_block_types.len()),
+        ];
         check_lengths(file, self.block_out_channels.len(), &per_block)?;
         let sizes = [
             ("in_channels", &[self.in_channels][..]),
@@ -85,6 +87,8 @@ impl VaeConfig {
             let problem = format!("is {}; it must be above 0", self.scaling_factor);
             return Err(ModelError::field(file, "scaling_factor", problem));
         }
-        check_divisors(file, "norm_num_groups", &self.block_out_channels, |_| self.norm_num_groups)
+        check_divisors(file, "norm_num_groups", &self.block_out_channels, |_| {
+            self.norm_num_groups
+        })
     }
 }

@@ -10,8 +10,19 @@ pub struct InvalidOption {
     pub problem: String,
 }
 
-fn ask(holds: bool, field: &'static str, problem: impl FnOnce() -> String) -> Result<(), InvalidOption> {
-    if holds { Ok(()) } else { Err(InvalidOption { field, problem: problem() }) }
+fn ask(
+    holds: bool,
+    field: &'static str,
+    problem: impl FnOnce() -> String,
+) -> Result<(), InvalidOption> {
+    if holds {
+        Ok(())
+    } else {
+        Err(InvalidOption {
+            field,
+            problem: problem(),
+        })
+    }
 }
 
 /// A count that must not be 0.
@@ -21,32 +32,44 @@ pub(crate) fn at_least_one(field: &'static str, count: u32) -> Result<(), Invali
 
 /// A number that must not be above another one.
 pub(crate) fn at_most(field: &'static str, value: u32, limit: u32) -> Result<(), InvalidOption> {
-    ask(value <= limit, field, || format!("is {value}; it must be at most {limit}"))
+    ask(value <= limit, field, || {
+        format!("is {value}; it must be at most {limit}")
+    })
 }
 
 /// A number that must be finite and above 0.
 pub(crate) fn positive(field: &'static str, value: f64) -> Result<(), InvalidOption> {
-    ask(value.is_finite() && value > 0.0, field, || format!("is {value}; it must be a number above 0"))
+    ask(value.is_finite() && value > 0.0, field, || {
+        format!("is {value}; it must be a number above 0")
+    })
 }
 
 /// A number that must be finite and not below 0.
 pub(crate) fn not_negative(field: &'static str, value: f64) -> Result<(), InvalidOption> {
-    ask(value.is_finite() && value >= 0.0, field, || format!("is {value}; it must be 0 or a number above"))
+    ask(value.is_finite() && value >= 0.0, field, || {
+        format!("is {value}; it must be 0 or a number above")
+    })
 }
 
 /// A share of something, from 0 to 1.
 pub(crate) fn share(field: &'static str, value: f64) -> Result<(), InvalidOption> {
-    ask((0.0..=1.0).contains(&value), field, || format!("is {value}; it must be from 0 to 1"))
+    ask((0.0..=1.0).contains(&value), field, || {
+        format!("is {value}; it must be from 0 to 1")
+    })
 }
 
 /// A share of what was before, from 0 to below 1.
 pub(crate) fn decay(field: &'static str, value: f64) -> Result<(), InvalidOption> {
-    ask((0.0..1.0).contains(&value), field, || format!("is {value}; it must be at least 0 and below 1"))
+    ask((0.0..1.0).contains(&value), field, || {
+        format!("is {value}; it must be at least 0 and below 1")
+    })
 }
 
 /// Two shares, the first not above the second.
 pub(crate) fn range(field: &'static str, low: f64, high: f64) -> Result<(), InvalidOption> {
     share(field, low)?;
     share(field, high)?;
-    ask(low <= high, field, || format!("reaches from {low} to {high}; its ends are the wrong way round"))
+    ask(low <= high, field, || {
+        format!("reaches from {low} to {high}; its ends are the wrong way round")
+    })
 }

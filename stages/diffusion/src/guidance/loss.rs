@@ -23,7 +23,10 @@ impl Loss {
     pub fn value(self, direction: &Array) -> f64 {
         match self {
             Self::L2 => 0.5 * f64::from(reduce::mean_square(direction)),
-            Self::L1 => f64::from(reduce::mean(&elementwise::mul(direction, &elementwise::sign(direction)))),
+            Self::L1 => f64::from(reduce::mean(&elementwise::mul(
+                direction,
+                &elementwise::sign(direction),
+            ))),
         }
     }
 
@@ -44,8 +47,17 @@ mod tests {
     #[test]
     fn l2_keeps_the_direction_and_l1_its_sign() {
         let direction = Device::cpu().array(&[4], vec![0.5, -2.0, 0.0, 1.5]);
-        assert_eq!(Loss::L2.gradient(&direction).to_vec(), [0.5, -2.0, 0.0, 1.5]);
-        assert_eq!(Loss::L1.gradient(&direction).to_vec(), [1.0, -1.0, 0.0, 1.0]);
-        assert_eq!((Loss::L2.value(&direction), Loss::L1.value(&direction)), (0.8125, 1.0));
+        assert_eq!(
+            Loss::L2.gradient(&direction).to_vec(),
+            [0.5, -2.0, 0.0, 1.5]
+        );
+        assert_eq!(
+            Loss::L1.gradient(&direction).to_vec(),
+            [1.0, -1.0, 0.0, 1.0]
+        );
+        assert_eq!(
+            (Loss::L2.value(&direction), Loss::L1.value(&direction)),
+            (0.8125, 1.0)
+        );
     }
 }

@@ -65,7 +65,11 @@ pub struct Estimate<'a> {
 /// Classifier-free guidance (Ho and Salimans 2022): bad + scale (good - bad). At scale 1 the bad prompt is not asked.
 /// `velocities` gives one for each prompt.
 pub fn classifier_free(scale: f64, velocities: impl FnOnce(&[Prompt]) -> Vec<Array>) -> Array {
-    let prompts: &[Prompt] = if scale == 1.0 { &[Prompt::Good] } else { &[Prompt::Good, Prompt::Bad] };
+    let prompts: &[Prompt] = if scale == 1.0 {
+        &[Prompt::Good]
+    } else {
+        &[Prompt::Good, Prompt::Bad]
+    };
     match &velocities(prompts)[..] {
         [good] => good.clone(),
         [good, bad] => scaled_sum(&[(scale as f32, good), ((1.0 - scale) as f32, bad)]),

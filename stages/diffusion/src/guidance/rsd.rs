@@ -36,7 +36,11 @@ pub enum Weight {
 
 impl Default for Rsd {
     fn default() -> Self {
-        Self { rate: 0.02, timesteps: Timesteps::ANNEALED, weight: Weight::One }
+        Self {
+            rate: 0.02,
+            timesteps: Timesteps::ANNEALED,
+            weight: Weight::One,
+        }
     }
 }
 
@@ -46,9 +50,9 @@ impl Rsd {
         let to_clean = towards_clean(schedule, estimate);
         match self.weight {
             Weight::One => to_clean,
-            Weight::Renoised { spacing } => {
-                scale(&to_clean, estimate.t, |t| renoised(schedule, t, spacing).0 * kappa(schedule, t, spacing))
-            }
+            Weight::Renoised { spacing } => scale(&to_clean, estimate.t, |t| {
+                renoised(schedule, t, spacing).0 * kappa(schedule, t, spacing)
+            }),
         }
     }
 
@@ -65,7 +69,10 @@ impl Rsd {
 
 /// z' - x0_hat: descending it moves the latent to the network's estimate.
 pub(super) fn towards_clean(schedule: &Schedule, estimate: &Estimate) -> Array {
-    sub(estimate.latent, &schedule.clean(estimate.noisy, estimate.velocity, estimate.t))
+    sub(
+        estimate.latent,
+        &schedule.clean(estimate.noisy, estimate.velocity, estimate.t),
+    )
 }
 
 /// kappa = a_t' - a_t s_t' / s_t, in z_t' - zhat_t' = kappa (z' - x0_hat): how far one deterministic step of the
@@ -77,5 +84,6 @@ pub fn kappa(schedule: &Schedule, t: u32, spacing: u32) -> f64 {
 
 /// a and s at t' = t - spacing; below the first timestep there is no noise left.
 fn renoised(schedule: &Schedule, t: u32, spacing: u32) -> (f64, f64) {
-    t.checked_sub(spacing).map_or((1.0, 0.0), |t| (schedule.a(t), schedule.s(t)))
+    t.checked_sub(spacing)
+        .map_or((1.0, 0.0), |t| (schedule.a(t), schedule.s(t)))
 }

@@ -21,14 +21,20 @@ pub struct Sds {
 
 impl Default for Sds {
     fn default() -> Self {
-        Self { rate: 0.02, timesteps: Timesteps::UNIFORM }
+        Self {
+            rate: 0.02,
+            timesteps: Timesteps::UNIFORM,
+        }
     }
 }
 
 impl Sds {
     /// The direction (1 - alpha_bar) (eps_hat - eps).
     pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
-        let surplus = sub(&schedule.noise(estimate.noisy, estimate.velocity, estimate.t), estimate.noise);
+        let surplus = sub(
+            &schedule.noise(estimate.noisy, estimate.velocity, estimate.t),
+            estimate.noise,
+        );
         scale(&surplus, estimate.t, |t| 1.0 - schedule.alpha_bar(t))
     }
 

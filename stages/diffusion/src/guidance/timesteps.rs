@@ -28,9 +28,15 @@ pub enum Timesteps {
 
 impl Timesteps {
     /// From nearly pure noise to half-way, as DiSR-NeRF and the paper's code.
-    pub const ANNEALED: Self = Self::Annealed { from: 0.98, to: 0.5 };
+    pub const ANNEALED: Self = Self::Annealed {
+        from: 0.98,
+        to: 0.5,
+    };
     /// All but the ends, as DreamFusion.
-    pub const UNIFORM: Self = Self::Uniform { min: 0.02, max: 0.98 };
+    pub const UNIFORM: Self = Self::Uniform {
+        min: 0.02,
+        max: 0.98,
+    };
 
     /// Refuses shares outside 0 to 1 and ranges the wrong way round.
     pub fn check(&self) -> Result<(), InvalidOption> {
@@ -50,7 +56,9 @@ impl Timesteps {
             }
             Self::Uniform { min, max } => {
                 let (low, high) = (timestep(min), timestep(max));
-                (0..views as u64).map(|view| low + rng.below(step, view, high - low + 1)).collect()
+                (0..views as u64)
+                    .map(|view| low + rng.below(step, view, high - low + 1))
+                    .collect()
             }
         }
     }
@@ -63,14 +71,22 @@ mod tests {
     #[test]
     fn annealing_falls_from_980_to_500_over_the_stage() {
         let at = |step| Timesteps::ANNEALED.at(step, 96, 2, 1000, &Rng::new(0, "test"));
-        assert_eq!([at(0), at(48), at(95)], [[980, 980], [740, 740], [505, 505]]);
+        assert_eq!(
+            [at(0), at(48), at(95)],
+            [[980, 980], [740, 740], [505, 505]]
+        );
     }
 
     #[test]
     fn uniform_timesteps_reach_both_ends_and_nothing_beyond() {
         let rng = Rng::new(0, "test");
-        let drawn: Vec<u32> = (0..4000).flat_map(|step| Timesteps::UNIFORM.at(step, 4000, 3, 1000, &rng)).collect();
-        assert_eq!((drawn.iter().min(), drawn.iter().max()), (Some(&20), Some(&980)));
+        let drawn: Vec<u32> = (0..4000)
+            .flat_map(|step| Timesteps::UNIFORM.at(step, 4000, 3, 1000, &rng))
+            .collect();
+        assert_eq!(
+            (drawn.iter().min(), drawn.iter().max()),
+            (Some(&20), Some(&980))
+        );
     }
 
     #[test]
@@ -83,7 +99,10 @@ mod tests {
     fn ranges_the_wrong_way_round_are_refused() {
         let message = |timesteps: Timesteps| timesteps.check().unwrap_err().to_string();
         assert_eq!(
-            message(Timesteps::Annealed { from: 0.5, to: 0.98 }),
+            message(Timesteps::Annealed {
+                from: 0.5,
+                to: 0.98
+            }),
             "`guidance.timesteps` reaches from 0.98 to 0.5; its ends are the wrong way round"
         );
         assert_eq!(

@@ -58,12 +58,20 @@ impl Default for Vsd {
 impl Vsd {
     /// The direction (1 - alpha_bar) (eps_prior - eps_lora) = (1 - alpha_bar) a (v_prior - v_lora), plus the anchor.
     pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
-        let disagreement = sub(estimate.velocity, estimate.lora_velocity.unwrap_or(estimate.velocity));
-        let direction = scale(&disagreement, estimate.t, |t| (1.0 - schedule.alpha_bar(t)) * schedule.a(t));
+        let disagreement = sub(
+            estimate.velocity,
+            estimate.lora_velocity.unwrap_or(estimate.velocity),
+        );
+        let direction = scale(&disagreement, estimate.t, |t| {
+            (1.0 - schedule.alpha_bar(t)) * schedule.a(t)
+        });
         if self.anchor == 0.0 {
             return direction;
         }
-        scaled_sum(&[(1.0, &direction), (self.anchor as f32, &rsd::towards_clean(schedule, estimate))])
+        scaled_sum(&[
+            (1.0, &direction),
+            (self.anchor as f32, &rsd::towards_clean(schedule, estimate)),
+        ])
     }
 
     /// Refuses numbers that make no sense.

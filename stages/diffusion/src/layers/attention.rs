@@ -36,14 +36,22 @@ impl AttentionTape {
     /// The bytes that it holds.
     pub fn bytes(&self) -> usize {
         let [query, key, value, out] = &self.projections;
-        let inputs: usize = [query, key, value, out].iter().map(|tape| tape.bytes()).sum();
+        let inputs: usize = [query, key, value, out]
+            .iter()
+            .map(|tape| tape.bytes())
+            .sum();
         inputs + 4 * (self.qkv.iter().map(Array::len).sum::<usize>() + self.attended.lse.len())
     }
 }
 
 impl Attention {
     /// `text` is the width of the text states for cross-attention, and `None` for self-attention.
-    pub fn read(scope: &Scope, channels: usize, text: Option<usize>, heads: usize) -> Result<Self, ModelError> {
+    pub fn read(
+        scope: &Scope,
+        channels: usize,
+        text: Option<usize>,
+        heads: usize,
+    ) -> Result<Self, ModelError> {
         let source = text.unwrap_or(channels);
         Ok(Self {
             name: scope.path().to_owned(),
@@ -57,27 +65,50 @@ impl Attention {
     }
 
     pub fn sites(&self) -> [&AdapterSite; 4] {
-        [self.query.site(), self.key.site(), self.value.site(), self.out.site()]
+        [
+            self.query.site(),
+            self.key.site(),
+            self.value.site(),
+            self.out.site(),
+        ]
     }
 
     /// Puts the frozen keys and values of the text states `[P, S, D]` into `projected`.
     pub fn project_text(&self, states: &Array, projected: &mut BTreeMap<String, [Array; 2]>) {
         if self.cross {
-            projected.insert(self.name.clone(), [self.key.frozen(states), self.value.frozen(states)]);
+            projected.insert(
+                self.name.clone(),
+                [self.key.frozen(states), self.value.frozen(states)],
+            );
         }
     }
 
     /// Tokens `x [N, T, C]`.
-    pub fn forward(&self, x: &Array, text: &TextContext, lora: Option<&LoraNetwork>) -> (Array, AttentionTape) {
+    pub fn forward(
+        &self,
+        x: &Array,
+        text: &TextContext,
+        lora: Option<&LoraNetwork>,
+    ) -> (Array, AttentionTape) {
         let (q, query) = self.query.forward(x, lora);
         let [(k, key), (v, value)] = match text.projected.get(&self.name) {
-            Some([k, v]) => [self.key.adapt(&text.states, k, lora), self.value.adapt(&text.states, v, lora)],
+            Some([k, v]) => [
+                self.key.adapt(&text.states, k, lora),
+                self.value.adapt(&text.states, v, lora),
+            ],
             None => [self.key.forward(x, lora), self.value.forward(x, lora)],
         };
         let [k, v] = [k, v].map(|projected| for_all(&projected, x.shape()[0]));
         let attended = attention(&q, &k, &v, self.heads, false);
         let (y, out) = self.out.forward(&attended.out, lora);
-        (y, AttentionTape { projections: [query, key, value, out], qkv: [q, k, v], attended })
+        (
+            y,
+            AttentionTape {
+                projections: [query, key, value, out],
+                qkv: [q, k, v],
+                attended,
+            },
+        )
     }
 
     /// The gradient by `x`; the text is frozen and gets none.
@@ -90,11 +121,14 @@ impl Attention {
     ) -> Array {
         let ([query, key, value, out], [q, k, v]) = (&tape.projections, &tape.qkv);
         let attended = self.out.backward(out, dy, lora, gradients);
-        let [dq, dk, dv] = attention_backward(q, k, v, &tape.attended, self.heads, false, &attended);
+        let [dq, dk, dv] =
+            attention_backward(q, k, v, &tape.attended, self.heads, false, &attended);
         let dx = self.query.backward(query, &dq, lora, gradients);
         if self.cross {
-            self.key.backward_adapter(key, &over_all(&dk, key.samples()), lora, gradients);
-            self.value.backward_adapter(value, &over_all(&dv, value.samples()), lora, gradients);
+            self.key
+                .backward_adapter(key, &over_all(&dk, key.samples()), lora, gradients);
+            self.value
+                .backward_adapter(value, &over_all(&dv, value.samples()), lora, gradients);
             return dx;
         }
         let through_key = self.key.backward(key, &dk, lora, gradients);
@@ -105,7 +139,11 @@ impl Attention {
 
 /// One text for each of `n` samples.
 fn for_all(text: &Array, n: usize) -> Array {
-    if text.shape()[0] == n { text.clone() } else { concat(&vec![text; n], 0) }
+    if text.shape()[0] == n {
+        text.clone()
+    } else {
+        concat(&vec![text; n], 0)
+    }
 }
 
 /// The gradient of [`for_all`] to `texts` texts: where one stood for all samples, their sum.

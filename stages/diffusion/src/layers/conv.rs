@@ -24,9 +24,19 @@ impl Conv2d {
         Self::with(scope, inputs, outputs, 1, Conv::default())
     }
 
-    pub fn with(scope: &Scope, inputs: usize, outputs: usize, kernel: usize, conv: Conv) -> Result<Self, ModelError> {
+    pub fn with(
+        scope: &Scope,
+        inputs: usize,
+        outputs: usize,
+        kernel: usize,
+        conv: Conv,
+    ) -> Result<Self, ModelError> {
         let weight = scope.weight("weight", &[outputs, inputs, kernel, kernel])?;
-        Ok(Self { weight, bias: scope.tensor("bias", &[outputs])?, conv })
+        Ok(Self {
+            weight,
+            bias: scope.tensor("bias", &[outputs])?,
+            conv,
+        })
     }
 
     pub fn forward(&self, x: &Array) -> Array {

@@ -15,11 +15,17 @@ pub(crate) struct Linear {
 impl Linear {
     pub fn read(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
         let bias = Some(scope.tensor("bias", &[outputs])?);
-        Ok(Self { bias, ..Self::without_bias(scope, inputs, outputs)? })
+        Ok(Self {
+            bias,
+            ..Self::without_bias(scope, inputs, outputs)?
+        })
     }
 
     pub fn without_bias(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
-        Ok(Self { weight: scope.weight("weight", &[outputs, inputs])?, bias: None })
+        Ok(Self {
+            weight: scope.weight("weight", &[outputs, inputs])?,
+            bias: None,
+        })
     }
 
     /// How many numbers it gives.

@@ -27,12 +27,28 @@ impl GroupNorm {
         eps: f32,
         activation: Activation,
     ) -> Result<Self, ModelError> {
-        let (gamma, beta) = (scope.tensor("weight", &[channels])?, scope.tensor("bias", &[channels])?);
-        Ok(Self { gamma, beta, groups, eps, activation })
+        let (gamma, beta) = (
+            scope.tensor("weight", &[channels])?,
+            scope.tensor("bias", &[channels])?,
+        );
+        Ok(Self {
+            gamma,
+            beta,
+            groups,
+            eps,
+            activation,
+        })
     }
 
     pub fn forward(&self, x: &Array) -> Array {
-        group_norm(x, &self.gamma, &self.beta, self.groups, self.eps, self.activation)
+        group_norm(
+            x,
+            &self.gamma,
+            &self.beta,
+            self.groups,
+            self.eps,
+            self.activation,
+        )
     }
 
     /// What it would normalise `x [1, C, ..]` by.
@@ -41,7 +57,10 @@ impl GroupNorm {
         let group = |i| {
             let row = slice(&rows, 0, i, 1);
             let mean = mean(&row);
-            [mean.into(), mean_square(&sub(&row, &row.device().full(row.shape(), mean))).into()]
+            [
+                mean.into(),
+                mean_square(&sub(&row, &row.device().full(row.shape(), mean))).into(),
+            ]
         };
         Moments((0..self.groups).map(group).collect())
     }
@@ -57,19 +76,31 @@ impl GroupNorm {
             groups.zip(own.0.iter().zip(&moments.0))
         {
             let deviation = (wanted_variance + eps).sqrt();
-            let (gain, offset) = ((variance + eps).sqrt() / deviation, (mean - wanted_mean) / deviation);
+            let (gain, offset) = (
+                (variance + eps).sqrt() / deviation,
+                (mean - wanted_mean) / deviation,
+            );
             for (gamma, beta) in gamma.iter_mut().zip(beta) {
                 *beta += *gamma * offset as f32;
                 *gamma *= gain as f32;
             }
         }
-        let [gamma, beta] = [gamma, beta].map(|values| x.device().array(self.gamma.shape(), values));
+        let [gamma, beta] =
+            [gamma, beta].map(|values| x.device().array(self.gamma.shape(), values));
         group_norm(x, &gamma, &beta, self.groups, self.eps, self.activation)
     }
 
     /// `x` is the input of the forward pass.
     pub fn backward(&self, x: &Array, dy: &Array) -> Array {
-        group_norm_backward(x, &self.gamma, &self.beta, self.groups, self.eps, self.activation, dy)
+        group_norm_backward(
+            x,
+            &self.gamma,
+            &self.beta,
+            self.groups,
+            self.eps,
+            self.activation,
+            dy,
+        )
     }
 }
 
@@ -86,7 +117,11 @@ impl Moments {
             let spread = |part: &Self| part.0[i][1] + (part.0[i][0] - mean).powi(2);
             [mean, parts.iter().map(spread).sum::<f64>() / count]
         };
-        Self((0..parts.first().map_or(0, |part| part.0.len())).map(group).collect())
+        Self(
+            (0..parts.first().map_or(0, |part| part.0.len()))
+                .map(group)
+                .collect(),
+        )
     }
 }
 
@@ -99,7 +134,11 @@ pub(crate) struct LayerNorm {
 
 impl LayerNorm {
     pub fn read(scope: &Scope, channels: usize, eps: f32) -> Result<Self, ModelError> {
-        Ok(Self { gamma: scope.tensor("weight", &[channels])?, beta: scope.tensor("bias", &[channels])?, eps })
+        Ok(Self {
+            gamma: scope.tensor("weight", &[channels])?,
+            beta: scope.tensor("bias", &[channels])?,
+            eps,
+        })
     }
 
     pub fn forward(&self, x: &Array) -> Array {

@@ -38,12 +38,18 @@ impl ProjectionTape {
 impl Projection {
     pub fn read(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
         let site = AdapterSite::new(scope.path(), inputs, outputs);
-        Ok(Self { linear: Linear::read(scope, inputs, outputs)?, site })
+        Ok(Self {
+            linear: Linear::read(scope, inputs, outputs)?,
+            site,
+        })
     }
 
     pub fn without_bias(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
         let site = AdapterSite::new(scope.path(), inputs, outputs);
-        Ok(Self { linear: Linear::without_bias(scope, inputs, outputs)?, site })
+        Ok(Self {
+            linear: Linear::without_bias(scope, inputs, outputs)?,
+            site,
+        })
     }
 
     pub fn site(&self) -> &AdapterSite {
@@ -60,13 +66,35 @@ impl Projection {
     }
 
     /// The whole, given the frozen part of it, `y`.
-    pub fn adapt(&self, x: &Array, y: &Array, lora: Option<&LoraNetwork>) -> (Array, ProjectionTape) {
-        let Some((lora, (down, up))) = lora.and_then(|lora| Some((lora, lora.adapter(&self.site)?))) else {
-            return (y.clone(), ProjectionTape { x: x.clone(), reduced: None });
+    pub fn adapt(
+        &self,
+        x: &Array,
+        y: &Array,
+        lora: Option<&LoraNetwork>,
+    ) -> (Array, ProjectionTape) {
+        let Some((lora, (down, up))) =
+            lora.and_then(|lora| Some((lora, lora.adapter(&self.site)?)))
+        else {
+            return (
+                y.clone(),
+                ProjectionTape {
+                    x: x.clone(),
+                    reduced: None,
+                },
+            );
         };
         let reduced = linear(x, down, None);
-        let y = scaled_sum(&[(1.0, y), (lora.scale(&self.site), &linear(&reduced, up, None))]);
-        (y, ProjectionTape { x: x.clone(), reduced: Some(reduced) })
+        let y = scaled_sum(&[
+            (1.0, y),
+            (lora.scale(&self.site), &linear(&reduced, up, None)),
+        ]);
+        (
+            y,
+            ProjectionTape {
+                x: x.clone(),
+                reduced: Some(reduced),
+            },
+        )
     }
 
     /// The gradient by the input; those by A and B go into `gradients`.
@@ -99,7 +127,10 @@ impl Projection {
         let reduced_gradient = scale(&linear_backward_input(dy, up), factor);
         let up_gradient = scale(&linear_backward_weight(reduced, dy), factor);
         gradients.adapters.insert(self.site.up.clone(), up_gradient);
-        gradients.adapters.insert(self.site.down.clone(), linear_backward_weight(&tape.x, &reduced_gradient));
+        gradients.adapters.insert(
+            self.site.down.clone(),
+            linear_backward_weight(&tape.x, &reduced_gradient),
+        );
         Some(reduced_gradient)
     }
 }

@@ -24,7 +24,14 @@ impl Downsample {
     }
 
     fn padded(scope: &Scope, channels: usize, pad: [usize; 4]) -> Result<Self, ModelError> {
-        Conv2d::with(&scope.at("conv"), channels, channels, 3, Conv { stride: 2, pad }).map(Self)
+        Conv2d::with(
+            &scope.at("conv"),
+            channels,
+            channels,
+            3,
+            Conv { stride: 2, pad },
+        )
+        .map(Self)
     }
 
     pub fn forward(&self, x: &Array) -> Array {

@@ -58,10 +58,21 @@ impl ResnetTape {
 impl Resnet {
     pub fn read(scope: &Scope, shape: &ResnetShape) -> Result<Self, ModelError> {
         let (inputs, outputs) = (shape.inputs, shape.outputs);
-        let norm =
-            |name, channels| GroupNorm::read(&scope.at(name), channels, shape.groups, shape.eps, Activation::Silu);
-        let time = shape.time.map(|width| Linear::read(&scope.at("time_emb_proj"), width, outputs)).transpose()?;
-        let shortcut = (inputs != outputs).then(|| Conv2d::pointwise(&scope.at("conv_shortcut"), inputs, outputs));
+        let norm = |name, channels| {
+            GroupNorm::read(
+                &scope.at(name),
+                channels,
+                shape.groups,
+                shape.eps,
+                Activation::Silu,
+            )
+        };
+        let time = shape
+            .time
+            .map(|width| Linear::read(&scope.at("time_emb_proj"), width, outputs))
+            .transpose()?;
+        let shortcut = (inputs != outputs)
+            .then(|| Conv2d::pointwise(&scope.at("conv_shortcut"), inputs, outputs));
         Ok(Self {
             norm1: norm("norm1", inputs)?,
             conv1: Conv2d::read(&scope.at("conv1"), inputs, outputs)?,
@@ -93,16 +104,36 @@ impl Resnet {
             Some(shortcut) => add(&shortcut.forward(x), &y),
             None => add(x, &y),
         };
-        (y, ResnetTape { x: x.clone(), hidden })
+        (
+            y,
+            ResnetTape {
+                x: x.clone(),
+                hidden,
+            },
+        )
     }
 
     /// The gradients by `x` and by `time`, each if its flag asks for it.
-    pub fn backward(&self, tape: &ResnetTape, dy: &Array, input: bool, time: bool) -> ResnetGradients {
+    pub fn backward(
+        &self,
+        tape: &ResnetTape,
+        dy: &Array,
+        input: bool,
+        time: bool,
+    ) -> ResnetGradients {
         let size = size(dy);
-        let hidden = self.norm2.backward(&tape.hidden, &self.conv2.backward(dy, size));
-        let time = self.time.as_ref().filter(|_| time).map(|layer| layer.backward(&sum_pixels(&hidden)));
+        let hidden = self
+            .norm2
+            .backward(&tape.hidden, &self.conv2.backward(dy, size));
+        let time = self
+            .time
+            .as_ref()
+            .filter(|_| time)
+            .map(|layer| layer.backward(&sum_pixels(&hidden)));
         let x = input.then(|| {
-            let x = self.norm1.backward(&tape.x, &self.conv1.backward(&hidden, size));
+            let x = self
+                .norm1
+                .backward(&tape.x, &self.conv1.backward(&hidden, size));
             match &self.shortcut {
                 Some(shortcut) => add(&shortcut.backward(dy, size), &x),
                 None => add(dy, &x),

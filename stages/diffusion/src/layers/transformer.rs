@@ -74,7 +74,12 @@ impl TransformerTape {
 impl BlockTape {
     fn bytes(&self) -> usize {
         let arrays = self.inputs.iter().chain([&self.expanded]);
-        4 * arrays.map(Array::len).sum::<usize>() + self.attentions.iter().map(AttentionTape::bytes).sum::<usize>()
+        4 * arrays.map(Array::len).sum::<usize>()
+            + self
+                .attentions
+                .iter()
+                .map(AttentionTape::bytes)
+                .sum::<usize>()
     }
 }
 
@@ -92,7 +97,10 @@ impl Transformer {
     }
 
     pub fn sites(&self) -> impl Iterator<Item = &AdapterSite> {
-        self.blocks.iter().flat_map(|block| &block.attentions).flat_map(Attention::sites)
+        self.blocks
+            .iter()
+            .flat_map(|block| &block.attentions)
+            .flat_map(Attention::sites)
     }
 
     /// Puts the frozen keys and values of the text states `[P, S, D]` into `projected`, by the attentions' names.
@@ -102,7 +110,12 @@ impl Transformer {
     }
 
     /// Image `x [N, C, H, W]`.
-    pub fn forward(&self, x: &Array, text: &TextContext, lora: Option<&LoraNetwork>) -> (Array, TransformerTape) {
+    pub fn forward(
+        &self,
+        x: &Array,
+        text: &TextContext,
+        lora: Option<&LoraNetwork>,
+    ) -> (Array, TransformerTape) {
         let mut tokens = self.proj_in.forward(&nchw_to_tokens(&self.norm.forward(x)));
         let mut blocks = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
@@ -111,8 +124,17 @@ impl Transformer {
             blocks.push(tape);
         }
         let [height, width] = size(x);
-        let y = add(x, &tokens_to_nchw(&self.proj_out.forward(&tokens), height, width));
-        (y, TransformerTape { x: x.clone(), blocks })
+        let y = add(
+            x,
+            &tokens_to_nchw(&self.proj_out.forward(&tokens), height, width),
+        );
+        (
+            y,
+            TransformerTape {
+                x: x.clone(),
+                blocks,
+            },
+        )
     }
 
     /// The gradient by `x`, if `input` asks for it.
@@ -140,7 +162,8 @@ impl Block {
     fn read(scope: &Scope, shape: &TransformerShape) -> Result<Self, ModelError> {
         let c = shape.channels;
         let norm = |i| LayerNorm::read(&scope.at(format!("norm{i}")), c, 1e-5);
-        let attention = |i, text| Attention::read(&scope.at(format!("attn{i}")), c, text, shape.heads);
+        let attention =
+            |i, text| Attention::read(&scope.at(format!("attn{i}")), c, text, shape.heads);
         Ok(Self {
             norms: [norm(1)?, norm(2)?, norm(3)?],
             attentions: [
@@ -152,7 +175,12 @@ impl Block {
         })
     }
 
-    fn forward(&self, x: &Array, text: &TextContext, lora: Option<&LoraNetwork>) -> (Array, BlockTape) {
+    fn forward(
+        &self,
+        x: &Array,
+        text: &TextContext,
+        lora: Option<&LoraNetwork>,
+    ) -> (Array, BlockTape) {
         let ([norm1, norm2, norm3], [attention1, attention2]) = (&self.norms, &self.attentions);
         let (y, tape1) = attention1.forward(&norm1.forward(x), text, lora);
         let x2 = add(x, &y);
@@ -160,7 +188,14 @@ impl Block {
         let x3 = add(&x2, &y);
         let expanded = self.expand.forward(&norm3.forward(&x3));
         let y = add(&x3, &self.contract.forward(&geglu(&expanded)));
-        (y, BlockTape { inputs: [x.clone(), x2, x3], attentions: [tape1, tape2], expanded })
+        (
+            y,
+            BlockTape {
+                inputs: [x.clone(), x2, x3],
+                attentions: [tape1, tape2],
+                expanded,
+            },
+        )
     }
 
     fn backward(
@@ -171,7 +206,10 @@ impl Block {
         gradients: &mut LoraGradients,
     ) -> Array {
         let expanded = geglu_backward(&tape.expanded, &self.contract.backward(dy));
-        let mut d = add(dy, &self.norms[2].backward(&tape.inputs[2], &self.expand.backward(&expanded)));
+        let mut d = add(
+            dy,
+            &self.norms[2].backward(&tape.inputs[2], &self.expand.backward(&expanded)),
+        );
         for i in [1, 0] {
             let normalised = self.attentions[i].backward(&tape.attentions[i], &d, lora, gradients);
             d = add(&d, &self.norms[i].backward(&tape.inputs[i], &normalised));

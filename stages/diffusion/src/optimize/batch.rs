@@ -50,13 +50,31 @@ impl Batches {
     }
 
     /// The batch of step `step`.
-    pub fn at(&self, step: u64, views: &[ViewLatents], low: (&Schedule, u32), device: &Device) -> Batch {
+    pub fn at(
+        &self,
+        step: u64,
+        views: &[ViewLatents],
+        low: (&Schedule, u32),
+        device: &Device,
+    ) -> Batch {
         let first = step as usize * self.len;
-        let windows: Vec<_> = (first..first + self.len).map(|turn| self.order[turn % self.order.len()]).collect();
-        let windows: Vec<_> = (0..).zip(windows).map(|(i, view)| (view, self.window(step, i, &views[view]))).collect();
-        let cameras: Vec<f32> = windows.iter().flat_map(|&(view, _)| views[view].camera).collect();
+        let windows: Vec<_> = (first..first + self.len)
+            .map(|turn| self.order[turn % self.order.len()])
+            .collect();
+        let windows: Vec<_> = (0..)
+            .zip(windows)
+            .map(|(i, view)| (view, self.window(step, i, &views[view])))
+            .collect();
+        let cameras: Vec<f32> = windows
+            .iter()
+            .flat_map(|&(view, _)| views[view].camera)
+            .collect();
         Batch {
-            latents: join(windows.iter().map(|(view, window)| window.crop(&views[*view].latent))),
+            latents: join(
+                windows
+                    .iter()
+                    .map(|(view, window)| window.crop(&views[*view].latent)),
+            ),
             low: self.noised_low(step, views, &windows, low, device),
             cameras: device.array(&[windows.len(), 16], cameras),
             windows,
@@ -76,8 +94,16 @@ impl Batches {
         (schedule, level): (&Schedule, u32),
         device: &Device,
     ) -> Array {
-        let low = join(windows.iter().map(|(view, window)| window.crop(&views[*view].low)));
-        schedule.add_noise(&low, &self.low_noise.normals(step, low.shape(), device), &[level])
+        let low = join(
+            windows
+                .iter()
+                .map(|(view, window)| window.crop(&views[*view].low)),
+        );
+        schedule.add_noise(
+            &low,
+            &self.low_noise.normals(step, low.shape(), device),
+            &[level],
+        )
     }
 }
 
@@ -89,8 +115,15 @@ impl Batch {
 
     /// The current latents z' = z + h in the windows, `[N, C, h, w]`.
     pub fn current(&self, residuals: &[Residual]) -> Array {
-        let values = self.windows.iter().flat_map(|(view, window)| residuals[*view].crop(window)).collect();
-        add(&self.latents, &self.latents.device().array(self.latents.shape(), values))
+        let values = self
+            .windows
+            .iter()
+            .flat_map(|(view, window)| residuals[*view].crop(window))
+            .collect();
+        add(
+            &self.latents,
+            &self.latents.device().array(self.latents.shape(), values),
+        )
     }
 
     /// The cameras, with zeros in place of those that `keep` drops.

@@ -25,8 +25,15 @@ const MAX_NORM: f64 = 1.0;
 impl LoraState {
     /// Before the first step.
     pub fn new(parameters: LoraParameters) -> Self {
-        let moments = parameters.iter().map(|(name, values)| (name.clone(), AdamState::new(values))).collect();
-        Self { parameters, moments, steps: 0 }
+        let moments = parameters
+            .iter()
+            .map(|(name, values)| (name.clone(), AdamState::new(values)))
+            .collect();
+        Self {
+            parameters,
+            moments,
+            steps: 0,
+        }
     }
 
     /// One step of AdamW down the clipped gradients. Panics if there is none for some parameter.

@@ -5,8 +5,8 @@ use compute::{Array, Rng, reduce};
 
 use super::batch::{Batch, Batches};
 use super::{
-    Denoiser, GuidanceLog, LoraState, OptimizeError, Optimized, Options, Query, Residual, State, StepLog, ViewLatents,
-    view,
+    Denoiser, GuidanceLog, LoraState, OptimizeError, Optimized, Options, Query, Residual, State,
+    StepLog, ViewLatents, view,
 };
 use crate::guidance::{Estimate, Guidance, Vsd, at_most, classifier_free};
 
@@ -40,8 +40,12 @@ impl<'a> Optimization<'a> {
         options.check()?;
         at_most("noise_level", options.noise_level, prior.max_noise_level())?;
         let size = view::window_size(views, options.crop as usize)?;
-        let residual =
-            |view: &ViewLatents| Residual::zero([0, 1, 2].map(|i| view.latent.shape()[i]), &options.optimizer);
+        let residual = |view: &ViewLatents| {
+            Residual::zero(
+                [0, 1, 2].map(|i| view.latent.shape()[i]),
+                &options.optimizer,
+            )
+        };
         let lora = vsd(options).map(|vsd| LoraState::new(prior.new_lora(vsd.lora_rank, seed)));
         Ok(Self {
             prior,
@@ -49,7 +53,11 @@ impl<'a> Optimization<'a> {
             options,
             batches: Batches::new(views.len(), options.batch as usize, size, seed),
             streams: Streams::new(seed),
-            state: State { step: 0, residuals: views.iter().map(residual).collect(), lora },
+            state: State {
+                step: 0,
+                residuals: views.iter().map(residual).collect(),
+                lora,
+            },
         })
     }
 
@@ -57,7 +65,12 @@ impl<'a> Optimization<'a> {
     pub fn resume(mut self, state: State) -> Result<Self, OptimizeError> {
         let like = |a: &Residual, b: &Residual| a.shape == b.shape && a.mean.len() == b.mean.len();
         let same_views = self.state.residuals.len() == state.residuals.len()
-            && self.state.residuals.iter().zip(&state.residuals).all(|(a, b)| like(a, b));
+            && self
+                .state
+                .residuals
+                .iter()
+                .zip(&state.residuals)
+                .all(|(a, b)| like(a, b));
         if !same_views || self.state.lora.is_some() != state.lora.is_some() {
             return Err(OptimizeError::OtherState);
         }
@@ -81,19 +94,28 @@ impl<'a> Optimization<'a> {
         let low = (self.prior.low_schedule(), self.options.noise_level);
         let batch = self.batches.at(step, self.views, low, device);
         let guided = step.checked_sub(self.options.warm_up().into());
-        let guidance = guided.map(|guided| self.guide(&batch, guided)).transpose()?;
+        let guidance = guided
+            .map(|guided| self.guide(&batch, guided))
+            .transpose()?;
         let lora_loss = vsd(self.options)
             .filter(|vsd| guided.is_none_or(|guided| guided % u64::from(vsd.lora_every) == 0))
             .and_then(|vsd| self.train_lora(&batch, &vsd));
         self.state.step += 1;
-        Ok(StepLog { step, guidance, lora_loss })
+        Ok(StepLog {
+            step,
+            guidance,
+            lora_loss,
+        })
     }
 
     /// Moves the batch's residuals; `guided` counts guidance steps.
     fn guide(&mut self, batch: &Batch, guided: u64) -> Result<GuidanceLog, OptimizeError> {
         let (step, options) = (self.state.step, self.options);
         let latent = batch.current(&self.state.residuals);
-        let noise = self.streams.noise.normals(step, latent.shape(), self.prior.device());
+        let noise = self
+            .streams
+            .noise
+            .normals(step, latent.shape(), self.prior.device());
         let t = self.timesteps(guided, batch.len());
         let direction = self.direction(batch, &latent, &noise, &t);
         let loss = options.loss.value(&direction);
@@ -110,8 +132,17 @@ impl<'a> Optimization<'a> {
     }
 
     fn timesteps(&self, guided: u64, views: usize) -> Vec<u32> {
-        let (timesteps, len) = (self.options.guidance.timesteps(), self.prior.schedule().len());
-        timesteps.at(guided, self.options.steps, views, len, &self.streams.timestep)
+        let (timesteps, len) = (
+            self.options.guidance.timesteps(),
+            self.prior.schedule().len(),
+        );
+        timesteps.at(
+            guided,
+            self.options.steps,
+            views,
+            len,
+            &self.streams.timestep,
+        )
     }
 
     /// The direction that the batch's latents descend.
@@ -119,16 +150,33 @@ impl<'a> Optimization<'a> {
         let schedule = self.prior.schedule();
         let noisy = schedule.add_noise(latent, noise, t);
         let query = self.query(&noisy, batch, t);
-        let velocity = classifier_free(self.options.guidance_scale, |prompts| self.prior.velocities(&query, prompts));
+        let velocity = classifier_free(self.options.guidance_scale, |prompts| {
+            self.prior.velocities(&query, prompts)
+        });
         let lora = self.state.lora.as_ref();
-        let lora_velocity = lora.map(|lora| self.prior.lora_velocity(&query, &batch.cameras, &lora.parameters));
+        let lora_velocity = lora.map(|lora| {
+            self.prior
+                .lora_velocity(&query, &batch.cameras, &lora.parameters)
+        });
         let lora_velocity = lora_velocity.as_ref();
-        let estimate = Estimate { latent, noise, noisy: &noisy, velocity: &velocity, lora_velocity, t };
+        let estimate = Estimate {
+            latent,
+            noise,
+            noisy: &noisy,
+            velocity: &velocity,
+            lora_velocity,
+            t,
+        };
         self.options.guidance.direction(schedule, &estimate)
     }
 
     fn query<'q>(&self, noisy: &'q Array, batch: &'q Batch, t: &'q [u32]) -> Query<'q> {
-        Query { noisy, low: &batch.low, t, noise_level: self.options.noise_level }
+        Query {
+            noisy,
+            low: &batch.low,
+            t,
+            noise_level: self.options.noise_level,
+        }
     }
 
     fn descend(&mut self, batch: &Batch, gradient: &Array) {
@@ -145,23 +193,40 @@ impl<'a> Optimization<'a> {
         let (step, schedule) = (self.state.step, self.prior.schedule());
         let lora = self.state.lora.as_mut()?;
         let latent = batch.current(&self.state.residuals);
-        let t: Vec<u32> =
-            (0..batch.len() as u64).map(|i| self.streams.lora_timestep.below(step, i, schedule.len())).collect();
-        let noise = self.streams.lora_noise.normals(step, latent.shape(), self.prior.device());
+        let t: Vec<u32> = (0..batch.len() as u64)
+            .map(|i| self.streams.lora_timestep.below(step, i, schedule.len()))
+            .collect();
+        let noise = self
+            .streams
+            .lora_noise
+            .normals(step, latent.shape(), self.prior.device());
         let noisy = schedule.add_noise(&latent, &noise, &t);
-        let query = Query { noisy: &noisy, low: &batch.low, t: &t, noise_level: self.options.noise_level };
+        let query = Query {
+            noisy: &noisy,
+            low: &batch.low,
+            t: &t,
+            noise_level: self.options.noise_level,
+        };
         let target = schedule.velocity_target(&latent, &noise, &t);
-        let cameras = batch.cameras_kept(|i| self.streams.camera_drop.uniform(step, i) >= vsd.camera_drop as f32);
-        let (loss, gradients) = self.prior.lora_gradients(&query, &cameras, &target, &lora.parameters);
+        let cameras = batch
+            .cameras_kept(|i| self.streams.camera_drop.uniform(step, i) >= vsd.camera_drop as f32);
+        let (loss, gradients) =
+            self.prior
+                .lora_gradients(&query, &cameras, &target, &lora.parameters);
         lora.descend(&gradients, vsd.lora_rate);
         Some(loss)
     }
 
     /// What it leaves behind, with the log of all steps.
     pub fn finish(self, log: Vec<StepLog>) -> Optimized {
-        let array = |residual: Residual| self.prior.device().array(&residual.shape, residual.values);
+        let array =
+            |residual: Residual| self.prior.device().array(&residual.shape, residual.values);
         let residuals = self.state.residuals.into_iter().map(array).collect();
-        Optimized { residuals, lora: self.state.lora.map(|lora| lora.parameters), log }
+        Optimized {
+            residuals,
+            lora: self.state.lora.map(|lora| lora.parameters),
+            log,
+        }
     }
 }
 

@@ -80,7 +80,11 @@ impl Default for Moments {
     /// DiSR-NeRF's decays. Its eps of 1e-15 makes a step of the full rate of any direction, however small, and so turns
     /// steady small ones into drift; 0.1 is the size of the rules' directions on latents of unit variance.
     fn default() -> Self {
-        Self { beta1: 0.9, beta2: 0.99, eps: 0.1 }
+        Self {
+            beta1: 0.9,
+            beta2: 0.99,
+            eps: 0.1,
+        }
     }
 }
 
@@ -106,7 +110,9 @@ impl Options {
 
 impl Optimizer {
     fn check(&self) -> Result<(), InvalidOption> {
-        let Self::Adam(moments) = self else { return Ok(()) };
+        let Self::Adam(moments) = self else {
+            return Ok(());
+        };
         decay("optimizer.beta1", moments.beta1)?;
         decay("optimizer.beta2", moments.beta2)?;
         positive("optimizer.eps", moments.eps)
@@ -115,5 +121,11 @@ impl Optimizer {
 
 /// The LoRA's optimiser: AdamW with PyTorch's defaults, at the rule's rate.
 pub(super) fn lora_adam(rate: f64) -> Adam {
-    Adam { rate: rate as f32, beta1: 0.9, beta2: 0.999, eps: 1e-8, weight_decay: 0.01 }
+    Adam {
+        rate: rate as f32,
+        beta1: 0.9,
+        beta2: 0.999,
+        eps: 1e-8,
+        weight_decay: 0.01,
+    }
 }

@@ -25,7 +25,11 @@ impl Residual {
     /// The residual before the first step.
     pub fn zero(shape: [usize; 3], optimizer: &Optimizer) -> Self {
         let len: usize = shape.iter().product();
-        let moments = if matches!(optimizer, Optimizer::Adam(_)) { len } else { 0 };
+        let moments = if matches!(optimizer, Optimizer::Adam(_)) {
+            len
+        } else {
+            0
+        };
         Self {
             shape,
             values: vec![0.0; len],
@@ -37,7 +41,10 @@ impl Residual {
 
     /// The part of the residual in a window, `[channels, window.height, window.width]`.
     pub fn crop(&self, window: &Window) -> Vec<f32> {
-        self.rows(window).flat_map(|(row, _)| &self.values[row..row + window.width]).copied().collect()
+        self.rows(window)
+            .flat_map(|(row, _)| &self.values[row..row + window.width])
+            .copied()
+            .collect()
     }
 
     /// One step down `gradient`, `[channels, window.height, window.width]`, for the pixels of the window alone.
@@ -45,12 +52,19 @@ impl Residual {
         let [_, _, width] = self.shape;
         for row in window.top..window.top + window.height {
             let start = row * width + window.left;
-            self.visits[start..start + window.width].iter_mut().for_each(|visits| *visits += 1);
+            self.visits[start..start + window.width]
+                .iter_mut()
+                .for_each(|visits| *visits += 1);
         }
         let rows: Vec<_> = self.rows(window).collect();
         for ((element, pixel), gradient) in rows.into_iter().zip(gradient.chunks(window.width)) {
             for (x, &gradient) in gradient.iter().enumerate() {
-                let step = self.step(element + x, self.visits[pixel + x], gradient.into(), optimizer);
+                let step = self.step(
+                    element + x,
+                    self.visits[pixel + x],
+                    gradient.into(),
+                    optimizer,
+                );
                 self.values[element + x] -= (rate * step) as f32;
             }
         }
@@ -58,7 +72,9 @@ impl Residual {
 
     /// The step for one element at rate 1. Kingma and Ba 2014, algorithm 1.
     fn step(&mut self, element: usize, visits: u32, gradient: f64, optimizer: &Optimizer) -> f64 {
-        let Optimizer::Adam(moments) = optimizer else { return gradient };
+        let Optimizer::Adam(moments) = optimizer else {
+            return gradient;
+        };
         let decayed = |old: f32, beta: f64, new: f64| beta * f64::from(old) + (1.0 - beta) * new;
         let unbiased = |moment: f64, beta: f64| moment / (1.0 - beta.powi(visits as i32));
         let mean = decayed(self.mean[element], moments.beta1, gradient);
@@ -69,8 +85,18 @@ impl Residual {
 
     /// Where the window's rows start, channel by channel: the index of the element and of the pixel.
     fn rows(&self, window: &Window) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let ([channels, height, width], Window { top, left, height: rows, .. }) = (self.shape, *window);
+        let (
+            [channels, height, width],
+            Window {
+                top,
+                left,
+                height: rows,
+                ..
+            },
+        ) = (self.shape, *window);
         let pixels = move |row| row * width + left;
-        (0..channels).flat_map(move |c| (top..top + rows).map(move |y| (c * height * width + pixels(y), pixels(y))))
+        (0..channels).flat_map(move |c| {
+            (top..top + rows).map(move |y| (c * height * width + pixels(y), pixels(y)))
+        })
     }
 }

@@ -26,25 +26,40 @@ impl ViewLatents {
 
 /// The height and width of windows that fit every view, at most `crop`. Refuses views that do not fit each other.
 pub(super) fn window_size(views: &[ViewLatents], crop: usize) -> Result<[usize; 2], OptimizeError> {
-    let Some(first) = views.first() else { return Err(OptimizeError::NoViews) };
+    let Some(first) = views.first() else {
+        return Err(OptimizeError::NoViews);
+    };
     for view in views {
-        check(view, first).map_err(|problem| OptimizeError::View { name: view.name.clone(), problem })?;
+        check(view, first).map_err(|problem| OptimizeError::View {
+            name: view.name.clone(),
+            problem,
+        })?;
     }
-    Ok([0, 1].map(|axis| views.iter().map(|view| view.size()[axis]).fold(crop, usize::min)))
+    Ok([0, 1].map(|axis| {
+        views
+            .iter()
+            .map(|view| view.size()[axis])
+            .fold(crop, usize::min)
+    }))
 }
 
 /// A view must have a latent with as many channels as the first one's, and a low-resolution image of the latent's size.
 fn check(view: &ViewLatents, first: &ViewLatents) -> Result<(), String> {
     let (latent, low) = (view.latent.shape(), view.low.shape());
     if latent.len() != 3 || latent[0] != first.latent.shape()[0] {
-        return Err(format!("has a latent of shape {latent:?}; the first view's is {:?}", first.latent.shape()));
+        return Err(format!(
+            "has a latent of shape {latent:?}; the first view's is {:?}",
+            first.latent.shape()
+        ));
     }
     if view.latent.is_empty() {
         return Err(format!("has an empty latent, of shape {latent:?}"));
     }
     if low != [3, latent[1], latent[2]] {
         let expected = [3, latent[1], latent[2]];
-        return Err(format!("has a low-resolution image of shape {low:?}; its latent asks for {expected:?}"));
+        return Err(format!(
+            "has a low-resolution image of shape {low:?}; its latent asks for {expected:?}"
+        ));
     }
     Ok(())
 }

@@ -51,7 +51,11 @@ pub(super) struct Pass<'a> {
 
 impl<'a> Pass<'a> {
     pub fn new(time: &'a Array, text: &'a TextContext, input: &Input<'a>) -> Self {
-        Self { time, text, lora: input.lora }
+        Self {
+            time,
+            text,
+            lora: input.lora,
+        }
     }
 }
 
@@ -104,7 +108,10 @@ impl Layer {
             }
             Self::Downsample(downsample) => (downsample.forward(x), LayerTape::Resize(size)),
             Self::Upsample(upsample) => {
-                let to = walk.skips.last().map_or(size, |skip| [skip.shape()[2], skip.shape()[3]]);
+                let to = walk
+                    .skips
+                    .last()
+                    .map_or(size, |skip| [skip.shape()[2], skip.shape()[3]]);
                 (upsample.forward(x, to), LayerTape::Resize(size))
             }
             Self::Push => {
@@ -114,7 +121,10 @@ impl Layer {
             Self::Pop => {
                 let tape = LayerTape::Pop(x.shape()[1]);
                 let skip = walk.skips.pop();
-                (skip.map_or_else(|| x.clone(), |skip| concat(&[x, &skip], 1)), tape)
+                (
+                    skip.map_or_else(|| x.clone(), |skip| concat(&[x, &skip], 1)),
+                    tape,
+                )
             }
         };
         walk.x = y;
@@ -123,11 +133,24 @@ impl Layer {
 
     /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it. Backwards, joining
     /// puts a gradient on the stack and putting takes it off.
-    pub fn backward(&self, tape: LayerTape, walk: &mut Walk, pass: &Pass, gathered: &mut Gathered, input: bool) {
+    pub fn backward(
+        &self,
+        tape: LayerTape,
+        walk: &mut Walk,
+        pass: &Pass,
+        gathered: &mut Gathered,
+        input: bool,
+    ) {
         let dy = &walk.x;
         let dx = match (self, tape) {
             (_, LayerTape::Again(x)) => {
-                let tape = self.forward(&mut Walk { x, skips: Vec::new() }, pass);
+                let tape = self.forward(
+                    &mut Walk {
+                        x,
+                        skips: Vec::new(),
+                    },
+                    pass,
+                );
                 return self.backward(tape, walk, pass, gathered, input);
             }
             (Self::Resnet(resnet), LayerTape::Resnet(tape)) => {
@@ -138,11 +161,16 @@ impl Layer {
             (Self::Transformer(layer), LayerTape::Transformer(tape)) => {
                 layer.backward(tape, dy, pass.lora, &mut gathered.lora, input)
             }
-            (Self::Downsample(downsample), LayerTape::Resize(size)) => Some(downsample.backward(dy, size)),
-            (Self::Upsample(upsample), LayerTape::Resize(size)) => Some(upsample.backward(dy, size)),
+            (Self::Downsample(downsample), LayerTape::Resize(size)) => {
+                Some(downsample.backward(dy, size))
+            }
+            (Self::Upsample(upsample), LayerTape::Resize(size)) => {
+                Some(upsample.backward(dy, size))
+            }
             (Self::Push, LayerTape::Push) => walk.skips.pop().map(|skip| add(dy, &skip)),
             (Self::Pop, LayerTape::Pop(channels)) => {
-                walk.skips.push(slice(dy, 1, channels, dy.shape()[1] - channels));
+                walk.skips
+                    .push(slice(dy, 1, channels, dy.shape()[1] - channels));
                 Some(slice(dy, 1, 0, channels))
             }
             _ => unreachable!("a tape belongs to the layer that made it"),

@@ -59,7 +59,11 @@ pub struct Input<'a> {
 impl Unet {
     /// Reads the network of `source` onto `device`, to multiply in `precision`. The error names the file, and the field
     /// or tensor in it.
-    pub fn load(source: &ModelSource, device: &Device, precision: Precision) -> Result<Self, ModelError> {
+    pub fn load(
+        source: &ModelSource,
+        device: &Device,
+        precision: Precision,
+    ) -> Result<Self, ModelError> {
         let config = UnetConfig::read(&source.file("unet/config.json")?)?;
         let weights = Weights::open(source.weights("unet/diffusion_pytorch_model")?, device)?;
         Self::read(config, weights.with_precision(precision), device)
@@ -74,7 +78,13 @@ impl Unet {
         let unet = Self {
             time: TimeEmbedding::read(&root, &config)?,
             conv_in: Conv2d::read(&root.at("conv_in"), config.in_channels, first)?,
-            norm_out: GroupNorm::read(&norm_out, first, config.norm_num_groups, config.norm_eps, Activation::Silu)?,
+            norm_out: GroupNorm::read(
+                &norm_out,
+                first,
+                config.norm_num_groups,
+                config.norm_eps,
+                Activation::Silu,
+            )?,
             conv_out: Conv2d::read(&root.at("conv_out"), first, config.out_channels)?,
             sites: layers.iter().flat_map(Layer::sites).cloned().collect(),
             layers,
@@ -98,29 +108,40 @@ impl Unet {
                 transformer.project_text(states, &mut projected);
             }
         }
-        TextContext { states: states.clone(), projected }
+        TextContext {
+            states: states.clone(),
+            projected,
+        }
     }
 
     /// The prediction `[N, C', h, w]`.
     pub fn forward(&self, input: &Input, text: &TextContext) -> Array {
         let (time, _) = self.time.forward(input);
         let mut walk = self.enter(input);
-        self.layers.iter().for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
+        self.layers
+            .iter()
+            .for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
         self.leave(&walk.x)
     }
 
     /// [`Unet::forward`] for each of the texts. What comes before the first attention is computed once.
     pub fn forward_each(&self, input: &Input, texts: &[&TextContext]) -> Vec<Array> {
         let (time, _) = self.time.forward(input);
-        let shared = self.layers.iter().position(|layer| matches!(layer, Layer::Transformer(_)));
+        let shared = self
+            .layers
+            .iter()
+            .position(|layer| matches!(layer, Layer::Transformer(_)));
         let (shared, rest) = self.layers.split_at(shared.unwrap_or(0));
         let mut walk = self.enter(input);
         if let Some(text) = texts.first() {
-            shared.iter().for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
+            shared
+                .iter()
+                .for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
         }
         let finish = |text: &&TextContext| {
             let mut walk = walk.clone();
-            rest.iter().for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
+            rest.iter()
+                .for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
             self.leave(&walk.x)
         };
         texts.iter().map(finish).collect()
@@ -133,13 +154,27 @@ impl Unet {
         let (embedding, time) = self.time.forward(input);
         let mut kept = Kept::new(budget);
         let mut walk = self.enter(input);
-        self.layers.iter().for_each(|layer| kept.push(layer.forward(&mut walk, &Pass::new(&embedding, text, input))));
+        self.layers.iter().for_each(|layer| {
+            kept.push(layer.forward(&mut walk, &Pass::new(&embedding, text, input)))
+        });
         let size = [input.sample.shape()[2], input.sample.shape()[3]];
-        (self.leave(&walk.x), Tape { size, time, embedding, layers: kept.into_layers(), last: walk.x })
+        (
+            self.leave(&walk.x),
+            Tape {
+                size,
+                time,
+                embedding,
+                layers: kept.into_layers(),
+                last: walk.x,
+            },
+        )
     }
 
     fn enter(&self, input: &Input) -> Walk {
-        Walk { x: self.conv_in.forward(input.sample), skips: Vec::new() }
+        Walk {
+            x: self.conv_in.forward(input.sample),
+            skips: Vec::new(),
+        }
     }
 
     fn leave(&self, x: &Array) -> Array {
@@ -150,15 +185,41 @@ impl Unet {
     /// for it. `input` and `text` are those of the forward pass.
     ///
     /// The walk back ends at the first layer that has something to learn.
-    pub fn backward(&self, input: &Input, text: &TextContext, tape: Tape, dy: &Array, sample: bool) -> LoraGradients {
+    pub fn backward(
+        &self,
+        input: &Input,
+        text: &TextContext,
+        tape: Tape,
+        dy: &Array,
+        sample: bool,
+    ) -> LoraGradients {
         let pass = Pass::new(&tape.embedding, text, input);
-        let mut walk = Walk { x: self.backward_head(&tape, dy), skips: Vec::new() };
-        let time = tape.time.has_camera().then(|| self.device.zeros(tape.embedding.shape()));
-        let first = if sample { Some(0) } else { self.first_trained(input.lora, time.is_some()) };
-        let mut gathered = Gathered { lora: LoraGradients::default(), time };
+        let mut walk = Walk {
+            x: self.backward_head(&tape, dy),
+            skips: Vec::new(),
+        };
+        let time = tape
+            .time
+            .has_camera()
+            .then(|| self.device.zeros(tape.embedding.shape()));
+        let first = if sample {
+            Some(0)
+        } else {
+            self.first_trained(input.lora, time.is_some())
+        };
+        let mut gathered = Gathered {
+            lora: LoraGradients::default(),
+            time,
+        };
         for (i, (layer, kept)) in self.layers.iter().zip(tape.layers).enumerate().rev() {
             if first.is_some_and(|first| i >= first) {
-                layer.backward(kept, &mut walk, &pass, &mut gathered, sample || Some(i) > first);
+                layer.backward(
+                    kept,
+                    &mut walk,
+                    &pass,
+                    &mut gathered,
+                    sample || Some(i) > first,
+                );
             }
         }
         let mut gradients = gathered.lora;
@@ -170,7 +231,8 @@ impl Unet {
     }
 
     fn backward_head(&self, tape: &Tape, dy: &Array) -> Array {
-        self.norm_out.backward(&tape.last, &self.conv_out.backward(dy, tape.size))
+        self.norm_out
+            .backward(&tape.last, &self.conv_out.backward(dy, tape.size))
     }
 
     fn first_trained(&self, lora: Option<&LoraNetwork>, camera: bool) -> Option<usize> {
@@ -183,7 +245,14 @@ impl Unet {
 
     /// Untrained adapters of this rank for every attention, with a camera embedding: they change nothing yet.
     pub fn new_lora(&self, rank: usize, alpha: f64, seed: u64) -> LoraNetwork {
-        LoraNetwork::new(&self.sites, self.time.width(), rank, alpha, seed, &self.device)
+        LoraNetwork::new(
+            &self.sites,
+            self.time.width(),
+            rank,
+            alpha,
+            seed,
+            &self.device,
+        )
     }
 
     /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner; `file`, where they came
@@ -196,6 +265,9 @@ impl Unet {
 /// Adds to a gradient that may still be none.
 fn accumulate(sum: &mut Option<Array>, term: Option<Array>) {
     if let Some(term) = term {
-        *sum = Some(sum.as_ref().map_or_else(|| term.clone(), |sum| add(sum, &term)));
+        *sum = Some(
+            sum.as_ref()
+                .map_or_else(|| term.clone(), |sum| add(sum, &term)),
+        );
     }
 }

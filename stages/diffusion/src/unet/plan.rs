@@ -8,8 +8,12 @@ use crate::weights::Scope;
 
 /// All layers between the first and the last convolution.
 pub(super) fn layers(config: &UnetConfig, root: &Scope) -> Result<Vec<Layer>, ModelError> {
-    let mut plan =
-        Plan { config, layers: vec![Layer::Push], channels: config.block_out_channels[0], skips: Vec::new() };
+    let mut plan = Plan {
+        config,
+        layers: vec![Layer::Push],
+        channels: config.block_out_channels[0],
+        skips: Vec::new(),
+    };
     plan.skips.push(plan.channels);
     for block in 0..config.block_out_channels.len() {
         plan.down_block(block, &root.at(format!("down_blocks.{block}")))?;
@@ -37,7 +41,10 @@ impl Plan<'_> {
 
     fn down_block(&mut self, block: usize, scope: &Scope) -> Result<(), ModelError> {
         for i in 0..self.config.layers_per_block.of(block) {
-            self.resnet(&scope.at(format!("resnets.{i}")), self.config.block_out_channels[block])?;
+            self.resnet(
+                &scope.at(format!("resnets.{i}")),
+                self.config.block_out_channels[block],
+            )?;
             if self.config.down_block_types[block] == UnetBlock::CrossAttention {
                 let only_cross = self.config.only_cross_attention.of(block);
                 self.transformer(&scope.at(format!("attentions.{i}")), block, only_cross)?;
@@ -45,7 +52,10 @@ impl Plan<'_> {
             self.push();
         }
         if block < self.last() {
-            self.layers.push(Layer::Downsample(Downsample::centred(&scope.at("downsamplers.0"), self.channels)?));
+            self.layers.push(Layer::Downsample(Downsample::centred(
+                &scope.at("downsamplers.0"),
+                self.channels,
+            )?));
             self.push();
         }
         Ok(())
@@ -63,14 +73,20 @@ impl Plan<'_> {
         for i in 0..=self.config.layers_per_block.of(block) {
             self.layers.push(Layer::Pop);
             self.channels += self.skips.pop().unwrap_or(0);
-            self.resnet(&scope.at(format!("resnets.{i}")), self.config.block_out_channels[block])?;
+            self.resnet(
+                &scope.at(format!("resnets.{i}")),
+                self.config.block_out_channels[block],
+            )?;
             if self.config.up_block_types[index] == UnetBlock::CrossAttention {
                 let only_cross = self.config.only_cross_attention.of(block);
                 self.transformer(&scope.at(format!("attentions.{i}")), block, only_cross)?;
             }
         }
         if index < self.last() {
-            self.layers.push(Layer::Upsample(Upsample::read(&scope.at("upsamplers.0"), self.channels)?));
+            self.layers.push(Layer::Upsample(Upsample::read(
+                &scope.at("upsamplers.0"),
+                self.channels,
+            )?));
         }
         Ok(())
     }
@@ -88,12 +104,18 @@ impl Plan<'_> {
             groups: self.config.norm_num_groups,
             eps: self.config.norm_eps,
         };
-        self.layers.push(Layer::Resnet(Box::new(Resnet::read(scope, &shape)?)));
+        self.layers
+            .push(Layer::Resnet(Box::new(Resnet::read(scope, &shape)?)));
         self.channels = outputs;
         Ok(())
     }
 
-    fn transformer(&mut self, scope: &Scope, block: usize, only_cross_attention: bool) -> Result<(), ModelError> {
+    fn transformer(
+        &mut self,
+        scope: &Scope,
+        block: usize,
+        only_cross_attention: bool,
+    ) -> Result<(), ModelError> {
         let shape = TransformerShape {
             channels: self.channels,
             heads: self.config.attention_head_dim.of(block),
@@ -102,7 +124,8 @@ impl Plan<'_> {
             only_cross_attention,
             groups: self.config.norm_num_groups,
         };
-        self.layers.push(Layer::Transformer(Transformer::read(scope, &shape)?));
+        self.layers
+            .push(Layer::Transformer(Transformer::read(scope, &shape)?));
         Ok(())
     }
 }

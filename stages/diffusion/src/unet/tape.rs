@@ -28,7 +28,11 @@ pub(super) struct Kept {
 impl Kept {
     /// Nothing yet; `budget` is how many bytes may be kept beside the layers' inputs.
     pub fn new(budget: usize) -> Self {
-        Self { layers: Vec::new(), bytes: 0, budget }
+        Self {
+            layers: Vec::new(),
+            bytes: 0,
+            budget,
+        }
     }
 
     /// Keeps one more tape. While all together exceed the budget, the largest is reduced to its layer's input.
@@ -36,7 +40,9 @@ impl Kept {
         self.bytes += tape.bytes();
         self.layers.push(tape);
         while self.bytes > self.budget {
-            let Some(largest) = self.layers.iter_mut().max_by_key(|tape| tape.bytes()) else { return };
+            let Some(largest) = self.layers.iter_mut().max_by_key(|tape| tape.bytes()) else {
+                return;
+            };
             self.bytes -= largest.bytes();
             largest.reduce();
         }

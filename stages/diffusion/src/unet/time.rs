@@ -44,7 +44,10 @@ impl TimeTape {
 
 impl TimeEmbedding {
     pub fn read(root: &Scope, config: &UnetConfig) -> Result<Self, ModelError> {
-        let (first, width) = (config.block_out_channels[0], 4 * config.block_out_channels[0]);
+        let (first, width) = (
+            config.block_out_channels[0],
+            4 * config.block_out_channels[0],
+        );
         let linear_1 = Linear::read(&root.at("time_embedding.linear_1"), first, width)?;
         let class = |count| root.weight("class_embedding.weight", &[count, width]);
         Ok(Self {
@@ -64,9 +67,15 @@ impl TimeEmbedding {
 
     /// The embedding after the activation that every use of it begins with: `[N, D]`.
     pub fn forward(&self, input: &Input) -> (Array, TimeTape) {
-        let mut sum = self.linear_2.forward(&silu(&self.linear_1.forward(&self.sinusoids(input.timesteps))));
+        let mut sum = self.linear_2.forward(&silu(
+            &self.linear_1.forward(&self.sinusoids(input.timesteps)),
+        ));
         if let Some(table) = &self.classes {
-            assert_eq!(input.class_labels.len(), input.timesteps.len(), "unet: one class label for each sample");
+            assert_eq!(
+                input.class_labels.len(),
+                input.timesteps.len(),
+                "unet: one class label for each sample"
+            );
             sum = add(&sum, &gather_rows(table, input.class_labels));
         }
         let tape = input.lora.zip(input.camera).map(|(lora, camera)| {
@@ -78,17 +87,34 @@ impl TimeEmbedding {
     }
 
     /// The gradients by the camera embedding's tensors, given that by the result `[N, D]`.
-    pub fn backward(&self, tape: &TimeTape, dy: &Array, lora: &LoraNetwork) -> BTreeMap<String, Array> {
+    pub fn backward(
+        &self,
+        tape: &TimeTape,
+        dy: &Array,
+        lora: &LoraNetwork,
+    ) -> BTreeMap<String, Array> {
         let sum = silu_backward(&tape.sum, dy);
-        tape.camera.as_ref().map(|tape| camera_backward(lora, tape, &sum)).unwrap_or_default()
+        tape.camera
+            .as_ref()
+            .map(|tape| camera_backward(lora, tape, &sum))
+            .unwrap_or_default()
     }
 
     /// Sines and cosines of the timesteps in f32, as PyTorch rounds them: `[N, first]`.
     fn sinusoids(&self, timesteps: &[u32]) -> Array {
-        let half = |t: u32, wave: fn(f32) -> f32| self.frequencies.iter().map(move |f| wave(t as f32 * f));
-        let order: [fn(f32) -> f32; 2] = if self.cosine_first { [f32::cos, f32::sin] } else { [f32::sin, f32::cos] };
-        let values = timesteps.iter().flat_map(|&t| half(t, order[0]).chain(half(t, order[1]))).collect();
-        self.device.array(&[timesteps.len(), 2 * self.frequencies.len()], values)
+        let half =
+            |t: u32, wave: fn(f32) -> f32| self.frequencies.iter().map(move |f| wave(t as f32 * f));
+        let order: [fn(f32) -> f32; 2] = if self.cosine_first {
+            [f32::cos, f32::sin]
+        } else {
+            [f32::sin, f32::cos]
+        };
+        let values = timesteps
+            .iter()
+            .flat_map(|&t| half(t, order[0]).chain(half(t, order[1])))
+            .collect();
+        self.device
+            .array(&[timesteps.len(), 2 * self.frequencies.len()], values)
     }
 }
 
@@ -103,18 +129,41 @@ fn parameter<'a>(lora: &'a LoraNetwork, layer: &str, kind: &str) -> &'a Array {
 }
 
 fn camera_forward(lora: &LoraNetwork, camera: &Array) -> (Array, CameraTape) {
-    let hidden = linear(camera, parameter(lora, CAMERA_1, "weight"), Some(parameter(lora, CAMERA_1, "bias")));
+    let hidden = linear(
+        camera,
+        parameter(lora, CAMERA_1, "weight"),
+        Some(parameter(lora, CAMERA_1, "bias")),
+    );
     let weight = parameter(lora, CAMERA_2, "weight");
-    let y = linear(&silu(&hidden), weight, Some(parameter(lora, CAMERA_2, "bias")));
-    (y, CameraTape { camera: camera.clone(), hidden })
+    let y = linear(
+        &silu(&hidden),
+        weight,
+        Some(parameter(lora, CAMERA_2, "bias")),
+    );
+    (
+        y,
+        CameraTape {
+            camera: camera.clone(),
+            hidden,
+        },
+    )
 }
 
 fn camera_backward(lora: &LoraNetwork, tape: &CameraTape, dy: &Array) -> BTreeMap<String, Array> {
-    let hidden = silu_backward(&tape.hidden, &linear_backward_input(dy, parameter(lora, CAMERA_2, "weight")));
+    let hidden = silu_backward(
+        &tape.hidden,
+        &linear_backward_input(dy, parameter(lora, CAMERA_2, "weight")),
+    );
     BTreeMap::from([
-        (format!("{CAMERA_1}.weight"), linear_backward_weight(&tape.camera, &hidden)),
+        (
+            format!("{CAMERA_1}.weight"),
+            linear_backward_weight(&tape.camera, &hidden),
+        ),
         (format!("{CAMERA_1}.bias"), sum_rows(&hidden)),
-        (format!("{CAMERA_2}.weight"), linear_backward_weight(&silu(&tape.hidden), dy)),
+        (
+            format!("{CAMERA_2}.weight"),
+            linear_backward_weight(&silu(&tape.hidden), dy),
+        ),
         (format!("{CAMERA_2}.bias"), sum_rows(dy)),
     ])
 }

@@ -45,15 +45,22 @@ impl Vae {
     /// Reads the autoencoder of `source` onto `device`. The error names the file, and the field or tensor in it.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         let config = VaeConfig::read(&source.file("vae/config.json")?)?;
-        Self::read(config, Weights::open(source.weights("vae/diffusion_pytorch_model")?, device)?)
+        Self::read(
+            config,
+            Weights::open(source.weights("vae/diffusion_pytorch_model")?, device)?,
+        )
     }
 
     /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
     fn read(config: VaeConfig, mut weights: Weights) -> Result<Self, ModelError> {
         weights.rename(current_name);
         let (root, latent) = (weights.root(), config.latent_channels);
-        let quant = config.use_quant_conv.then(|| Conv2d::pointwise(&root.at("quant_conv"), 2 * latent, 2 * latent));
-        let post = config.use_post_quant_conv.then(|| Conv2d::pointwise(&root.at("post_quant_conv"), latent, latent));
+        let quant = config
+            .use_quant_conv
+            .then(|| Conv2d::pointwise(&root.at("quant_conv"), 2 * latent, 2 * latent));
+        let post = config
+            .use_post_quant_conv
+            .then(|| Conv2d::pointwise(&root.at("post_quant_conv"), latent, latent));
         let vae = Self {
             encoder: Coder::encoder(&config, &root.at("encoder"))?,
             quant: quant.transpose()?,
@@ -87,10 +94,16 @@ impl Vae {
 
     fn encode_by(&self, image: &Array, statistics: &mut Statistics) -> Posterior {
         let hidden = self.encoder.forward(image, statistics);
-        let moments = self.quant.as_ref().map_or_else(|| hidden.clone(), |quant| quant.forward(&hidden));
+        let moments = self
+            .quant
+            .as_ref()
+            .map_or_else(|| hidden.clone(), |quant| quant.forward(&hidden));
         let latent = self.config.latent_channels;
         let logvar = clamp(&slice(&moments, 1, latent, latent), -30.0, 20.0);
-        Posterior { mean: slice(&moments, 1, 0, latent), logvar }
+        Posterior {
+            mean: slice(&moments, 1, 0, latent),
+            logvar,
+        }
     }
 
     /// Decodes an unscaled `latent [N, C, h, w]` in one piece: `[N, 3, factor h, factor w]`, around [-1, 1].
@@ -100,7 +113,9 @@ impl Vae {
 
     fn decode_by(&self, latent: &Array, statistics: &mut Statistics) -> Array {
         match &self.post_quant {
-            Some(post_quant) => self.decoder.forward(&post_quant.forward(latent), statistics),
+            Some(post_quant) => self
+                .decoder
+                .forward(&post_quant.forward(latent), statistics),
             None => self.decoder.forward(latent, statistics),
         }
     }
@@ -110,8 +125,14 @@ impl Vae {
     /// taken in overlapping tiles of `tile` image pixels if it is larger.
     pub fn encode_image(&self, image: &Array, tile: usize) -> Array {
         let (factor, [height, width]) = (self.factor(), [image.shape()[2], image.shape()[3]]);
-        let image = continued(image, [height, width].map(|extent| extent.next_multiple_of(factor)));
-        let tiling = Tiling::new([height.div_ceil(factor), width.div_ceil(factor)], self.tile(tile));
+        let image = continued(
+            image,
+            [height, width].map(|extent| extent.next_multiple_of(factor)),
+        );
+        let tiling = Tiling::new(
+            [height.div_ceil(factor), width.div_ceil(factor)],
+            self.tile(tile),
+        );
         let mean = each(&image, |image| {
             tiling.blend(1, |[top, left], [h, w], statistics| {
                 let tile = crop(image, factor * top, factor * left, factor * h, factor * w);
@@ -142,7 +163,9 @@ impl Vae {
 
 /// What `compute` gives for each of N images, one after the other.
 fn each(images: &Array, compute: impl Fn(&Array) -> Array) -> Array {
-    let parts: Vec<Array> = (0..images.shape()[0]).map(|i| compute(&slice(images, 0, i, 1))).collect();
+    let parts: Vec<Array> = (0..images.shape()[0])
+        .map(|i| compute(&slice(images, 0, i, 1)))
+        .collect();
     concat(&parts.iter().collect::<Vec<_>>(), 0)
 }
 
@@ -164,6 +187,13 @@ fn continued(image: &Array, to: [usize; 2]) -> Array {
 
 /// Attention layers of files from before diffusers 0.18 have other names.
 fn current_name(name: &str) -> String {
-    let renamed = [(".query.", ".to_q."), (".key.", ".to_k."), (".value.", ".to_v."), (".proj_attn.", ".to_out.0.")];
-    renamed.iter().fold(name.to_owned(), |name, (old, new)| name.replace(old, new))
+    let renamed = [
+        (".query.", ".to_q."),
+        (".key.", ".to_k."),
+        (".value.", ".to_v."),
+        (".proj_attn.", ".to_out.0."),
+    ];
+    renamed
+        .iter()
+        .fold(name.to_owned(), |name, (old, new)| name.replace(old, new))
 }

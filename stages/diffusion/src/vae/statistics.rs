@@ -28,13 +28,18 @@ pub(super) struct Walk<'a> {
 impl Statistics {
     /// A walk that uses these statistics, or adds to them.
     pub fn walk(&mut self) -> Walk<'_> {
-        Walk { statistics: self, met: 0 }
+        Walk {
+            statistics: self,
+            met: 0,
+        }
     }
 
     /// What was gathered, pooled over tiles.
     pub fn pooled(self) -> Self {
         match self {
-            Self::Gather(layers) => Self::Pooled(layers.iter().map(|tiles| Moments::pool(tiles)).collect()),
+            Self::Gather(layers) => {
+                Self::Pooled(layers.iter().map(|tiles| Moments::pool(tiles)).collect())
+            }
             other => other,
         }
     }

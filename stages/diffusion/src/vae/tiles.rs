@@ -23,10 +23,18 @@ impl Axis {
     /// Tiles of equal size, evenly spread, that overlap by at least a quarter.
     fn new(extent: usize, tile: usize) -> Self {
         if extent <= tile {
-            return Self { extent, tile: extent, starts: vec![0] };
+            return Self {
+                extent,
+                tile: extent,
+                starts: vec![0],
+            };
         }
         let gaps = (extent - tile).div_ceil(tile - tile / 4);
-        Self { extent, tile, starts: (0..=gaps).map(|i| i * (extent - tile) / gaps).collect() }
+        Self {
+            extent,
+            tile,
+            starts: (0..=gaps).map(|i| i * (extent - tile) / gaps).collect(),
+        }
     }
 
     /// The share of each tile in each position of the result, which has `unit` positions for one of the axis; the
@@ -36,14 +44,22 @@ impl Axis {
         let (tile, ramp) = (self.tile * unit, (self.tile * unit).div_ceil(4) as f32);
         let weight = |start: usize, i: usize| {
             let before = if start == 0 { ramp } else { i as f32 + 0.5 };
-            let after = if start + self.tile == self.extent { ramp } else { (tile - i) as f32 - 0.5 };
+            let after = if start + self.tile == self.extent {
+                ramp
+            } else {
+                (tile - i) as f32 - 0.5
+            };
             before.min(after).min(ramp)
         };
         let mut total = vec![0.0; self.extent * unit];
         for &start in &self.starts {
             (0..tile).for_each(|i| total[start * unit + i] += weight(start, i));
         }
-        let share = |start: usize| (0..tile).map(|i| weight(start, i) / total[start * unit + i]).collect();
+        let share = |start: usize| {
+            (0..tile)
+                .map(|i| weight(start, i) / total[start * unit + i])
+                .collect()
+        };
         self.starts.iter().map(|&start| share(start)).collect()
     }
 }
@@ -51,25 +67,38 @@ impl Axis {
 impl Tiling {
     /// Tiles of at most `tile` by `tile` over an image of `[height, width]`.
     pub fn new(size: [usize; 2], tile: usize) -> Self {
-        Self { axes: size.map(|extent| Axis::new(extent, tile)) }
+        Self {
+            axes: size.map(|extent| Axis::new(extent, tile)),
+        }
     }
 
     /// The result for the whole image, `unit` times its size, blended from those of tiles. `compute` is given the first
     /// pixel `[top, left]` and the size `[height, width]` of a tile and gives `[N, C, unit height, unit width]`. Where
     /// there is more than one tile it is called twice for each: once to gather statistics, once to use those of all.
-    pub fn blend(&self, unit: usize, compute: impl Fn([usize; 2], [usize; 2], &mut Statistics) -> Array) -> Array {
+    pub fn blend(
+        &self,
+        unit: usize,
+        compute: impl Fn([usize; 2], [usize; 2], &mut Statistics) -> Array,
+    ) -> Array {
         let [rows, columns] = &self.axes;
         let tile = [rows.tile, columns.tile];
         if rows.starts.len() * columns.starts.len() == 1 {
             return compute([0, 0], tile, &mut Statistics::Own);
         }
         let mut statistics = Statistics::Gather(Vec::new());
-        for (&top, &left) in rows.starts.iter().flat_map(|top| columns.starts.iter().map(move |left| (top, left))) {
+        for (&top, &left) in rows
+            .starts
+            .iter()
+            .flat_map(|top| columns.starts.iter().map(move |left| (top, left)))
+        {
             compute([top, left], tile, &mut statistics);
         }
         let mut statistics = statistics.pooled();
         let (row_shares, column_shares) = (rows.shares(unit), columns.shares(unit));
-        let mut canvas = Canvas { size: [rows.extent * unit, columns.extent * unit], sums: None };
+        let mut canvas = Canvas {
+            size: [rows.extent * unit, columns.extent * unit],
+            sums: None,
+        };
         for (&top, row_share) in rows.starts.iter().zip(&row_shares) {
             for (&left, column_share) in columns.starts.iter().zip(&column_shares) {
                 canvas.add(
@@ -91,9 +120,17 @@ struct Canvas {
 }
 
 impl Canvas {
-    fn add(&mut self, tile: &Array, [top, left]: [usize; 2], row_share: &[f32], column_share: &[f32]) {
+    fn add(
+        &mut self,
+        tile: &Array,
+        [top, left]: [usize; 2],
+        row_share: &[f32],
+        column_share: &[f32],
+    ) {
         let (planes, [height, width]) = (tile.shape()[0] * tile.shape()[1], self.size);
-        let (sums, _) = self.sums.get_or_insert_with(|| (vec![0.0; planes * height * width], tile.clone()));
+        let (sums, _) = self
+            .sums
+            .get_or_insert_with(|| (vec![0.0; planes * height * width], tile.clone()));
         for (row, values) in tile.to_vec().chunks_exact(column_share.len()).enumerate() {
             let (plane, y) = (row / row_share.len(), row % row_share.len());
             let first = (plane * height + top + y) * width + left;
@@ -104,7 +141,9 @@ impl Canvas {
     }
 
     fn finish(self) -> Array {
-        let (sums, like) = self.sums.unwrap_or_else(|| unreachable!("an image has at least one tile"));
+        let (sums, like) = self
+            .sums
+            .unwrap_or_else(|| unreachable!("an image has at least one tile"));
         let shape = [like.shape()[0], like.shape()[1], self.size[0], self.size[1]];
         like.device().array(&shape, sums)
     }
@@ -117,7 +156,9 @@ mod tests {
     use compute::shape::{crop, upsample_nearest};
 
     fn numbers(size: [usize; 2]) -> Array {
-        let values = (0..2 * size[0] * size[1]).map(|i| (i as f32 * 0.37).sin()).collect();
+        let values = (0..2 * size[0] * size[1])
+            .map(|i| (i as f32 * 0.37).sin())
+            .collect();
         Device::cpu().array(&[1, 2, size[0], size[1]], values)
     }
 
@@ -132,7 +173,11 @@ mod tests {
                 let blended = Tiling::new(size, tile).blend(unit, doubled).to_vec();
                 let whole = upsample_nearest(&image, unit).to_vec();
                 assert_eq!(blended.len(), whole.len());
-                let worst = blended.iter().zip(&whole).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                let worst = blended
+                    .iter()
+                    .zip(&whole)
+                    .map(|(a, b)| (a - b).abs())
+                    .fold(0.0, f32::max);
                 assert!(worst < 1e-6, "{size:?} in tiles of {tile}: {worst}");
             }
         }
@@ -142,8 +187,15 @@ mod tests {
     fn tiles_are_of_one_size_and_overlap_by_a_quarter() {
         for extent in 17..200 {
             let axis = Axis::new(extent, 16);
-            assert_eq!((axis.starts[0], axis.starts[axis.starts.len() - 1]), (0, extent - 16));
-            assert!(axis.starts.windows(2).all(|pair| pair[1] - pair[0] <= 12), "{extent}: {:?}", axis.starts);
+            assert_eq!(
+                (axis.starts[0], axis.starts[axis.starts.len() - 1]),
+                (0, extent - 16)
+            );
+            assert!(
+                axis.starts.windows(2).all(|pair| pair[1] - pair[0] <= 12),
+                "{extent}: {:?}",
+                axis.starts
+            );
         }
     }
 
@@ -154,6 +206,9 @@ mod tests {
             Device::cpu().full(&[1, 1, h, w], (left > 0) as u8 as f32)
         };
         let row = &tiling.blend(1, constant).to_vec()[..14];
-        assert_eq!(row, [0., 0., 0., 0., 0., 0., 0.25, 0.75, 1., 1., 1., 1., 1., 1.]);
+        assert_eq!(
+            row,
+            [0., 0., 0., 0., 0., 0., 0.25, 0.75, 1., 1., 1., 1., 1., 1.]
+        );
     }
 }

@@ -38,7 +38,14 @@ pub struct Gaussian {
 
 impl Gaussian {
     pub fn new(good: f32, bad: f32, len: usize) -> Self {
-        Self { device: Device::cpu(), schedule: schedule(), good, bad, len, asked_bad: Cell::new(0) }
+        Self {
+            device: Device::cpu(),
+            schedule: schedule(),
+            good,
+            bad,
+            len,
+            asked_bad: Cell::new(0),
+        }
     }
 
     /// The factor k of E[x0 | z_t] = mean + k (z_t - a mean).
@@ -52,8 +59,11 @@ impl Gaussian {
         let noisy = query.noisy.to_vec();
         let per_sample = noisy.len() / query.t.len();
         let velocity = noisy.iter().enumerate().map(|(i, &noisy)| {
-            let (t, mean, noisy) =
-                (query.t[i / per_sample], f64::from(mean(i / per_sample, i % per_sample)), f64::from(noisy));
+            let (t, mean, noisy) = (
+                query.t[i / per_sample],
+                f64::from(mean(i / per_sample, i % per_sample)),
+                f64::from(noisy),
+            );
             let (a, s) = (self.schedule.a(t), self.schedule.s(t));
             let clean = mean + self.gain(t) * (noisy - a * mean);
             ((a * noisy - clean) / s) as f32
@@ -113,12 +123,21 @@ impl Denoiser for Gaussian {
         let error = sub(&self.lora_velocity(query, cameras, lora), target);
         // dv / dmean = -(1 - k a) / s.
         let slope = |t: u32| -(1.0 - self.gain(t) * self.schedule.a(t)) / self.schedule.s(t);
-        let by_mean =
-            |(i, error): (usize, f32)| 2.0 * f64::from(error) * slope(query.t[i / self.len]) / target.len() as f64;
-        let by_mean = error.to_vec().into_iter().enumerate().map(|error| by_mean(error) as f32).collect();
+        let by_mean = |(i, error): (usize, f32)| {
+            2.0 * f64::from(error) * slope(query.t[i / self.len]) / target.len() as f64
+        };
+        let by_mean = error
+            .to_vec()
+            .into_iter()
+            .enumerate()
+            .map(|error| by_mean(error) as f32)
+            .collect();
         let by_mean = self.device.array(&[query.t.len(), self.len], by_mean);
         let gradient = linear_backward_weight(cameras, &by_mean);
-        (reduce::mean_square(&error).into(), LoraParameters::from([("mean".into(), gradient)]))
+        (
+            reduce::mean_square(&error).into(),
+            LoraParameters::from([("mean".into(), gradient)]),
+        )
     }
 }
 
@@ -130,7 +149,10 @@ pub fn view(number: usize, size: [usize; 2]) -> ViewLatents {
     camera[number] = 1.0;
     ViewLatents {
         name: format!("view_{number:03}"),
-        latent: Device::cpu().array(&[2, height, width], (0..2 * height * width).map(ramp).collect()),
+        latent: Device::cpu().array(
+            &[2, height, width],
+            (0..2 * height * width).map(ramp).collect(),
+        ),
         low: Device::cpu().zeros(&[3, height, width]),
         camera,
     }

@@ -12,8 +12,11 @@ const SEED: u64 = 3;
 
 fn views() -> Vec<ViewLatents> {
     let device = Device::cpu();
-    let normals = |domain, view, shape: &[usize]| Rng::new(SEED, domain).normals(view, shape, &device);
-    let camera = |view: u64| std::array::from_fn(|i| Rng::new(SEED, "golden/camera").normal(0, 16 * view + i as u64));
+    let normals =
+        |domain, view, shape: &[usize]| Rng::new(SEED, domain).normals(view, shape, &device);
+    let camera = |view: u64| {
+        std::array::from_fn(|i| Rng::new(SEED, "golden/camera").normal(0, 16 * view + i as u64))
+    };
     let view = |(view, [h, w]): (u64, [usize; 2])| ViewLatents {
         name: format!("view_{view:03}"),
         latent: compute::elementwise::scale(&normals("golden/latent", view, &[16, h, w]), 0.6),
@@ -29,7 +32,10 @@ fn with_random_lora(mut state: State) -> State {
         let random = |(i, (name, values)): (u64, (&String, &compute::Array))| {
             let deviation = if name.contains("lora_A") { 0.25 } else { 0.05 };
             let normals = Rng::new(SEED, "golden/lora").normals(i, values.shape(), values.device());
-            (name.clone(), compute::elementwise::scale(&normals, deviation))
+            (
+                name.clone(),
+                compute::elementwise::scale(&normals, deviation),
+            )
         };
         *lora = LoraState::new((0..).zip(&lora.parameters).map(random).collect());
     }
@@ -38,10 +44,21 @@ fn with_random_lora(mut state: State) -> State {
 
 fn run(guidance: Guidance) -> Vec<StepLog> {
     let prior = Prior::load(&ModelSource::Embedded, &Device::cpu()).unwrap();
-    let options = Options { guidance, steps: 10, crop: 10, guidance_scale: 2.0, ..Options::default() };
-    let (denoiser, views) = (prior.denoiser(&options.prompt, &options.negative_prompt), views());
+    let options = Options {
+        guidance,
+        steps: 10,
+        crop: 10,
+        guidance_scale: 2.0,
+        ..Options::default()
+    };
+    let (denoiser, views) = (
+        prior.denoiser(&options.prompt, &options.negative_prompt),
+        views(),
+    );
     let fresh = || Optimization::new(&denoiser, &views, &options, SEED).unwrap();
-    let mut optimization = fresh().resume(with_random_lora(fresh().state().clone())).unwrap();
+    let mut optimization = fresh()
+        .resume(with_random_lora(fresh().state().clone()))
+        .unwrap();
     std::iter::from_fn(|| (!optimization.is_done()).then(|| optimization.step().unwrap())).collect()
 }
 
@@ -54,22 +71,43 @@ fn assert_follows(mode: &str, log: &[StepLog], tolerance: f64) {
     for (step, (line, expected)) in log.iter().zip(&golden[mode]).enumerate() {
         let line = serde_json::to_value(line).unwrap();
         for (figure, &expected) in expected {
-            let place = if figure == "lora_loss" { &line["lora_loss"] } else { &line["guidance"][figure] };
+            let place = if figure == "lora_loss" {
+                &line["lora_loss"]
+            } else {
+                &line["guidance"][figure]
+            };
             let actual = place.as_f64().unwrap();
             let off = (actual / expected - 1.0).abs();
-            assert!(off < tolerance, "{mode} step {step}: {figure} is {actual}, not {expected} ({off:.1e} off)");
+            assert!(
+                off < tolerance,
+                "{mode} step {step}: {figure} is {actual}, not {expected} ({off:.1e} off)"
+            );
         }
     }
 }
 
 #[test]
 fn rsd_follows_pytorch() {
-    assert_follows("rsd", &run(Guidance::Rsd(Rsd { rate: 0.02, ..Rsd::default() })), 1e-4);
+    assert_follows(
+        "rsd",
+        &run(Guidance::Rsd(Rsd {
+            rate: 0.02,
+            ..Rsd::default()
+        })),
+        1e-4,
+    );
 }
 
 #[test]
 fn sds_follows_pytorch() {
-    assert_follows("sds", &run(Guidance::Sds(Sds { rate: 0.02, ..Sds::default() })), 1e-4);
+    assert_follows(
+        "sds",
+        &run(Guidance::Sds(Sds {
+            rate: 0.02,
+            ..Sds::default()
+        })),
+        1e-4,
+    );
 }
 
 #[test]

@@ -23,16 +23,38 @@ fn draw() -> Draw {
     let (schedule, rng) = (schedule(), Rng::new(7, "rules"));
     let normals = |step| rng.normals(step, &[2, 4, 5, 3], &Device::cpu());
     let noisy = schedule.add_noise(&normals(0), &normals(1), &T);
-    Draw { schedule, latent: normals(0), noise: normals(1), noisy, good: normals(2), bad: normals(3) }
+    Draw {
+        schedule,
+        latent: normals(0),
+        noise: normals(1),
+        noisy,
+        good: normals(2),
+        bad: normals(3),
+    }
 }
 
 impl Draw {
-    fn estimate<'a>(&'a self, velocity: &'a Array, lora_velocity: Option<&'a Array>) -> Estimate<'a> {
-        Estimate { latent: &self.latent, noise: &self.noise, noisy: &self.noisy, velocity, lora_velocity, t: &T }
+    fn estimate<'a>(
+        &'a self,
+        velocity: &'a Array,
+        lora_velocity: Option<&'a Array>,
+    ) -> Estimate<'a> {
+        Estimate {
+            latent: &self.latent,
+            noise: &self.noise,
+            noisy: &self.noisy,
+            velocity,
+            lora_velocity,
+            t: &T,
+        }
     }
 
     fn rsd(&self, weight: Weight) -> Array {
-        Rsd { weight, ..Rsd::default() }.direction(&self.schedule, &self.estimate(&self.good, None))
+        Rsd {
+            weight,
+            ..Rsd::default()
+        }
+        .direction(&self.schedule, &self.estimate(&self.good, None))
     }
 
     fn sds(&self) -> Array {
@@ -50,7 +72,10 @@ fn halves(x: &Array) -> [Vec<f32>; 2] {
 #[track_caller]
 fn assert_close(actual: &[f32], expected: impl Iterator<Item = f64>, tolerance: f64) {
     for (&actual, expected) in actual.iter().zip(expected) {
-        assert!((f64::from(actual) - expected).abs() <= tolerance, "{actual} is not {expected}");
+        assert!(
+            (f64::from(actual) - expected).abs() <= tolerance,
+            "{actual} is not {expected}"
+        );
     }
 }
 
@@ -58,17 +83,28 @@ fn assert_close(actual: &[f32], expected: impl Iterator<Item = f64>, tolerance: 
 fn the_renoised_difference_is_kappa_times_the_distance_to_the_estimate() {
     // (a) z_t' - zhat_t' = kappa (z' - x0_hat), with zhat_t' = (s_t' / s_t) z_t + kappa x0_hat and one noise for both.
     let d = draw();
-    let (renoised, clean) =
-        (d.schedule.add_noise(&d.latent, &d.noise, &[979, 499]), d.schedule.clean(&d.noisy, &d.good, &T));
+    let (renoised, clean) = (
+        d.schedule.add_noise(&d.latent, &d.noise, &[979, 499]),
+        d.schedule.clean(&d.noisy, &d.good, &T),
+    );
     let to_clean = halves(&d.rsd(Weight::One));
     for (i, t) in T.into_iter().enumerate() {
-        let (kappa, ratio) = (kappa(&d.schedule, t, 1), d.schedule.s(t - 1) / d.schedule.s(t));
+        let (kappa, ratio) = (
+            kappa(&d.schedule, t, 1),
+            d.schedule.s(t - 1) / d.schedule.s(t),
+        );
         let [renoised, noisy, clean] = [&renoised, &d.noisy, &clean].map(|x| halves(x)[i].clone());
         let difference = (0..clean.len())
-            .map(|e| f64::from(renoised[e]) - ratio * f64::from(noisy[e]) - kappa * f64::from(clean[e]))
+            .map(|e| {
+                f64::from(renoised[e]) - ratio * f64::from(noisy[e]) - kappa * f64::from(clean[e])
+            })
             .collect::<Vec<_>>();
         let expected: Vec<f64> = to_clean[i].iter().map(|&g| kappa * f64::from(g)).collect();
-        assert_close(&difference.iter().map(|&x| x as f32).collect::<Vec<_>>(), expected.into_iter(), 1e-6);
+        assert_close(
+            &difference.iter().map(|&x| x as f32).collect::<Vec<_>>(),
+            expected.into_iter(),
+            1e-6,
+        );
     }
 }
 
@@ -76,8 +112,17 @@ fn the_renoised_difference_is_kappa_times_the_distance_to_the_estimate() {
 fn the_noise_surplus_is_the_distance_to_the_estimate_weighted() {
     // (b) eps_hat - eps = (a / s) (z' - x0_hat); times (1 - alpha_bar) = s^2 for SDS.
     let d = draw();
-    for ((sds, rsd), t) in halves(&d.sds()).iter().zip(halves(&d.rsd(Weight::One))).zip(T) {
-        assert_close(sds, rsd.iter().map(|&g| d.schedule.s(t) * d.schedule.a(t) * f64::from(g)), 1e-6);
+    for ((sds, rsd), t) in halves(&d.sds())
+        .iter()
+        .zip(halves(&d.rsd(Weight::One)))
+        .zip(T)
+    {
+        assert_close(
+            sds,
+            rsd.iter()
+                .map(|&g| d.schedule.s(t) * d.schedule.a(t) * f64::from(g)),
+            1e-6,
+        );
     }
 }
 
@@ -104,7 +149,10 @@ fn kappa_is_small_for_neighbouring_timesteps_and_one_for_all_the_way() {
 #[test]
 fn the_renoised_weight_is_what_squared_distances_give() {
     let d = draw();
-    let (one, renoised) = (halves(&d.rsd(Weight::One)), halves(&d.rsd(Weight::Renoised { spacing: 1 })));
+    let (one, renoised) = (
+        halves(&d.rsd(Weight::One)),
+        halves(&d.rsd(Weight::Renoised { spacing: 1 })),
+    );
     for ((one, renoised), t) in one.iter().zip(&renoised).zip(T) {
         let weight = d.schedule.a(t - 1) * kappa(&d.schedule, t, 1);
         assert_close(renoised, one.iter().map(|&g| weight * f64::from(g)), 1e-8);
@@ -119,11 +167,22 @@ fn vsd_with_a_lora_that_changes_nothing_is_the_pure_difference_of_prompts() {
         assert_eq!(prompts, [Prompt::Good, Prompt::Bad]);
         vec![d.good.clone(), d.bad.clone()]
     });
-    let rule = Vsd { anchor: 0.0, ..Vsd::default() };
+    let rule = Vsd {
+        anchor: 0.0,
+        ..Vsd::default()
+    };
     let direction = rule.direction(&d.schedule, &d.estimate(&guided, Some(&d.good)));
-    for ((direction, difference), t) in halves(&direction).iter().zip(halves(&sub(&d.good, &d.bad))).zip(T) {
+    for ((direction, difference), t) in halves(&direction)
+        .iter()
+        .zip(halves(&sub(&d.good, &d.bad)))
+        .zip(T)
+    {
         let weight = 6.5 * d.schedule.a(t) * (1.0 - d.schedule.alpha_bar(t));
-        assert_close(direction, difference.iter().map(|&x| weight * f64::from(x)), 1e-5);
+        assert_close(
+            direction,
+            difference.iter().map(|&x| weight * f64::from(x)),
+            1e-5,
+        );
     }
 }
 
@@ -131,9 +190,22 @@ fn vsd_with_a_lora_that_changes_nothing_is_the_pure_difference_of_prompts() {
 fn the_anchor_adds_a_share_of_rsd() {
     let d = draw();
     let estimate = d.estimate(&d.good, Some(&d.bad));
-    let vsd = |anchor| Vsd { anchor, ..Vsd::default() }.direction(&d.schedule, &estimate);
+    let vsd = |anchor| {
+        Vsd {
+            anchor,
+            ..Vsd::default()
+        }
+        .direction(&d.schedule, &estimate)
+    };
     let added = sub(&vsd(0.25), &vsd(0.0));
-    assert_close(&added.to_vec(), d.rsd(Weight::One).to_vec().iter().map(|&g| 0.25 * f64::from(g)), 1e-5);
+    assert_close(
+        &added.to_vec(),
+        d.rsd(Weight::One)
+            .to_vec()
+            .iter()
+            .map(|&g| 0.25 * f64::from(g)),
+        1e-5,
+    );
 }
 
 #[test]

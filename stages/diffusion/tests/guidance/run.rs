@@ -15,8 +15,18 @@ fn views() -> Vec<ViewLatents> {
 
 /// VSD with windows of 6x6, two views a step.
 fn options() -> Options {
-    let vsd = Vsd { warm_up: 2, lora_every: 3, ..Vsd::default() };
-    Options { guidance: Guidance::Vsd(vsd), steps: 8, batch: 2, crop: 6, ..Options::default() }
+    let vsd = Vsd {
+        warm_up: 2,
+        lora_every: 3,
+        ..Vsd::default()
+    };
+    Options {
+        guidance: Guidance::Vsd(vsd),
+        steps: 8,
+        batch: 2,
+        crop: 6,
+        ..Options::default()
+    }
 }
 
 fn prior() -> Gaussian {
@@ -25,8 +35,15 @@ fn prior() -> Gaussian {
 
 /// Each view's residual after a whole run.
 fn residuals(seed: u64, options: &Options) -> Vec<Vec<f32>> {
-    let optimized = optimize(&prior(), &views(), options, seed, &mut |_| ControlFlow::Continue(())).unwrap();
-    optimized.residuals.iter().map(|residual| residual.to_vec()).collect()
+    let optimized = optimize(&prior(), &views(), options, seed, &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    optimized
+        .residuals
+        .iter()
+        .map(|residual| residual.to_vec())
+        .collect()
 }
 
 #[test]
@@ -42,28 +59,51 @@ fn a_run_goes_on_from_its_state_with_the_same_bits() {
     for _ in 0..5 {
         first.step().unwrap();
     }
-    let mut second = Optimization::new(&prior, &views, &options, 1).unwrap().resume(first.state().clone()).unwrap();
+    let mut second = Optimization::new(&prior, &views, &options, 1)
+        .unwrap()
+        .resume(first.state().clone())
+        .unwrap();
     while !second.is_done() {
         second.step().unwrap();
     }
-    let resumed: Vec<_> = second.state().residuals.iter().map(|residual| residual.values.clone()).collect();
+    let resumed: Vec<_> = second
+        .state()
+        .residuals
+        .iter()
+        .map(|residual| residual.values.clone())
+        .collect();
     assert_eq!(resumed, residuals(1, &options));
 }
 
 #[test]
 fn a_state_of_other_views_or_another_rule_is_refused() {
     let (prior, views, options) = (prior(), views(), options());
-    let state = Optimization::new(&prior, &views, &options, 1).unwrap().state().clone();
-    let without_lora = Options { guidance: Guidance::Rsd(Rsd::default()), ..options.clone() };
+    let state = Optimization::new(&prior, &views, &options, 1)
+        .unwrap()
+        .state()
+        .clone();
+    let without_lora = Options {
+        guidance: Guidance::Rsd(Rsd::default()),
+        ..options.clone()
+    };
     for (views, options) in [(&views[..2], &options), (&views[..], &without_lora)] {
-        let resumed = Optimization::new(&prior, views, options, 1).unwrap().resume(state.clone());
+        let resumed = Optimization::new(&prior, views, options, 1)
+            .unwrap()
+            .resume(state.clone());
         assert!(matches!(resumed.err(), Some(OptimizeError::OtherState)));
     }
 }
 
 #[test]
 fn pixels_that_no_window_covered_are_left_alone() {
-    let (prior, views, options) = (prior(), views(), Options { steps: 3, ..options() });
+    let (prior, views, options) = (
+        prior(),
+        views(),
+        Options {
+            steps: 3,
+            ..options()
+        },
+    );
     let mut optimization = Optimization::new(&prior, &views, &options, 1).unwrap();
     while !optimization.is_done() {
         optimization.step().unwrap();
@@ -82,18 +122,32 @@ fn pixels_that_no_window_covered_are_left_alone() {
 #[test]
 fn all_views_take_their_turns() {
     let (prior, views) = (Gaussian::new(0.3, 0.1, 2 * 7 * 6), views());
-    let options = Options { steps: 3, crop: 100, batch: 1, ..options() };
+    let options = Options {
+        steps: 3,
+        crop: 100,
+        batch: 1,
+        ..options()
+    };
     let mut optimization = Optimization::new(&prior, &views, &options, 1).unwrap();
     while !optimization.is_done() {
         optimization.step().unwrap();
     }
-    let visits = |view: usize| optimization.state().residuals[view].visits.iter().sum::<u32>();
+    let visits = |view: usize| {
+        optimization.state().residuals[view]
+            .visits
+            .iter()
+            .sum::<u32>()
+    };
     assert_eq!([visits(0), visits(1), visits(2)], [42, 42, 42]);
 }
 
 #[test]
 fn the_lora_warms_up_and_then_learns_on_every_third_step() {
-    let log = optimize(&prior(), &views(), &options(), 1, &mut |_| ControlFlow::Continue(())).unwrap().log;
+    let log = optimize(&prior(), &views(), &options(), 1, &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap()
+    .log;
     let line = |log: &StepLog| match (log.guidance.is_some(), log.lora_loss.is_some()) {
         (true, true) => "both",
         (true, false) => "guide",
@@ -101,7 +155,12 @@ fn the_lora_warms_up_and_then_learns_on_every_third_step() {
         (false, false) => "nothing",
     };
     let lines: Vec<_> = log.iter().map(line).collect();
-    assert_eq!(lines, ["learn", "learn", "both", "guide", "guide", "both", "guide", "guide", "both", "guide"]);
+    assert_eq!(
+        lines,
+        [
+            "learn", "learn", "both", "guide", "guide", "both", "guide", "guide", "both", "guide"
+        ]
+    );
 }
 
 #[test]
@@ -109,7 +168,11 @@ fn a_caller_can_stop_a_run() {
     let mut left = 4;
     let optimized = optimize(&prior(), &views(), &options(), 1, &mut |_| {
         left -= 1;
-        if left == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if left == 0 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     });
     assert_eq!(optimized.unwrap().log.len(), 4);
 }
@@ -117,8 +180,17 @@ fn a_caller_can_stop_a_run() {
 #[test]
 fn the_bad_prompt_is_asked_only_where_guidance_needs_it() {
     let asked = |guidance_scale| {
-        let (prior, options) = (prior(), Options { guidance_scale, ..options() });
-        optimize(&prior, &views(), &options, 1, &mut |_| ControlFlow::Continue(())).unwrap();
+        let (prior, options) = (
+            prior(),
+            Options {
+                guidance_scale,
+                ..options()
+            },
+        );
+        optimize(&prior, &views(), &options, 1, &mut |_| {
+            ControlFlow::Continue(())
+        })
+        .unwrap();
         prior.asked_bad.get()
     };
     assert_eq!((asked(1.0), asked(2.0)), (0, 8));
@@ -128,19 +200,57 @@ fn the_bad_prompt_is_asked_only_where_guidance_needs_it() {
 fn options_that_make_no_sense_are_refused_by_field() {
     let vsd = Vsd::default();
     let refused = [
-        Options { steps: 0, ..options() },
-        Options { crop: 0, ..options() },
-        Options { guidance_scale: f64::NAN, ..options() },
-        Options { noise_level: 400, ..options() },
-        Options { guidance: Guidance::Vsd(Vsd { lora_every: 0, ..vsd }), ..options() },
-        Options { guidance: Guidance::Vsd(Vsd { camera_drop: 1.5, ..vsd }), ..options() },
-        Options { guidance: Guidance::Sds(Sds { rate: -1.0, ..Sds::default() }), ..options() },
         Options {
-            guidance: Guidance::Rsd(Rsd { timesteps: Timesteps::Uniform { min: 0.9, max: 0.1 }, ..Rsd::default() }),
+            steps: 0,
+            ..options()
+        },
+        Options {
+            crop: 0,
+            ..options()
+        },
+        Options {
+            guidance_scale: f64::NAN,
+            ..options()
+        },
+        Options {
+            noise_level: 400,
+            ..options()
+        },
+        Options {
+            guidance: Guidance::Vsd(Vsd {
+                lora_every: 0,
+                ..vsd
+            }),
+            ..options()
+        },
+        Options {
+            guidance: Guidance::Vsd(Vsd {
+                camera_drop: 1.5,
+                ..vsd
+            }),
+            ..options()
+        },
+        Options {
+            guidance: Guidance::Sds(Sds {
+                rate: -1.0,
+                ..Sds::default()
+            }),
+            ..options()
+        },
+        Options {
+            guidance: Guidance::Rsd(Rsd {
+                timesteps: Timesteps::Uniform { min: 0.9, max: 0.1 },
+                ..Rsd::default()
+            }),
             ..options()
         },
     ]
-    .map(|options| Optimization::new(&prior(), &views(), &options, 1).err().unwrap().to_string());
+    .map(|options| {
+        Optimization::new(&prior(), &views(), &options, 1)
+            .err()
+            .unwrap()
+            .to_string()
+    });
     assert_eq!(
         refused,
         [
@@ -159,9 +269,20 @@ fn options_that_make_no_sense_are_refused_by_field() {
 #[test]
 fn views_that_do_not_fit_are_refused_by_name() {
     let device = Device::cpu();
-    let refusal = |views: &[ViewLatents]| Optimization::new(&prior(), views, &options(), 1).err().unwrap().to_string();
-    let narrow = ViewLatents { low: device.zeros(&[3, 8, 5]), ..view(1, [8, 6]) };
-    let other = ViewLatents { latent: device.zeros(&[4, 8, 6]), ..view(1, [8, 6]) };
+    let refusal = |views: &[ViewLatents]| {
+        Optimization::new(&prior(), views, &options(), 1)
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    let narrow = ViewLatents {
+        low: device.zeros(&[3, 8, 5]),
+        ..view(1, [8, 6])
+    };
+    let other = ViewLatents {
+        latent: device.zeros(&[4, 8, 6]),
+        ..view(1, [8, 6])
+    };
     assert_eq!(refusal(&[]), "there are no views");
     assert_eq!(
         refusal(&[view(0, [8, 6]), narrow]),
@@ -171,27 +292,65 @@ fn views_that_do_not_fit_are_refused_by_name() {
         refusal(&[view(0, [8, 6]), other]),
         "view `view_001` has a latent of shape [4, 8, 6]; the first view's is [2, 8, 6]"
     );
-    assert_eq!(refusal(&[view(0, [8, 0])]), "view `view_000` has an empty latent, of shape [2, 8, 0]");
+    assert_eq!(
+        refusal(&[view(0, [8, 0])]),
+        "view `view_000` has an empty latent, of shape [2, 8, 0]"
+    );
 }
 
 #[test]
 fn latents_that_diverge_stop_the_run() {
-    let rsd = Guidance::Rsd(Rsd { rate: 1e30, ..Rsd::default() });
-    let options = Options { guidance: rsd, optimizer: diffusion::optimize::Optimizer::Sgd, ..options() };
-    let stopped = optimize(&prior(), &views(), &options, 1, &mut |_| ControlFlow::Continue(())).err().unwrap();
-    assert!(stopped.to_string().starts_with("the latents diverged in step "), "{stopped}");
+    let rsd = Guidance::Rsd(Rsd {
+        rate: 1e30,
+        ..Rsd::default()
+    });
+    let options = Options {
+        guidance: rsd,
+        optimizer: diffusion::optimize::Optimizer::Sgd,
+        ..options()
+    };
+    let stopped = optimize(&prior(), &views(), &options, 1, &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .err()
+    .unwrap();
+    assert!(
+        stopped
+            .to_string()
+            .starts_with("the latents diverged in step "),
+        "{stopped}"
+    );
 }
 
 #[test]
 fn options_read_as_they_are_written_and_refuse_what_they_do_not_know() {
     let text = serde_json::to_string(&Options::default()).unwrap();
-    assert_eq!(serde_json::from_str::<Options>(&text).unwrap(), Options::default());
+    assert_eq!(
+        serde_json::from_str::<Options>(&text).unwrap(),
+        Options::default()
+    );
     assert!(text.contains(r#""guidance":{"Vsd":{"rate":"#), "{text}");
     let one: Options = serde_json::from_str(r#"{"guidance": {"Vsd": {"lora_every": 3}}}"#).unwrap();
-    assert_eq!(one.guidance, Guidance::Vsd(Vsd { lora_every: 3, ..Vsd::default() }));
-    let unknown =
-        serde_json::from_str::<Options>(r#"{"guidance": {"Rsd": {"lora_every": 3}}}"#).unwrap_err().to_string();
-    assert!(unknown.contains("unknown field `lora_every`, expected one of `rate`, `timesteps`, `weight`"), "{unknown}");
-    let InvalidOption { field, .. } = Options { batch: 0, ..options() }.check().unwrap_err();
+    assert_eq!(
+        one.guidance,
+        Guidance::Vsd(Vsd {
+            lora_every: 3,
+            ..Vsd::default()
+        })
+    );
+    let unknown = serde_json::from_str::<Options>(r#"{"guidance": {"Rsd": {"lora_every": 3}}}"#)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        unknown
+            .contains("unknown field `lora_every`, expected one of `rate`, `timesteps`, `weight`"),
+        "{unknown}"
+    );
+    let InvalidOption { field, .. } = Options {
+        batch: 0,
+        ..options()
+    }
+    .check()
+    .unwrap_err();
     assert_eq!(field, "batch");
 }

@@ -20,7 +20,10 @@ struct Tiny {
 
 impl Tiny {
     fn new(device: Device) -> Self {
-        Self { prior: Prior::load(&ModelSource::Embedded, &device).unwrap(), device }
+        Self {
+            prior: Prior::load(&ModelSource::Embedded, &device).unwrap(),
+            device,
+        }
     }
 
     /// The numbers of a stream.
@@ -46,31 +49,57 @@ fn agree(what: &str, compute: impl Fn(&Tiny) -> Array) {
     assert!(off < TOLERANCE, "{what} is off by {off:.1e} of its norm");
 }
 
-fn input<'a>(sample: &'a Array, lora: Option<&'a LoraNetwork>, camera: Option<&'a Array>) -> Input<'a> {
-    Input { sample, timesteps: &[500, 20], class_labels: &[20, 3], lora, camera }
+fn input<'a>(
+    sample: &'a Array,
+    lora: Option<&'a LoraNetwork>,
+    camera: Option<&'a Array>,
+) -> Input<'a> {
+    Input {
+        sample,
+        timesteps: &[500, 20],
+        class_labels: &[20, 3],
+        lora,
+        camera,
+    }
 }
 
 fn forward(tiny: &Tiny, size: [usize; 2]) -> Array {
     let sample = tiny.numbers(1, &[2, 19, size[0], size[1]]);
-    tiny.prior.unet.forward(&input(&sample, None, None), &tiny.prior.unet.text(&tiny.numbers(2, &[2, 77, 32])))
+    tiny.prior.unet.forward(
+        &input(&sample, None, None),
+        &tiny.prior.unet.text(&tiny.numbers(2, &[2, 77, 32])),
+    )
 }
 
 #[test]
 fn the_networks_compute_what_they_do_on_the_cpu() {
-    agree("the text", |tiny| tiny.prior.text(&["high resolution, 4K, photo", "blurry, low quality"]));
+    agree("the text", |tiny| {
+        tiny.prior
+            .text(&["high resolution, 4K, photo", "blurry, low quality"])
+    });
     agree("the UNet", |tiny| forward(tiny, [12, 16]));
     agree("the UNet, at an odd size", |tiny| forward(tiny, [11, 15]));
-    agree("the encoder", |tiny| tiny.prior.vae.encode(&tiny.numbers(3, &[1, 3, 40, 32])).mean);
-    agree("the decoder", |tiny| tiny.prior.vae.decode(&tiny.numbers(4, &[1, 16, 10, 8])));
+    agree("the encoder", |tiny| {
+        tiny.prior
+            .vae
+            .encode(&tiny.numbers(3, &[1, 3, 40, 32]))
+            .mean
+    });
+    agree("the decoder", |tiny| {
+        tiny.prior.vae.decode(&tiny.numbers(4, &[1, 16, 10, 8]))
+    });
     agree("the decoder, by tiles", |tiny| {
-        tiny.prior.vae.decode_latent(&tiny.numbers(5, &[1, 16, 20, 12]), [80, 48], 16)
+        tiny.prior
+            .vae
+            .decode_latent(&tiny.numbers(5, &[1, 16, 20, 12]), [80, 48], 16)
     });
 }
 
 /// A LoRA of which no tensor is zero.
 fn lora(tiny: &Tiny) -> LoraNetwork {
     let mut lora = tiny.prior.unet.new_lora(4, 4.0, 7);
-    for (stream, tensor) in (100..).zip(lora.adapters.values_mut().chain(lora.camera.values_mut())) {
+    for (stream, tensor) in (100..).zip(lora.adapters.values_mut().chain(lora.camera.values_mut()))
+    {
         *tensor = scale(&tiny.numbers(stream, tensor.shape()), 0.2);
     }
     lora
@@ -80,16 +109,28 @@ fn lora(tiny: &Tiny) -> LoraNetwork {
 fn gradients_of_a_lora_are_those_of_the_cpu() {
     let Some(pair) = pair() else { return };
     let [cpu, gpu] = pair.each_ref().map(|tiny| {
-        let (sample, camera, lora) = (tiny.numbers(1, &[2, 19, 6, 7]), tiny.numbers(3, &[2, 16]), lora(tiny));
-        let (input, text) =
-            (input(&sample, Some(&lora), Some(&camera)), tiny.prior.unet.text(&tiny.numbers(2, &[2, 77, 32])));
+        let (sample, camera, lora) = (
+            tiny.numbers(1, &[2, 19, 6, 7]),
+            tiny.numbers(3, &[2, 16]),
+            lora(tiny),
+        );
+        let (input, text) = (
+            input(&sample, Some(&lora), Some(&camera)),
+            tiny.prior.unet.text(&tiny.numbers(2, &[2, 77, 32])),
+        );
         // Some layers keep what they need, others compute it again.
         let (y, tape) = tiny.prior.unet.forward_train(&input, &text, 1 << 20);
-        tiny.prior.unet.backward(&input, &text, tape, &scale(&y, 2.0 / y.len() as f32), true)
+        tiny.prior
+            .unet
+            .backward(&input, &text, tape, &scale(&y, 2.0 / y.len() as f32), true)
     });
     let sample = [&cpu, &gpu].map(|gradients| gradients.sample.as_ref().unwrap());
     assert!(distance(sample[1], sample[0]) < TOLERANCE, "by the sample");
-    let tensors = cpu.adapters.iter().chain(&cpu.camera).zip(gpu.adapters.values().chain(gpu.camera.values()));
+    let tensors = cpu
+        .adapters
+        .iter()
+        .chain(&cpu.camera)
+        .zip(gpu.adapters.values().chain(gpu.camera.values()));
     for ((name, expected), got) in tensors {
         let off = distance(got, expected);
         assert!(off < TOLERANCE, "{name} is off by {off:.1e} of its norm");
@@ -100,8 +141,15 @@ fn gradients_of_a_lora_are_those_of_the_cpu() {
 fn a_gpu_that_sees_little_of_an_array_at_once_decodes_to_the_same_bits() {
     let Some([_, wide]) = pair() else { return };
     // The decoder's largest arrays are 1 MiB each.
-    let Some(device) = testing::weak_gpu(1 << 18) else { return };
-    let decode = |tiny: &Tiny| tiny.prior.vae.decode(&tiny.numbers(4, &[1, 16, 12, 14])).to_vec();
+    let Some(device) = testing::weak_gpu(1 << 18) else {
+        return;
+    };
+    let decode = |tiny: &Tiny| {
+        tiny.prior
+            .vae
+            .decode(&tiny.numbers(4, &[1, 16, 12, 14]))
+            .to_vec()
+    };
     assert!(decode(&Tiny::new(device)) == decode(wide));
 }
 

@@ -10,9 +10,15 @@ use serde_json::{Value, json};
 /// What loading tiny-x4 says after `damage` was done to a copy of it.
 fn refusal(damage: impl Fn(&Path)) -> String {
     let folder = tempfile::tempdir().unwrap();
-    copy(&Path::new(env!("CARGO_MANIFEST_DIR")).join("models/tiny-x4"), folder.path());
+    copy(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("models/tiny-x4"),
+        folder.path(),
+    );
     damage(folder.path());
-    let prior = Prior::load(&ModelSource::Folder(folder.path().to_owned()), &Device::cpu());
+    let prior = Prior::load(
+        &ModelSource::Folder(folder.path().to_owned()),
+        &Device::cpu(),
+    );
     let message = prior.err().map(|e| e.to_string()).unwrap_or_default();
     message.replace(&format!("{}/", folder.path().display()), "")
 }
@@ -51,7 +57,11 @@ fn parts_that_do_not_fit_together_are_refused() {
         "unet/config.json: `in_channels` is 7; the autoencoder's latent channels and three colours ask for 19"
     );
     assert_eq!(
-        set("unet/config.json", "block_out_channels", json!([64, 96, 160])),
+        set(
+            "unet/config.json",
+            "block_out_channels",
+            json!([64, 96, 160])
+        ),
         "unet/diffusion_pytorch_model.safetensors: tensor `down_blocks.2.resnets.0.time_emb_proj.bias` has the shape [128]; \
          the configuration asks for [160]"
     );
@@ -64,11 +74,18 @@ fn parts_that_do_not_fit_together_are_refused() {
         "vae/diffusion_pytorch_model.safetensors: tensor `encoder.down_blocks.0.resnets.1.norm1.weight` of shape [32] is missing"
     );
     assert_eq!(
-        set("scheduler/scheduler_config.json", "rescale_betas_zero_snr", json!(true)),
+        set(
+            "scheduler/scheduler_config.json",
+            "rescale_betas_zero_snr",
+            json!(true)
+        ),
         "scheduler/scheduler_config.json: `rescale_betas_zero_snr` is true; supported is false"
     );
     let vocabulary = set("text_encoder/config.json", "vocab_size", json!(700));
-    assert_eq!(vocabulary, "tokenizer/vocab.json: has the id 767; the text encoder knows 700 ids");
+    assert_eq!(
+        vocabulary,
+        "tokenizer/vocab.json: has the id 767; the text encoder knows 700 ids"
+    );
 }
 
 #[test]
@@ -79,12 +96,22 @@ fn damaged_files_are_refused() {
             let bytes = std::fs::read(folder.join(file)).unwrap();
             std::fs::write(folder.join(file), &bytes[..keep]).unwrap();
         });
-        assert!(message.starts_with(&format!("{file}: is not a sound safetensors file: ")), "{keep}: {message}");
+        assert!(
+            message.starts_with(&format!("{file}: is not a sound safetensors file: ")),
+            "{keep}: {message}"
+        );
     }
     let missing = refusal(|folder| std::fs::remove_file(folder.join("vae/config.json")).unwrap());
-    assert!(missing.starts_with("vae/config.json: is missing; a model is a folder"), "{missing}");
-    let garbled = refusal(|folder| std::fs::write(folder.join("tokenizer/vocab.json"), "{").unwrap());
-    assert!(garbled.starts_with("tokenizer/vocab.json: is not a JSON object of ids: "), "{garbled}");
+    assert!(
+        missing.starts_with("vae/config.json: is missing; a model is a folder"),
+        "{missing}"
+    );
+    let garbled =
+        refusal(|folder| std::fs::write(folder.join("tokenizer/vocab.json"), "{").unwrap());
+    assert!(
+        garbled.starts_with("tokenizer/vocab.json: is not a JSON object of ids: "),
+        "{garbled}"
+    );
     let folder = refusal(|folder| {
         std::fs::remove_file(folder.join("tokenizer/merges.txt")).unwrap();
         std::fs::create_dir(folder.join("tokenizer/merges.txt")).unwrap();
@@ -102,12 +129,26 @@ fn shard(folder: &Path, rename: impl Fn(usize) -> String) {
     let mut index = serde_json::Map::new();
     for (i, half) in tensors.chunks(tensors.len().div_ceil(2)).enumerate() {
         let views = half.iter().map(|(name, view)| (name.as_str(), view));
-        let file = format!("vae/diffusion_pytorch_model-{:05}-of-00002.safetensors", i + 1);
-        std::fs::write(folder.join(file), safetensors::serialize(views, None).unwrap()).unwrap();
-        index.extend(half.iter().map(|(name, _)| (name.clone(), json!(rename(i + 1)))));
+        let file = format!(
+            "vae/diffusion_pytorch_model-{:05}-of-00002.safetensors",
+            i + 1
+        );
+        std::fs::write(
+            folder.join(file),
+            safetensors::serialize(views, None).unwrap(),
+        )
+        .unwrap();
+        index.extend(
+            half.iter()
+                .map(|(name, _)| (name.clone(), json!(rename(i + 1)))),
+        );
     }
     let index = json!({ "metadata": {}, "weight_map": index }).to_string();
-    std::fs::write(folder.join("vae/diffusion_pytorch_model.safetensors.index.json"), index).unwrap();
+    std::fs::write(
+        folder.join("vae/diffusion_pytorch_model.safetensors.index.json"),
+        index,
+    )
+    .unwrap();
     std::fs::remove_file(stem).unwrap();
 }
 
@@ -116,10 +157,16 @@ fn shards_are_read_by_their_index() {
     let name = |i: usize| format!("diffusion_pytorch_model-{i:05}-of-00002.safetensors");
     assert_eq!(refusal(|folder| shard(folder, name)), "");
     let outside = refusal(|folder| shard(folder, |i| format!("../{}", name(i))));
-    assert!(outside.contains("index.json: `weight_map` names \"../diffusion_pytorch_model-00001"), "{outside}");
+    assert!(
+        outside.contains("index.json: `weight_map` names \"../diffusion_pytorch_model-00001"),
+        "{outside}"
+    );
     let lost = refusal(|folder| {
         shard(folder, name);
         std::fs::remove_file(folder.join("vae").join(name(2))).unwrap();
     });
-    assert!(lost.starts_with("vae/diffusion_pytorch_model-00002-of-00002.safetensors: is missing"), "{lost}");
+    assert!(
+        lost.starts_with("vae/diffusion_pytorch_model-00002-of-00002.safetensors: is missing"),
+        "{lost}"
+    );
 }

@@ -9,7 +9,12 @@ use proptest::prelude::*;
 fn tensors() -> Vec<u8> {
     let header = r#"{"__metadata__":{"format":"pt"},"a.weight":{"dtype":"F32","shape":[2,2],"data_offsets":[0,16]},
         "b":{"dtype":"F16","shape":[3],"data_offsets":[16,22]},"ids":{"dtype":"I64","shape":[1],"data_offsets":[22,30]}}"#;
-    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &[0; 30]].concat()
+    [
+        &(header.len() as u64).to_le_bytes()[..],
+        header.as_bytes(),
+        &[0; 30],
+    ]
+    .concat()
 }
 
 const UNET: &str = include_str!("../../models/tiny-x4/unet/config.json");
@@ -17,7 +22,11 @@ const VAE: &str = include_str!("../../models/tiny-x4/vae/config.json");
 const TEXT: &str = include_str!("../../models/tiny-x4/text_encoder/config.json");
 
 /// Bytes overwritten, and the end cut off.
-fn damaged(bytes: &[u8], changes: &[(prop::sample::Index, u8)], keep: prop::sample::Index) -> Vec<u8> {
+fn damaged(
+    bytes: &[u8],
+    changes: &[(prop::sample::Index, u8)],
+    keep: prop::sample::Index,
+) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for (at, value) in changes {
         let at = at.index(bytes.len());
@@ -28,7 +37,9 @@ fn damaged(bytes: &[u8], changes: &[(prop::sample::Index, u8)], keep: prop::samp
 }
 
 fn read_all(bytes: Vec<u8>) {
-    let Ok(file) = TensorFile::new(ModelFile::in_memory("w.safetensors", bytes)) else { return };
+    let Ok(file) = TensorFile::new(ModelFile::in_memory("w.safetensors", bytes)) else {
+        return;
+    };
     for name in file.names() {
         let _ = file.real(name, &Device::cpu());
         let _ = file.whole(name);
@@ -37,7 +48,11 @@ fn read_all(bytes: Vec<u8>) {
 
 fn read_configs(text: &[u8]) {
     let file = ModelFile::in_memory("config.json", text.to_vec());
-    let _ = (UnetConfig::read(&file), VaeConfig::read(&file), TextConfig::read(&file));
+    let _ = (
+        UnetConfig::read(&file),
+        VaeConfig::read(&file),
+        TextConfig::read(&file),
+    );
 }
 
 /// A value in place of one field, of any type and size.
@@ -79,6 +94,9 @@ proptest! {
 fn the_undamaged_files_are_read() {
     let file = TensorFile::new(ModelFile::in_memory("w.safetensors", tensors())).unwrap();
     assert_eq!(file.names().collect::<Vec<_>>(), ["a.weight", "b", "ids"]);
-    assert_eq!(file.real("a.weight", &Device::cpu()).unwrap().shape(), [2, 2]);
+    assert_eq!(
+        file.real("a.weight", &Device::cpu()).unwrap().shape(),
+        [2, 2]
+    );
     assert!(UnetConfig::read(&ModelFile::in_memory("config.json", UNET.into())).is_ok());
 }

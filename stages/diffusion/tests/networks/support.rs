@@ -14,10 +14,21 @@ impl Golden {
         let bytes = std::fs::read(golden(name)).unwrap();
         let file = SafeTensors::deserialize(&bytes).unwrap();
         let array = |view: safetensors::tensor::TensorView| {
-            let values = view.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+            let values = view
+                .data()
+                .as_chunks()
+                .0
+                .iter()
+                .map(|b| f32::from_le_bytes(*b))
+                .collect();
             Device::cpu().array(view.shape(), values)
         };
-        Self(file.tensors().into_iter().map(|(name, view)| (name, array(view))).collect())
+        Self(
+            file.tensors()
+                .into_iter()
+                .map(|(name, view)| (name, array(view)))
+                .collect(),
+        )
     }
 
     /// Asserts that `actual` is the tensor `name` but for `tolerance` times its norm.
@@ -31,13 +42,17 @@ impl Golden {
 
     /// The names that begin with `prefix`, without it.
     pub fn names<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = &'a str> {
-        self.0.keys().filter_map(move |name| name.strip_prefix(prefix))
+        self.0
+            .keys()
+            .filter_map(move |name| name.strip_prefix(prefix))
     }
 }
 
 /// A file that the generator script left.
 pub fn golden(name: &str) -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/golden")
+        .join(name)
 }
 
 /// The norm of the difference over the norm of what is expected.
@@ -51,9 +66,16 @@ pub fn distance(actual: &Array, expected: &Array) -> f64 {
 /// The generator's pseudo-random numbers in [-1, 1): a hash of the stream and the element's index.
 pub fn numbers(stream: u64, shape: &[usize]) -> Array {
     let number = |i: u64| {
-        let h = i.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(stream.wrapping_mul(0xBF58_476D_1CE4_E5B9));
+        let h = i
+            .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+            .wrapping_add(stream.wrapping_mul(0xBF58_476D_1CE4_E5B9));
         let h = (h ^ (h >> 31)).wrapping_mul(0x94D0_49BB_1331_11EB);
         ((h ^ (h >> 29)) >> 40) as f32 / 8_388_608.0 - 1.0
     };
-    Device::cpu().array(shape, (1..=shape.iter().product::<usize>() as u64).map(number).collect())
+    Device::cpu().array(
+        shape,
+        (1..=shape.iter().product::<usize>() as u64)
+            .map(number)
+            .collect(),
+    )
 }

@@ -35,7 +35,11 @@ pub(super) struct Canvas {
 impl Canvas {
     /// A canvas of one colour.
     pub fn new(width: usize, height: usize, colour: Colour) -> Canvas {
-        Canvas { width, height, rgb8: colour.repeat(width * height) }
+        Canvas {
+            width,
+            height,
+            rgb8: colour.repeat(width * height),
+        }
     }
 
     fn put(&mut self, x: usize, y: usize, colour: Colour) {
@@ -53,19 +57,64 @@ impl Canvas {
 
     /// A frame of `thickness` just inside `rect`.
     pub fn frame(&mut self, rect: Rect, thickness: usize, colour: Colour) {
-        let Rect { left, top, width, height } = rect;
+        let Rect {
+            left,
+            top,
+            width,
+            height,
+        } = rect;
         let (right, bottom) = (left + width - thickness, top + height - thickness);
-        self.fill(Rect { height: thickness, ..rect }, colour);
-        self.fill(Rect { top: bottom, height: thickness, ..rect }, colour);
-        self.fill(Rect { left, top, width: thickness, height }, colour);
-        self.fill(Rect { left: right, top, width: thickness, height }, colour);
+        self.fill(
+            Rect {
+                height: thickness,
+                ..rect
+            },
+            colour,
+        );
+        self.fill(
+            Rect {
+                top: bottom,
+                height: thickness,
+                ..rect
+            },
+            colour,
+        );
+        self.fill(
+            Rect {
+                left,
+                top,
+                width: thickness,
+                height,
+            },
+            colour,
+        );
+        self.fill(
+            Rect {
+                left: right,
+                top,
+                width: thickness,
+                height,
+            },
+            colour,
+        );
     }
 
     /// Text from `left`, its cap line at `top`; glyphs' parts beyond `limit` columns are left out.
     pub fn text(&mut self, left: usize, top: usize, limit: usize, text: &str, colour: Colour) {
-        for (x, y) in font::ink(text).into_iter().filter(|(x, _)| (x + 1) * TEXT_SCALE <= limit) {
+        for (x, y) in font::ink(text)
+            .into_iter()
+            .filter(|(x, _)| (x + 1) * TEXT_SCALE <= limit)
+        {
             let (left, top) = (left + x * TEXT_SCALE, top + y * TEXT_SCALE);
-            self.fill(Rect { left, top, width: TEXT_SCALE, height: TEXT_SCALE }, colour);
+            self.fill(
+                Rect {
+                    left,
+                    top,
+                    width: TEXT_SCALE,
+                    height: TEXT_SCALE,
+                },
+                colour,
+            );
         }
     }
 
@@ -75,7 +124,15 @@ impl Canvas {
             for x in 0..source.width {
                 let colour = image.pixel(source.left + x, source.top + y).map(to_8_bit);
                 let (left, top) = (left + x * factor, top + y * factor);
-                self.fill(Rect { left, top, width: factor, height: factor }, colour);
+                self.fill(
+                    Rect {
+                        left,
+                        top,
+                        width: factor,
+                        height: factor,
+                    },
+                    colour,
+                );
             }
         }
     }
@@ -84,7 +141,11 @@ impl Canvas {
     pub fn reduced(&mut self, left: usize, top: usize, image: Image, divisor: usize) {
         for y in 0..image.height().div_ceil(divisor) {
             for x in 0..image.width().div_ceil(divisor) {
-                self.put(left + x, top + y, mean(image, x * divisor, y * divisor, divisor).map(to_8_bit));
+                self.put(
+                    left + x,
+                    top + y,
+                    mean(image, x * divisor, y * divisor, divisor).map(to_8_bit),
+                );
             }
         }
     }
@@ -92,7 +153,10 @@ impl Canvas {
 
 /// The mean colour of the square of `side` at (`left`, `top`), as far as it lies in the image.
 fn mean(image: Image, left: usize, top: usize, side: usize) -> [f32; 3] {
-    let (right, bottom) = ((left + side).min(image.width()), (top + side).min(image.height()));
+    let (right, bottom) = (
+        (left + side).min(image.width()),
+        (top + side).min(image.height()),
+    );
     let mut sum = [0.0; 3];
     for (y, x) in (top..bottom).flat_map(|y| (left..right).map(move |x| (y, x))) {
         let pixel = image.pixel(x, y);
@@ -117,7 +181,16 @@ mod tests {
     #[test]
     fn a_frame_lies_just_inside_its_rectangle() {
         let mut canvas = Canvas::new(5, 4, [0; 3]);
-        canvas.frame(Rect { left: 1, top: 0, width: 4, height: 4 }, 1, [9; 3]);
+        canvas.frame(
+            Rect {
+                left: 1,
+                top: 0,
+                width: 4,
+                height: 4,
+            },
+            1,
+            [9; 3],
+        );
         let row = |marks: &[u8]| marks.iter().flat_map(|&m| [m; 3]).collect::<Vec<u8>>();
         assert_eq!(reds(&canvas)[0], row(&[0, 9, 9, 9, 9]));
         assert_eq!(reds(&canvas)[1], row(&[0, 9, 0, 0, 9]));
@@ -129,7 +202,18 @@ mod tests {
         let rgb = [0.0, 0.0, 0.0, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0];
         let image = Image::new(3, 1, &rgb);
         let mut canvas = Canvas::new(4, 3, [7; 3]);
-        canvas.enlarged(0, 0, image, Rect { left: 1, top: 0, width: 2, height: 1 }, 2);
+        canvas.enlarged(
+            0,
+            0,
+            image,
+            Rect {
+                left: 1,
+                top: 0,
+                width: 2,
+                height: 1,
+            },
+            2,
+        );
         canvas.reduced(0, 2, image, 2);
         let reds: Vec<u8> = canvas.rgb8.iter().step_by(3).copied().collect();
         assert_eq!(reds, [51, 51, 255, 255, 51, 51, 255, 255, 26, 255, 7, 7]);
@@ -139,7 +223,19 @@ mod tests {
     fn drawing_beyond_the_edges_is_dropped() {
         let mut canvas = Canvas::new(3, 3, [1; 3]);
         canvas.text(2, 0, usize::MAX, "HHH", [1; 3]);
-        canvas.frame(Rect { left: 2, top: 2, width: 5, height: 5 }, 1, [2; 3]);
-        assert_eq!(canvas.rgb8.iter().map(|&v| u32::from(v)).sum::<u32>(), 27 + 3);
+        canvas.frame(
+            Rect {
+                left: 2,
+                top: 2,
+                width: 5,
+                height: 5,
+            },
+            1,
+            [2; 3],
+        );
+        assert_eq!(
+            canvas.rgb8.iter().map(|&v| u32::from(v)).sum::<u32>(),
+            27 + 3
+        );
     }
 }

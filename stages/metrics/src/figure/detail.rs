@@ -12,15 +12,27 @@ pub(super) fn most_detailed(image: Image, width: usize, height: usize) -> [Rect;
         detail[y * image.width() + first.left..][..width].fill(0.0);
     }
     let second = best_window(&detail, image.width(), width, height);
-    if second.left < first.left { [second, first] } else { [first, second] }
+    if second.left < first.left {
+        [second, first]
+    } else {
+        [first, second]
+    }
 }
 
 /// `|dx| + |dy|` of the green channel per pixel, zero on the last column and row.
 fn gradients(image: Image) -> Vec<f64> {
     let (width, green) = (image.width(), image.channel(1));
-    let step = |at: usize, to: usize, inside: bool| if inside { (green[to] - green[at]).abs() } else { 0.0 };
-    let gradient =
-        |at: usize| step(at, at + 1, at % width + 1 < width) + step(at, at + width, at / width + 1 < image.height());
+    let step = |at: usize, to: usize, inside: bool| {
+        if inside {
+            (green[to] - green[at]).abs()
+        } else {
+            0.0
+        }
+    };
+    let gradient = |at: usize| {
+        step(at, at + 1, at % width + 1 < width)
+            + step(at, at + width, at / width + 1 < image.height())
+    };
     (0..green.len()).map(gradient).collect()
 }
 
@@ -32,12 +44,28 @@ fn best_window(detail: &[f64], image_width: usize, width: usize, height: usize) 
         let (top, bottom) = (y * stride + x, (y + height) * stride + x);
         table[bottom + width] - table[bottom] - table[top + width] + table[top]
     };
-    let mut best = (Rect { left: 0, top: 0, width, height }, f64::NEG_INFINITY);
+    let mut best = (
+        Rect {
+            left: 0,
+            top: 0,
+            width,
+            height,
+        },
+        f64::NEG_INFINITY,
+    );
     for top in 0..=detail.len() / image_width - height {
         for left in 0..=image_width - width {
             let total = sum(left, top);
             if total > best.1 {
-                best = (Rect { left, top, width, height }, total);
+                best = (
+                    Rect {
+                        left,
+                        top,
+                        width,
+                        height,
+                    },
+                    total,
+                );
             }
         }
     }
@@ -71,7 +99,9 @@ mod tests {
             (3..11, 18..26) => ((x + y) % 2) as f32 * 0.5,
             _ => 0.5,
         };
-        (0..40 * 30).flat_map(|i| [dot(i % 40, i / 40); 3]).collect()
+        (0..40 * 30)
+            .flat_map(|i| [dot(i % 40, i / 40); 3])
+            .collect()
     }
 
     #[test]
@@ -88,7 +118,15 @@ mod tests {
     #[test]
     fn a_window_as_large_as_the_picture_is_the_picture() {
         let rgb = patches();
-        let whole = Rect { left: 0, top: 0, width: 40, height: 30 };
-        assert_eq!(most_detailed(Image::new(40, 30, &rgb), 40, 30), [whole, whole]);
+        let whole = Rect {
+            left: 0,
+            top: 0,
+            width: 40,
+            height: 30,
+        };
+        assert_eq!(
+            most_detailed(Image::new(40, 30, &rgb), 40, 30),
+            [whole, whole]
+        );
     }
 }

@@ -24,7 +24,10 @@ pub(super) fn ink(text: &str) -> Vec<(usize, usize)> {
 
 /// The columns that `text` takes.
 pub(super) fn width(text: &str) -> usize {
-    text.chars().map(advance).sum::<usize>().saturating_sub(TRACKING)
+    text.chars()
+        .map(advance)
+        .sum::<usize>()
+        .saturating_sub(TRACKING)
 }
 
 /// From one glyph's left edge to the next's.
@@ -34,7 +37,12 @@ fn advance(character: char) -> usize {
 
 /// The inked (column, row) of a character on its cell.
 fn glyph(character: char) -> impl Iterator<Item = (usize, usize)> {
-    let code = if (' '..='~').contains(&character) { character } else { '?' } as usize - 0x20;
+    let code = if (' '..='~').contains(&character) {
+        character
+    } else {
+        '?'
+    } as usize
+        - 0x20;
     let (top, left) = (code / 16 * GLYPH_ROWS, code % 16 * CELL);
     let cell = (0..GLYPH_ROWS).flat_map(|y| (0..CELL).map(move |x| (x, y)));
     cell.filter(move |(x, y)| SHEET[top + y].as_bytes()[left + x] == b'#')
@@ -106,7 +114,11 @@ mod tests {
     /// Draws text on a terminal, so that a test can be read.
     fn drawn(text: &str) -> Vec<String> {
         let ink = ink(text);
-        let row = |y| (0..width(text)).map(|x| if ink.contains(&(x, y)) { '#' } else { '.' }).collect();
+        let row = |y| {
+            (0..width(text))
+                .map(|x| if ink.contains(&(x, y)) { '#' } else { '.' })
+                .collect()
+        };
         (0..GLYPH_ROWS).map(row).collect()
     }
 
@@ -129,7 +141,8 @@ mod tests {
 
     #[test]
     fn every_printable_character_but_the_space_has_its_own_ink_within_its_cell() {
-        let glyphs: std::collections::BTreeSet<Vec<(usize, usize)>> = ('!'..='~').map(|c| glyph(c).collect()).collect();
+        let glyphs: std::collections::BTreeSet<Vec<(usize, usize)>> =
+            ('!'..='~').map(|c| glyph(c).collect()).collect();
         assert_eq!(glyphs.len(), 94);
         assert!(glyphs.iter().flatten().all(|&(x, _)| x < CELL - 1));
         assert!(SHEET.iter().all(|row| row.len() == 16 * CELL));

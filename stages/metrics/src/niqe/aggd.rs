@@ -37,7 +37,11 @@ impl Shapes {
         let target = r * (g.powi(3) + 1.0) * (g + 1.0) / (g * g + 1.0).powi(2);
         let alpha = shape(self.nearest(target));
         let scale = (gamma(1.0 / alpha) / gamma(3.0 / alpha)).sqrt();
-        Aggd { alpha, beta_left: left * scale, beta_right: right * scale }
+        Aggd {
+            alpha,
+            beta_left: left * scale,
+            beta_right: right * scale,
+        }
     }
 
     /// The first index whose ratio is nearest to `target`; the first of all for NaN, as numpy's `argmin` has it: a
@@ -120,7 +124,11 @@ fn gamma(x: f64) -> f64 {
         1.5056327351493116e-7,
     ];
     let x = x - 1.0;
-    let series: f64 = TERMS.iter().enumerate().map(|(i, term)| term / (x + i as f64 + 1.0)).sum();
+    let series: f64 = TERMS
+        .iter()
+        .enumerate()
+        .map(|(i, term)| term / (x + i as f64 + 1.0))
+        .sum();
     let t = x + 7.5;
     std::f64::consts::TAU.sqrt() * t.powf(x + 0.5) * (-t).exp() * (0.999_999_999_999_809_9 + series)
 }
@@ -131,10 +139,23 @@ mod tests {
 
     #[test]
     fn gamma_meets_factorials_and_the_half() {
-        for (x, expected) in [(1.0, 1.0), (5.0, 24.0), (15.0, 87_178_291_200.0), (0.5, std::f64::consts::PI.sqrt())] {
-            assert!((gamma(x) / expected - 1.0).abs() < 2e-14, "gamma({x}) = {}", gamma(x));
+        for (x, expected) in [
+            (1.0, 1.0),
+            (5.0, 24.0),
+            (15.0, 87_178_291_200.0),
+            (0.5, std::f64::consts::PI.sqrt()),
+        ] {
+            assert!(
+                (gamma(x) / expected - 1.0).abs() < 2e-14,
+                "gamma({x}) = {}",
+                gamma(x)
+            );
         }
-        assert!((gamma(0.1) / 9.513507698668732 - 1.0).abs() < 2e-14, "{}", gamma(0.1));
+        assert!(
+            (gamma(0.1) / 9.513507698668732 - 1.0).abs() < 2e-14,
+            "{}",
+            gamma(0.1)
+        );
     }
 
     /// A Laplacian's quantiles, 3 times as wide to the right: shape 1 and scales 1 and 3 come back.
@@ -153,6 +174,11 @@ mod tests {
     fn without_samples_on_a_side_the_scale_is_not_a_number_and_the_shape_the_smallest() {
         let fit = Shapes::new().fit([0.0f32; 8].into_iter());
         assert!(fit.alpha == 0.2 && fit.beta_left.is_nan() && fit.beta_right.is_nan());
-        assert!(Shapes::new().fit([1.0f32; 8].into_iter()).beta_left.is_nan());
+        assert!(
+            Shapes::new()
+                .fit([1.0f32; 8].into_iter())
+                .beta_left
+                .is_nan()
+        );
     }
 }

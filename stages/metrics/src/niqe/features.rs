@@ -18,21 +18,34 @@ pub(super) type Features = [f64; FEATURES];
 /// The features of `columns * rows` whole blocks of a luma plane (0..255), column by column.
 pub(super) fn of_blocks(luma: Vec<f32>, columns: usize, rows: usize) -> Vec<Features> {
     let (window, shapes) = (Pristine::read().window, Shapes::new());
-    let full = Plane { width: columns * BLOCK, values: luma };
+    let full = Plane {
+        width: columns * BLOCK,
+        values: luma,
+    };
     let half = full.halved();
     let (full, half) = (full.normalized(&window), half.normalized(&window));
     let of_block = |block: usize| {
         let (column, row) = (block / rows, block % rows);
-        let [full, half] = [(&full, BLOCK), (&half, BLOCK / 2)]
-            .map(|(plane, side)| at_scale(&shapes, &cut(plane, column * side, row * side, side), side));
-        std::array::from_fn(|i| if i < PER_SCALE { full[i] } else { half[i - PER_SCALE] })
+        let [full, half] = [(&full, BLOCK), (&half, BLOCK / 2)].map(|(plane, side)| {
+            at_scale(&shapes, &cut(plane, column * side, row * side, side), side)
+        });
+        std::array::from_fn(|i| {
+            if i < PER_SCALE {
+                full[i]
+            } else {
+                half[i - PER_SCALE]
+            }
+        })
     };
     (0..columns * rows).into_par_iter().map(of_block).collect()
 }
 
 /// The square of `side` at (`left`, `top`).
 fn cut(plane: &Plane, left: usize, top: usize, side: usize) -> Vec<f32> {
-    (top..top + side).flat_map(|y| &plane.values[y * plane.width + left..][..side]).copied().collect()
+    (top..top + side)
+        .flat_map(|y| &plane.values[y * plane.width + left..][..side])
+        .copied()
+        .collect()
 }
 
 /// The 18 features of a block of normalised coefficients: shape and mean scale of the coefficients themselves, then
@@ -49,9 +62,15 @@ fn at_scale(shapes: &Shapes, block: &[f32], side: usize) -> [f64; PER_SCALE] {
 }
 
 /// Each coefficient times the one `rows` above and `columns` to the left, wrapping around within the block.
-fn products(block: &[f32], side: usize, (rows, columns): (isize, isize)) -> impl Iterator<Item = f32> {
+fn products(
+    block: &[f32],
+    side: usize,
+    (rows, columns): (isize, isize),
+) -> impl Iterator<Item = f32> {
     let rolled = move |at: usize, by: isize| (at as isize - by).rem_euclid(side as isize) as usize;
-    (0..side * side).map(move |at| block[at] * block[rolled(at / side, rows) * side + rolled(at % side, columns)])
+    (0..side * side).map(move |at| {
+        block[at] * block[rolled(at / side, rows) * side + rolled(at % side, columns)]
+    })
 }
 
 #[cfg(test)]

@@ -20,11 +20,20 @@ pub(super) struct Pristine {
 
 impl Pristine {
     pub fn read() -> Pristine {
-        let numbers: Vec<f64> = BYTES.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+        let numbers: Vec<f64> = BYTES
+            .as_chunks()
+            .0
+            .iter()
+            .map(|bytes| f64::from_le_bytes(*bytes))
+            .collect();
         let (mean, rest) = numbers.split_at(FEATURES);
         let (covariance, window) = rest.split_at(FEATURES * FEATURES);
         let covariance = covariance.chunks(FEATURES).map(<[f64]>::to_vec).collect();
-        Pristine { mean: mean.to_vec(), covariance, window: window.to_vec() }
+        Pristine {
+            mean: mean.to_vec(),
+            covariance,
+            window: window.to_vec(),
+        }
     }
 }
 
@@ -34,11 +43,16 @@ mod tests {
 
     #[test]
     fn the_file_holds_a_gaussian_window_and_a_symmetric_covariance() {
-        let Pristine { covariance, window, .. } = Pristine::read();
-        let weight =
-            |x: usize, y: usize| (-0.5 * ((x as f64 - 3.0).powi(2) + (y as f64 - 3.0).powi(2)) * 36.0 / 49.0).exp();
+        let Pristine {
+            covariance, window, ..
+        } = Pristine::read();
+        let weight = |x: usize, y: usize| {
+            (-0.5 * ((x as f64 - 3.0).powi(2) + (y as f64 - 3.0).powi(2)) * 36.0 / 49.0).exp()
+        };
         let sum: f64 = (0..49).map(|i| weight(i % 7, i / 7)).sum();
         assert!((0..49).all(|i| (window[i] - weight(i % 7, i / 7) / sum).abs() < 1e-12));
-        assert!((0..36).all(|i| covariance[i][i] > 0.0 && (0..i).all(|j| covariance[i][j] == covariance[j][i])));
+        assert!((0..36).all(
+            |i| covariance[i][i] > 0.0 && (0..i).all(|j| covariance[i][j] == covariance[j][i])
+        ));
     }
 }

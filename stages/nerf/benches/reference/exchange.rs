@@ -18,9 +18,16 @@ pub fn reference(python: &OsStr, task: &Task) -> Result<Outcome, Box<dyn Error>>
     write(folder.path(), task)?;
     let script = folder.path().join("reference.py");
     std::fs::write(&script, SCRIPT)?;
-    let mut child = Command::new(python).arg(&script).arg(folder.path()).stdout(Stdio::piped()).spawn()?;
+    let mut child = Command::new(python)
+        .arg(&script)
+        .arg(folder.path())
+        .stdout(Stdio::piped())
+        .spawn()?;
     let output = BufReader::new(child.stdout.take().ok_or("the reference has no output")?);
-    let marks = output.lines().map(|line| Ok(serde_json::from_str(&line?)?)).collect::<Result<_, Box<dyn Error>>>();
+    let marks = output
+        .lines()
+        .map(|line| Ok(serde_json::from_str(&line?)?))
+        .collect::<Result<_, Box<dyn Error>>>();
     if !child.wait()?.success() {
         return Err("the reference failed".into());
     }
@@ -32,8 +39,14 @@ pub fn reference(python: &OsStr, task: &Task) -> Result<Outcome, Box<dyn Error>>
 fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
     let space = &task.space;
     for (name, photos) in [("train", &task.train), ("test", &task.test)] {
-        floats(&folder.join(format!("{name}.rays.f32")), photos.iter().flat_map(|photo| rays(space, photo)))?;
-        floats(&folder.join(format!("{name}.rgba.f32")), photos.iter().flat_map(rgba))?;
+        floats(
+            &folder.join(format!("{name}.rays.f32")),
+            photos.iter().flat_map(|photo| rays(space, photo)),
+        )?;
+        floats(
+            &folder.join(format!("{name}.rgba.f32")),
+            photos.iter().flat_map(rgba),
+        )?;
     }
     let (size, occupancy) = fresh_occupancy(task);
     floats(&folder.join("occupancy.f32"), occupancy)?;
@@ -43,16 +56,27 @@ fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
         "config": task.config, "march_cone": task.space.cone(&task.config), "options": task.options, "levels": levels, "occupancy_size": size,
         "test_views": task.test.len(), "background": task.background, "marks": task.marks,
     });
-    Ok(std::fs::write(folder.join("scene.json"), scene.to_string())?)
+    Ok(std::fs::write(
+        folder.join("scene.json"),
+        scene.to_string(),
+    )?)
 }
 
 /// Per pixel: origin, direction, first and last distance, in unit space; the direction in the world.
 fn rays(space: &Space, photo: &Photo) -> Vec<f32> {
     let camera = &photo.camera;
     let ray = |i: u32| {
-        let (px, py) = (f64::from(i % camera.width) + 0.5, f64::from(i / camera.width) + 0.5);
-        let Segment { origin: [x, y, z], direction: [dx, dy, dz], range: [start, end], view: [u, v, w], .. } =
-            Segment::new(space, camera, px, py);
+        let (px, py) = (
+            f64::from(i % camera.width) + 0.5,
+            f64::from(i / camera.width) + 0.5,
+        );
+        let Segment {
+            origin: [x, y, z],
+            direction: [dx, dy, dz],
+            range: [start, end],
+            view: [u, v, w],
+            ..
+        } = Segment::new(space, camera, px, py);
         [x, y, z, dx, dy, dz, start, end, u, v, w]
     };
     (0..camera.width * camera.height).flat_map(ray).collect()
@@ -71,14 +95,29 @@ fn rgba(photo: &Photo) -> impl Iterator<Item = f32> + '_ {
 fn fresh_occupancy(task: &Task) -> (Vec<usize>, Vec<f32>) {
     let field = Field::in_space(&task.config, task.space.clone(), 0);
     let trainer = Trainer::new(field, task.views(), &task.options, 0);
-    let (shape, values) = trainer.field().tensors().remove("occupancy").unwrap_or_default();
+    let (shape, values) = trainer
+        .field()
+        .tensors()
+        .remove("occupancy")
+        .unwrap_or_default();
     (shape.into_iter().rev().collect(), values)
 }
 
 fn floats(file: &Path, values: impl IntoIterator<Item = f32>) -> std::io::Result<()> {
-    std::fs::write(file, values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>())
+    std::fs::write(
+        file,
+        values
+            .into_iter()
+            .flat_map(f32::to_le_bytes)
+            .collect::<Vec<u8>>(),
+    )
 }
 
 fn read(file: &Path) -> std::io::Result<Vec<f32>> {
-    Ok(std::fs::read(file)?.as_chunks::<4>().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect())
+    Ok(std::fs::read(file)?
+        .as_chunks::<4>()
+        .0
+        .iter()
+        .map(|&bytes| f32::from_le_bytes(bytes))
+        .collect())
 }

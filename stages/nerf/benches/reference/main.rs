@@ -42,17 +42,28 @@ pub struct Mark {
 pub type Outcome = (Vec<Mark>, Vec<Vec<f32>>);
 
 fn main() -> Result<(), Box<dyn Error>> {
-    rayon::ThreadPoolBuilder::new().num_threads(THREADS).build_global()?;
-    let task = Task::new(std::env::args().skip(1).filter(|argument| argument != "--bench"))?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(THREADS)
+        .build_global()?;
+    let task = Task::new(
+        std::env::args()
+            .skip(1)
+            .filter(|argument| argument != "--bench"),
+    )?;
     // On a thread of the pool, as stages run.
     let (ours, images) = rayon::scope(|_| train(&task));
     report("ours", &ours, ssim(&task, &images));
-    let Some(python) = std::env::var_os("PYTHON").filter(|python| !python.is_empty()) else { return Ok(()) };
+    let Some(python) = std::env::var_os("PYTHON").filter(|python| !python.is_empty()) else {
+        return Ok(());
+    };
     let (reference, images) = exchange::reference(&python, &task)?;
     report("reference", &reference, ssim(&task, &images));
     compare(&ours, &reference);
     if let Some(file) = std::env::var_os("CURVE").filter(|file| !file.is_empty()) {
-        std::fs::write(file, curve::svg(&[("this project", &ours), ("PyTorch reference", &reference)]))?;
+        std::fs::write(
+            file,
+            curve::svg(&[("this project", &ours), ("PyTorch reference", &reference)]),
+        )?;
     }
     Ok(())
 }
@@ -61,7 +72,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn train(task: &Task) -> Outcome {
     let field = Field::in_space(&task.config, task.space.clone(), 0);
     let mut trainer = Trainer::new(field, task.views(), &task.options, 0);
-    let options = RenderOptions { background: task.background, ..RenderOptions::default() };
+    let options = RenderOptions {
+        background: task.background,
+        ..RenderOptions::default()
+    };
     let (mut marks, mut images, mut samples) = (vec![], vec![], 0);
     let (mut seconds, mut processor_seconds) = (0.0, 0.0);
     for step in 1..=task.options.steps {
@@ -71,15 +85,27 @@ fn train(task: &Task) -> Outcome {
         processor_seconds += processor() - work;
         if task.marks.contains(&step) {
             let start = Instant::now();
-            let looks: Vec<_> =
-                task.test.iter().map(|photo| render(trainer.field(), &photo.camera, &options)).collect();
+            let looks: Vec<_> = task
+                .test
+                .iter()
+                .map(|photo| render(trainer.field(), &photo.camera, &options))
+                .collect();
             let rendering = start.elapsed().as_secs_f64();
             let rays: usize = looks.iter().map(|look| look.depth.len()).sum();
             let rendered: usize = looks.iter().map(|look| look.samples).sum();
             images = looks.into_iter().map(|look| look.rgb).collect();
-            let (rays_a_second, samples_a_second) = (rays as f64 / rendering, rendered as f64 / rendering);
+            let (rays_a_second, samples_a_second) =
+                (rays as f64 / rendering, rendered as f64 / rendering);
             let psnr = psnr(task, &images);
-            marks.push(Mark { step, seconds, processor_seconds, samples, psnr, rays_a_second, samples_a_second });
+            marks.push(Mark {
+                step,
+                seconds,
+                processor_seconds,
+                samples,
+                psnr,
+                rays_a_second,
+                samples_a_second,
+            });
         }
     }
     (marks, images)
@@ -92,16 +118,24 @@ fn processor() -> f64 {
 }
 
 fn image<'a>(photo: &Photo, rgb: &'a [f32]) -> Image<'a> {
-    Image::new(photo.camera.width as usize, photo.camera.height as usize, rgb)
+    Image::new(
+        photo.camera.width as usize,
+        photo.camera.height as usize,
+        rgb,
+    )
 }
 
 fn psnr(task: &Task, images: &[Vec<f32>]) -> f64 {
-    let one = |(photo, rgb): (&Photo, &Vec<f32>)| metrics::psnr(image(photo, &photo.rgb), image(photo, rgb));
+    let one = |(photo, rgb): (&Photo, &Vec<f32>)| {
+        metrics::psnr(image(photo, &photo.rgb), image(photo, rgb))
+    };
     task.test.iter().zip(images).map(one).sum::<f64>() / task.test.len() as f64
 }
 
 fn ssim(task: &Task, images: &[Vec<f32>]) -> f64 {
-    let one = |(photo, rgb): (&Photo, &Vec<f32>)| metrics::ssim(image(photo, &photo.rgb), image(photo, rgb));
+    let one = |(photo, rgb): (&Photo, &Vec<f32>)| {
+        metrics::ssim(image(photo, &photo.rgb), image(photo, rgb))
+    };
     task.test.iter().zip(images).filter_map(one).sum::<f64>() / task.test.len() as f64
 }
 
@@ -129,14 +163,33 @@ fn report(name: &str, marks: &[Mark], ssim: f64) {
 fn compare(ours: &[Mark], reference: &[Mark]) {
     let speed = |marks: &[Mark]| {
         let settled = (marks.len() / 2).checked_sub(1).map(|i| marks[i]);
-        let (samples, step, seconds) = settled.map_or((0, 0, 0.0), |from| (from.samples, from.step, from.seconds));
+        let (samples, step, seconds) =
+            settled.map_or((0, 0, 0.0), |from| (from.samples, from.step, from.seconds));
         let to = marks[marks.len() - 1];
         let a_second = |count: f64| count / (to.seconds - seconds);
         let [samples, steps] = [(to.samples - samples) as f64, f64::from(to.step - step)];
-        [a_second(samples), a_second(steps), to.samples_a_second, to.rays_a_second]
+        [
+            a_second(samples),
+            a_second(steps),
+            to.samples_a_second,
+            to.rays_a_second,
+        ]
     };
     let (ours, reference) = (speed(ours), speed(reference));
-    for (i, name) in ["samples trained", "steps", "samples rendered", "rays rendered"].into_iter().enumerate() {
-        println!("{name} a second: {:.4e} against {:.4e}: {:.1} times", ours[i], reference[i], ours[i] / reference[i]);
+    for (i, name) in [
+        "samples trained",
+        "steps",
+        "samples rendered",
+        "rays rendered",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        println!(
+            "{name} a second: {:.4e} against {:.4e}: {:.1} times",
+            ours[i],
+            reference[i],
+            ours[i] / reference[i]
+        );
     }
 }

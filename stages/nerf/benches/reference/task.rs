@@ -3,8 +3,8 @@
 
 use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::{
-    Photo, Reduction, SceneData, TransformsOptions, downscale, llff, object, split_holdout, still_life, transforms,
-    write_transforms,
+    Photo, Reduction, SceneData, TransformsOptions, downscale, llff, object, split_holdout,
+    still_life, transforms, write_transforms,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
@@ -45,7 +45,9 @@ impl Task {
         let mut kind = SpaceKind::Auto;
         train.insert("steps".into(), 400.into());
         for argument in arguments {
-            let (name, value) = argument.split_once('=').ok_or("settings look like name=value")?;
+            let (name, value) = argument
+                .split_once('=')
+                .ok_or("settings look like name=value")?;
             match (name.split_once('.'), name) {
                 (Some(("field", name)), _) => _ = field.insert(name.into(), value.parse()?),
                 (Some(("train", name)), _) => _ = train.insert(name.into(), value.parse()?),
@@ -63,13 +65,32 @@ impl Task {
             true => split_holdout(scene.photos, HOLDOUT),
             false => (scene.photos, scene.test),
         };
-        let background = if test.iter().any(|photo| photo.alpha.is_some()) { [1.0; 3] } else { [0.0; 3] };
-        let test = test.into_iter().take(judges).map(|photo| before(photo, background)).collect();
-        let marks = (1..=looks).map(|i| options.steps * i * i / (looks * looks)).collect();
+        let background = if test.iter().any(|photo| photo.alpha.is_some()) {
+            [1.0; 3]
+        } else {
+            [0.0; 3]
+        };
+        let test = test
+            .into_iter()
+            .take(judges)
+            .map(|photo| before(photo, background))
+            .collect();
+        let marks = (1..=looks)
+            .map(|i| options.steps * i * i / (looks * looks))
+            .collect();
         let bounds = scene.bounds.map(|corner| corner.map(|x| x as f32));
         let cameras: Vec<_> = train.iter().map(|photo: &Photo| &photo.camera).collect();
-        let space = Space::of(kind, bounds, &cameras).ok_or("the cameras do not look the same way")?;
-        Ok(Self { train, test, background, space, config, options, marks })
+        let space =
+            Space::of(kind, bounds, &cameras).ok_or("the cameras do not look the same way")?;
+        Ok(Self {
+            train,
+            test,
+            background,
+            space,
+            config,
+            options,
+            marks,
+        })
     }
 
     /// The photos as training takes them.
@@ -86,9 +107,13 @@ impl Task {
 }
 
 /// Defaults with some values replaced.
-fn set<T: Default + Serialize + DeserializeOwned>(values: Map<String, Value>) -> Result<T, serde_json::Error> {
+fn set<T: Default + Serialize + DeserializeOwned>(
+    values: Map<String, Value>,
+) -> Result<T, serde_json::Error> {
     let mut all = serde_json::to_value(T::default())?;
-    values.into_iter().for_each(|(name, value)| all[name] = value);
+    values
+        .into_iter()
+        .for_each(|(name, value)| all[name] = value);
     serde_json::from_value(all)
 }
 
@@ -101,10 +126,19 @@ fn read(source: &str, width: u32) -> Result<SceneData, Box<dyn Error>> {
             scene.photos = scene.photos.iter().map(small).collect::<Result<_, _>>()?;
             Ok(scene)
         }
-        "object" => Ok(transforms(&object_folder()?, &TransformsOptions::default())?),
-        _ if folder.join("poses_bounds.npy").is_file() => Ok(llff(folder, None, Some((width, width * 3 / 4)))?),
+        "object" => Ok(transforms(
+            &object_folder()?,
+            &TransformsOptions::default(),
+        )?),
+        _ if folder.join("poses_bounds.npy").is_file() => {
+            Ok(llff(folder, None, Some((width, width * 3 / 4)))?)
+        }
         _ => {
-            let options = TransformsOptions { size: Some((width, width)), test_every: 8, ..Default::default() };
+            let options = TransformsOptions {
+                size: Some((width, width)),
+                test_every: 8,
+                ..Default::default()
+            };
             Ok(transforms(folder, &options)?)
         }
     }
@@ -126,7 +160,9 @@ fn object_folder() -> Result<PathBuf, Box<dyn Error>> {
 
 /// A photo composited, on encoded values.
 fn before(mut photo: Photo, background: [f32; 3]) -> Photo {
-    let Some(alpha) = photo.alpha.take() else { return photo };
+    let Some(alpha) = photo.alpha.take() else {
+        return photo;
+    };
     for (rgb, alpha) in photo.rgb.as_chunks_mut::<3>().0.iter_mut().zip(alpha) {
         *rgb = std::array::from_fn(|c| alpha * rgb[c] + (1.0 - alpha) * background[c]);
     }

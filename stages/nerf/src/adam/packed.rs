@@ -24,7 +24,10 @@ pub fn pack<const DROPPED: u32>(moments: &[f32], packed: &mut [u16]) {
 /// Moments as they are reckoned with.
 #[inline(always)]
 pub fn unpack<const DROPPED: u32>(packed: &[u16], moments: &mut [f32]) {
-    moments.iter_mut().zip(packed).for_each(|(x, &packed)| *x = f32::from_bits(u32::from(packed) << DROPPED));
+    moments
+        .iter_mut()
+        .zip(packed)
+        .for_each(|(x, &packed)| *x = f32::from_bits(u32::from(packed) << DROPPED));
 }
 
 /// The nearest half, halfway to even; what is too large becomes the largest half.
@@ -36,14 +39,21 @@ fn half(x: f32) -> u16 {
     let size = x.abs().min(LARGEST);
     let bits = size.to_bits();
     let normal = (bits + 0xfff + (bits >> 13 & 1)) >> 13;
-    let half = if size < 6.103_515_6e-5 { (size + SMALL).to_bits() - SMALL.to_bits() } else { normal - (112 << 10) };
+    let half = if size < 6.103_515_6e-5 {
+        (size + SMALL).to_bits() - SMALL.to_bits()
+    } else {
+        normal - (112 << 10)
+    };
     half as u16 | (x.to_bits() >> 16) as u16 & 0x8000
 }
 
 /// Values as look-ups read them.
 #[inline(always)]
 pub fn pack_halves(values: &[f32], halves: &mut [f16]) {
-    halves.iter_mut().zip(values).for_each(|(packed, &x)| *packed = f16::from_bits(half(x)));
+    halves
+        .iter_mut()
+        .zip(values)
+        .for_each(|(packed, &x)| *packed = f16::from_bits(half(x)));
 }
 
 #[cfg(test)]

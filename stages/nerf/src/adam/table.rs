@@ -33,12 +33,20 @@ impl SparseMoments {
     pub fn new(table: &[Entry]) -> Self {
         let zeros = || vec![[0; FEATURES]; table.len()];
         let values = table.iter().map(|entry| entry.map(f32::from)).collect();
-        Self { values, first: zeros(), second: zeros(), steps: vec![0; table.len()] }
+        Self {
+            values,
+            first: zeros(),
+            second: zeros(),
+            steps: vec![0; table.len()],
+        }
     }
 
     /// First and second moments as numbers.
     pub fn unpacked(&self) -> [Vec<f32>; 2] {
-        let (mut first, mut second) = (vec![0.0; FEATURES * self.first.len()], vec![0.0; FEATURES * self.second.len()]);
+        let (mut first, mut second) = (
+            vec![0.0; FEATURES * self.first.len()],
+            vec![0.0; FEATURES * self.second.len()],
+        );
         unpack::<FIRST>(self.first.as_flattened(), &mut first);
         unpack::<SECOND>(self.second.as_flattened(), &mut second);
         [first, second]
@@ -52,7 +60,11 @@ impl SparseMoments {
 
     /// Everything, in parts of the given lengths.
     pub fn split(&mut self, lengths: impl Iterator<Item = usize>) -> Vec<SparsePart<'_>> {
-        let (mut values, mut first, mut second) = (&mut self.values[..], &mut self.first[..], &mut self.second[..]);
+        let (mut values, mut first, mut second) = (
+            &mut self.values[..],
+            &mut self.first[..],
+            &mut self.second[..],
+        );
         let mut steps = &mut self.steps[..];
         let part = |length| SparsePart {
             values: values.split_off_mut(..length).unwrap_or_default(),
@@ -75,13 +87,33 @@ pub struct SparsePart<'a> {
 /// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in instant-ngp. Writes
 /// the table that look-ups read, and clears the gradient for the next step. Entries come in groups of eight, as those
 /// of levels do. Threads without work take pieces of it.
-pub fn update_sparse(table: &mut [Entry], gradient: &mut [[f32; FEATURES]], part: SparsePart<'_>, rate: f32) {
-    assert!(table.len() == gradient.len() && table.len() == part.values.len(), "update_sparse: sizes differ");
-    assert!(table.len().is_multiple_of(8), "update_sparse: a group is not whole");
-    let tables = table.par_chunks_mut(PIECE).zip(gradient.par_chunks_mut(PIECE));
-    part.par_chunks(PIECE).zip(tables).for_each(|(part, (table, gradient))| {
-        Arch::new().dispatch(UpdateSparse { table, gradient, part, rate });
-    });
+pub fn update_sparse(
+    table: &mut [Entry],
+    gradient: &mut [[f32; FEATURES]],
+    part: SparsePart<'_>,
+    rate: f32,
+) {
+    assert!(
+        table.len() == gradient.len() && table.len() == part.values.len(),
+        "update_sparse: sizes differ"
+    );
+    assert!(
+        table.len().is_multiple_of(8),
+        "update_sparse: a group is not whole"
+    );
+    let tables = table
+        .par_chunks_mut(PIECE)
+        .zip(gradient.par_chunks_mut(PIECE));
+    part.par_chunks(PIECE)
+        .zip(tables)
+        .for_each(|(part, (table, gradient))| {
+            Arch::new().dispatch(UpdateSparse {
+                table,
+                gradient,
+                part,
+                rate,
+            });
+        });
 }
 
 struct UpdateSparse<'a> {
@@ -96,11 +128,24 @@ impl WithSimd for UpdateSparse<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let SparsePart { values, first, second, steps } = self.part;
+        let SparsePart {
+            values,
+            first,
+            second,
+            steps,
+        } = self.part;
         let state = (values.chunks_mut(CHUNK).zip(first.chunks_mut(CHUNK)))
             .zip(second.chunks_mut(CHUNK).zip(steps.chunks_mut(CHUNK)))
-            .map(|((values, first), (second, steps))| SparsePart { values, first, second, steps });
-        let tables = self.table.chunks_mut(CHUNK).zip(self.gradient.chunks_mut(CHUNK));
+            .map(|((values, first), (second, steps))| SparsePart {
+                values,
+                first,
+                second,
+                steps,
+            });
+        let tables = self
+            .table
+            .chunks_mut(CHUNK)
+            .zip(self.gradient.chunks_mut(CHUNK));
         for (mut part, (table, gradient)) in state.zip(tables) {
             let rates = rates(gradient, part.steps, self.rate);
             part.descend(simd, gradient, &rates);
@@ -118,7 +163,9 @@ fn rates(gradient: &[[f32; FEATURES]], steps: &mut [u16], rate: f32) -> [[f32; F
         *steps = (*steps + moves(gradient)).min(CORRECTED as u16);
     }
     for ((rates, steps), gradient) in rates.iter_mut().zip(steps).zip(gradient) {
-        *rates = [f32::from(moves(gradient)) * rate * corrections[usize::from(*steps).min(CORRECTED)]; FEATURES];
+        *rates = [f32::from(moves(gradient))
+            * rate
+            * corrections[usize::from(*steps).min(CORRECTED)]; FEATURES];
     }
     rates
 }
@@ -126,30 +173,58 @@ fn rates(gradient: &[[f32; FEATURES]], steps: &mut [u16], rate: f32) -> [[f32; F
 impl<'a> SparsePart<'a> {
     /// Parts of so many entries.
     fn par_chunks(self, entries: usize) -> impl IndexedParallelIterator<Item = SparsePart<'a>> {
-        let values = self.values.par_chunks_mut(entries).zip(self.first.par_chunks_mut(entries));
-        let counted = self.second.par_chunks_mut(entries).zip(self.steps.par_chunks_mut(entries));
-        values.zip(counted).map(|((values, first), (second, steps))| SparsePart { values, first, second, steps })
+        let values = self
+            .values
+            .par_chunks_mut(entries)
+            .zip(self.first.par_chunks_mut(entries));
+        let counted = self
+            .second
+            .par_chunks_mut(entries)
+            .zip(self.steps.par_chunks_mut(entries));
+        values
+            .zip(counted)
+            .map(|((values, first), (second, steps))| SparsePart {
+                values,
+                first,
+                second,
+                steps,
+            })
     }
 
     /// Takes the step, and clears the gradient.
     #[inline(always)]
-    fn descend<S: Simd>(&mut self, simd: S, gradient: &mut [[f32; FEATURES]], rates: &[[f32; FEATURES]; CHUNK]) {
+    fn descend<S: Simd>(
+        &mut self,
+        simd: S,
+        gradient: &mut [[f32; FEATURES]],
+        rates: &[[f32; FEATURES]; CHUNK],
+    ) {
         let (mut first, mut second) = ([0.0; FEATURES * CHUNK], [0.0; FEATURES * CHUNK]);
         unpack::<FIRST>(self.first.as_flattened(), &mut first);
         unpack::<SECOND>(self.second.as_flattened(), &mut second);
         let zero = simd.splat_f32s(0.0);
-        let moments = S::as_mut_simd_f32s(&mut first).0.iter_mut().zip(S::as_mut_simd_f32s(&mut second).0);
-        let values = S::as_mut_simd_f32s(self.values.as_flattened_mut()).0.iter_mut();
-        let gradients = S::as_mut_simd_f32s(gradient.as_flattened_mut()).0.iter_mut();
+        let moments = S::as_mut_simd_f32s(&mut first)
+            .0
+            .iter_mut()
+            .zip(S::as_mut_simd_f32s(&mut second).0);
+        let values = S::as_mut_simd_f32s(self.values.as_flattened_mut())
+            .0
+            .iter_mut();
+        let gradients = S::as_mut_simd_f32s(gradient.as_flattened_mut())
+            .0
+            .iter_mut();
         let rates = S::as_simd_f32s(rates.as_flattened()).0;
-        for ((gradient, rate), (value, (first, second))) in gradients.zip(rates).zip(values.zip(moments)) {
+        for ((gradient, rate), (value, (first, second))) in
+            gradients.zip(rates).zip(values.zip(moments))
+        {
             let rests = simd.equal_f32s(*rate, zero);
             if simd.first_true_m32s(simd.not_m32s(rests)) == S::F32_LANES {
                 continue;
             }
             let stay = [*value, *first, *second];
             let go = advance(simd, stay, *gradient, *rate);
-            [*value, *first, *second] = std::array::from_fn(|i| simd.select_f32s(rests, stay[i], go[i]));
+            [*value, *first, *second] =
+                std::array::from_fn(|i| simd.select_f32s(rests, stay[i], go[i]));
             *gradient = zero;
         }
         pack::<FIRST>(&first, self.first.as_flattened_mut());
@@ -171,37 +246,62 @@ mod tests {
     fn an_entry_without_a_gradient_rests_and_keeps_its_count() {
         let mut table = [[f16::ONE; 2]; 8];
         let mut moments = SparseMoments::new(&table);
-        let only =
-            |entry: usize, d: [f32; 2]| std::array::from_fn::<_, 8, _>(|i| if i == entry { d } else { [0.0; 2] });
+        let only = |entry: usize, d: [f32; 2]| {
+            std::array::from_fn::<_, 8, _>(|i| if i == entry { d } else { [0.0; 2] })
+        };
         step(&mut table, &mut only(0, [0.5, 0.5]), &mut moments);
         step(&mut table, &mut only(1, [0.5, 0.0]), &mut moments);
         assert_eq!(moments.steps[..3], [1, 1, 0]);
-        assert!((moments.values[0][0] - 0.99).abs() < 1e-6, "one step, then rest");
-        assert!((moments.values[1][0] - 0.99).abs() < 1e-6, "its first step has the first step's correction");
+        assert!(
+            (moments.values[0][0] - 0.99).abs() < 1e-6,
+            "one step, then rest"
+        );
+        assert!(
+            (moments.values[1][0] - 0.99).abs() < 1e-6,
+            "its first step has the first step's correction"
+        );
         assert_eq!((moments.values[1][1], moments.values[2]), (1.0, [1.0; 2]));
         assert_eq!(table[0], moments.values[0].map(f16::from_f32));
     }
 
     #[test]
     fn the_gradient_is_cleared() {
-        let (mut table, mut gradient) = ([[f16::ONE; 2]; 3 * CHUNK / 2], [[0.5, 0.5]; 3 * CHUNK / 2]);
+        let (mut table, mut gradient) =
+            ([[f16::ONE; 2]; 3 * CHUNK / 2], [[0.5, 0.5]; 3 * CHUNK / 2]);
         let mut moments = SparseMoments::new(&table);
         step(&mut table, &mut gradient, &mut moments);
         assert!(gradient.iter().all(|d| *d == [0.0; 2]));
-        assert!(moments.values.iter().all(|entry| *entry == moments.values[0]), "a part of a chunk is no exception");
+        assert!(
+            moments
+                .values
+                .iter()
+                .all(|entry| *entry == moments.values[0]),
+            "a part of a chunk is no exception"
+        );
     }
 
     #[cfg(target_arch = "x86_64")]
     /// Values, moments and table after two steps with the vectors of one instruction set.
     fn two_steps<S: Simd>(simd: S) -> (Vec<Entry>, SparseMoments) {
         let rng = compute::rng::Rng::new(1, "adam test");
-        let mut table: Vec<Entry> = (0..264).map(|i| [0, 1].map(|f| f16::from_f32(rng.normal(f, i)))).collect();
+        let mut table: Vec<Entry> = (0..264)
+            .map(|i| [0, 1].map(|f| f16::from_f32(rng.normal(f, i))))
+            .collect();
         let mut moments = SparseMoments::new(&table);
         for round in 0..2 {
-            let d = |i: u64| [2, 3].map(|f| rng.normal(2 * round + f, i) * f32::from(rng.uniform(9 + round, i) < 0.6));
+            let d = |i: u64| {
+                [2, 3].map(|f| {
+                    rng.normal(2 * round + f, i) * f32::from(rng.uniform(9 + round, i) < 0.6)
+                })
+            };
             let mut gradient: Vec<_> = (0..264).map(d).collect();
             let part = moments.split(std::iter::once(264)).pop().unwrap();
-            simd.vectorize(UpdateSparse { table: &mut table, gradient: &mut gradient, part, rate: 0.01 });
+            simd.vectorize(UpdateSparse {
+                table: &mut table,
+                gradient: &mut gradient,
+                part,
+                rate: 0.01,
+            });
         }
         (table, moments)
     }

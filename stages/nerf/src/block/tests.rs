@@ -43,32 +43,73 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
         let length = direction.iter().map(|x| x * x).sum::<f32>().sqrt();
         let origin = [0.5, 0.25, -0.5];
         let direction = direction.map(|x| x / length);
-        Segment { origin, direction, range: [0.5, 1.3], view: direction, depth: [0.0, 1.0, 0.0] }
+        Segment {
+            origin,
+            direction,
+            range: [0.5, 1.3],
+            view: direction,
+            depth: [0.0, 1.0, 0.0],
+        }
     };
-    let gradient = |i: u64| SeenGradient { rgb: [2, 3, 4].map(|c| rng.normal(c, i)), transmittance: rng.normal(5, i) };
-    ((0..12).map(segment).collect(), (0..12).map(|i| rng.uniform(6, i)).collect(), (0..12).map(gradient).collect())
+    let gradient = |i: u64| SeenGradient {
+        rgb: [2, 3, 4].map(|c| rng.normal(c, i)),
+        transmittance: rng.normal(5, i),
+    };
+    (
+        (0..12).map(segment).collect(),
+        (0..12).map(|i| rng.uniform(6, i)).collect(),
+        (0..12).map(gradient).collect(),
+    )
 }
 
 /// Marched and looked along: what a block needs, and how many samples were looked at.
 fn look(field: &Field) -> (Samples, Features, Look) {
-    let (mut samples, mut features, mut look) = (Samples::default(), Features::default(), Look::default());
+    let (mut samples, mut features, mut look) =
+        (Samples::default(), Features::default(), Look::default());
     let (segments, jitter, _) = rays();
-    segments.into_iter().zip(jitter).for_each(|(segment, jitter)| samples.march(field, segment, jitter));
-    look.along(field, &mut samples, &mut features, &mut Activations::default());
+    segments
+        .into_iter()
+        .zip(jitter)
+        .for_each(|(segment, jitter)| samples.march(field, segment, jitter));
+    look.along(
+        field,
+        &mut samples,
+        &mut features,
+        &mut Activations::default(),
+    );
     (samples, features, look)
 }
 
-const REGULARIZER: Regularizer = Regularizer { distortion: 0.7, fog: 0.0, fog_range: 0.0 };
+const REGULARIZER: Regularizer = Regularizer {
+    distortion: 0.7,
+    fog: 0.0,
+    fog_range: 0.0,
+};
 
 fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient) {
     let (samples, features, look) = look(field);
     let (d_seen, mut block) = (rays().2, Block::default());
-    let rays = Rays { samples: &samples, range: 0..d_seen.len(), features: &features, rows: &look.rows };
+    let rays = Rays {
+        samples: &samples,
+        range: 0..d_seen.len(),
+        features: &features,
+        rows: &look.rows,
+    };
     let linear = |(seen, d): (&Seen, &SeenGradient)| {
-        let colors = seen.rgb.iter().zip(d.rgb).map(|(c, d)| f64::from(c * d)).sum::<f64>();
+        let colors = seen
+            .rgb
+            .iter()
+            .zip(d.rgb)
+            .map(|(c, d)| f64::from(c * d))
+            .sum::<f64>();
         colors + f64::from(seen.transmittance * d.transmittance)
     };
-    let seen: f64 = block.forward(field, &rays).iter().zip(&d_seen).map(linear).sum();
+    let seen: f64 = block
+        .forward(field, &rays)
+        .iter()
+        .zip(&d_seen)
+        .map(linear)
+        .sum();
     let mut passed = FieldGradient::default();
     passed.clear(field);
     let transposed = field.network.transposed();
@@ -79,7 +120,13 @@ fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient)
         let table = &mut table[level.offset..level.offset + level.entries];
         encode_backward(level, passed.positions.since(0), d, table);
     }
-    (seen + f64::from(regularizer.distortion * distortion), Gradient { table, weights: passed.weights })
+    (
+        seen + f64::from(regularizer.distortion * distortion),
+        Gradient {
+            table,
+            weights: passed.weights,
+        },
+    )
 }
 
 /// Compares gradients with central differences of the loss. A step that carries a unit across the kink of its ReLU
@@ -91,7 +138,10 @@ fn compare(pairs: impl Iterator<Item = (f32, f64)>) {
         large += usize::from(numeric.abs() > 0.002);
         wrong += usize::from((f64::from(analytic) - numeric).abs() > 0.03 * numeric.abs() + 3e-4);
     }
-    assert!(large * 12 > count, "only {large} of {count} gradients are large enough to tell");
+    assert!(
+        large * 12 > count,
+        "only {large} of {count} gradients are large enough to tell"
+    );
     assert!(wrong * 12 < count, "{wrong} of {count} gradients are wrong");
 }
 
@@ -108,22 +158,35 @@ fn gradients_of_the_whole_renderer_match_finite_differences() {
         };
         (at(STEP) - at(-STEP)) / f64::from(2.0 * STEP)
     };
-    let touched: Vec<usize> = (0..field.table.len()).filter(|&i| gradient.table[i] != [0.0; 2]).collect();
+    let touched: Vec<usize> = (0..field.table.len())
+        .filter(|&i| gradient.table[i] != [0.0; 2])
+        .collect();
     assert!(touched.len() > 200, "{} entries are touched", touched.len());
     compare(touched.iter().step_by(7).map(|&i| {
-        (gradient.table[i][1], difference(&|f, h| f.table[i][1] = f16::from_f32(f.table[i][1].to_f32() + h)))
+        (
+            gradient.table[i][1],
+            difference(&|f, h| f.table[i][1] = f16::from_f32(f.table[i][1].to_f32() + h)),
+        )
     }));
     for (l, layer) in field.network.layers.iter().enumerate() {
-        let used =
-            (0..layer.used[0]).flat_map(|row| (0..layer.used[1]).map(move |column| row * layer.outputs + column));
+        let used = (0..layer.used[0])
+            .flat_map(|row| (0..layer.used[1]).map(move |column| row * layer.outputs + column));
         let mut flags = Field { ..field.clone() };
         flags.network.weights.fill(0.0);
         let checked: Vec<usize> = used.step_by(17).collect();
         compare(checked.into_iter().map(|at| {
             flags.network.matrix_mut(l)[at] = 1.0;
-            let place = flags.network.weights.iter().position(|&w| w == 1.0).unwrap();
+            let place = flags
+                .network
+                .weights
+                .iter()
+                .position(|&w| w == 1.0)
+                .unwrap();
             flags.network.matrix_mut(l)[at] = 0.0;
-            (gradient.weights[place], difference(&|f, h| f.network.weights[place] += h))
+            (
+                gradient.weights[place],
+                difference(&|f, h| f.network.weights[place] += h),
+            )
         }));
     }
 }
@@ -133,8 +196,20 @@ fn fog_is_pulled_down_near_the_camera_only() {
     let field = field();
     let pull = |fog_range| {
         let none = loss_and_gradient(&field, Regularizer::default()).1;
-        let fog = loss_and_gradient(&field, Regularizer { fog: 1.0, fog_range, ..Regularizer::default() }).1;
-        none.table.iter().zip(&fog.table).filter(|(a, b)| a != b).count()
+        let fog = loss_and_gradient(
+            &field,
+            Regularizer {
+                fog: 1.0,
+                fog_range,
+                ..Regularizer::default()
+            },
+        )
+        .1;
+        none.table
+            .iter()
+            .zip(&fog.table)
+            .filter(|(a, b)| a != b)
+            .count()
     };
     assert_eq!(pull(0.0), 0);
     assert!(0 < pull(0.2) && pull(0.2) < pull(1.0));
@@ -145,20 +220,35 @@ fn what_a_wall_hides_is_cut_off() {
     let mut field = field();
     let see = |field: &Field| {
         let (samples, features, look) = look(field);
-        let rays = Rays { samples: &samples, range: 0..samples.rays.len(), features: &features, rows: &look.rows };
-        (Block::default().forward(field, &rays).to_vec(), samples.t.len(), look.looked)
+        let rays = Rays {
+            samples: &samples,
+            range: 0..samples.rays.len(),
+            features: &features,
+            rows: &look.rows,
+        };
+        (
+            Block::default().forward(field, &rays).to_vec(),
+            samples.t.len(),
+            look.looked,
+        )
     };
     let (seen, kept, before) = see(&field);
     assert!(kept <= before);
     // A hundredfold density network makes the haze a wall.
-    field.network.matrix_mut(1).iter_mut().for_each(|w| *w = w.abs() * 100.0);
+    field
+        .network
+        .matrix_mut(1)
+        .iter_mut()
+        .for_each(|w| *w = w.abs() * 100.0);
     let (walled, kept, looked) = see(&field);
     assert!(kept < before / 2, "{kept} of {before}");
-    assert!(looked < before, "a ray that has ended is not looked along any further");
     assert!(
-        walled
-            .iter()
-            .zip(&seen)
-            .all(|(wall, haze)| wall.transmittance < 1e-3 && wall.transmittance < haze.transmittance)
+        looked < before,
+        "a ray that has ended is not looked along any further"
+    );
+    assert!(
+        walled.iter().zip(&seen).all(
+            |(wall, haze)| wall.transmittance < 1e-3 && wall.transmittance < haze.transmittance
+        )
     );
 }

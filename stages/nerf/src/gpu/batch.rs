@@ -30,10 +30,19 @@ impl Batch {
     /// The next batch of a trainer.
     pub fn draw(trainer: &Trainer, resident: &Resident) -> Self {
         let (gpu, count) = (&resident.gpu, trainer.pixels as usize);
-        let drawn: Vec<(Vec<[f32; RAY]>, [f32; PIXEL])> =
-            (0..count).into_par_iter().map(|element| pixel(trainer, element)).collect();
-        let passes = passes(drawn.iter().map(|(rays, _)| rays.len()), resident.rays_at_once());
-        let rays: Vec<f32> = drawn.iter().flat_map(|(rays, _)| rays.as_flattened()).copied().collect();
+        let drawn: Vec<(Vec<[f32; RAY]>, [f32; PIXEL])> = (0..count)
+            .into_par_iter()
+            .map(|element| pixel(trainer, element))
+            .collect();
+        let passes = passes(
+            drawn.iter().map(|(rays, _)| rays.len()),
+            resident.rays_at_once(),
+        );
+        let rays: Vec<f32> = drawn
+            .iter()
+            .flat_map(|(rays, _)| rays.as_flattened())
+            .copied()
+            .collect();
         let pixels: Vec<f32> = drawn.iter().flat_map(|(_, pixel)| pixel).copied().collect();
         Self {
             rays: Rays::new(gpu, &rays),
@@ -47,16 +56,27 @@ impl Batch {
 
 /// A pixel and its rays.
 fn pixel(trainer: &Trainer, element: usize) -> (Vec<[f32; RAY]>, [f32; PIXEL]) {
-    let Trainer { views, sampler, options, step, pixels, field, .. } = trainer;
+    let Trainer {
+        views,
+        sampler,
+        options,
+        step,
+        pixels,
+        field,
+        ..
+    } = trainer;
     let mut pixel = sampler.pixel(views, (*step).into(), element as u64, (*pixels).into());
     if !options.random_background {
         pixel.background = [0.0; 3];
     }
     let view = &views[pixel.view];
-    let sub_rays = sampler.sub_rays(pixel, view.supersample, (*step).into()).enumerate();
+    let sub_rays = sampler
+        .sub_rays(pixel, view.supersample, (*step).into())
+        .enumerate();
     let segment = |px, py| Segment::new(&field.space, &view.camera, px, py);
-    let rays: Vec<_> =
-        sub_rays.map(|(within, (px, py, jitter))| ray(&segment(px, py), jitter, element, within)).collect();
+    let rays: Vec<_> = sub_rays
+        .map(|(within, (px, py, jitter))| ray(&segment(px, py), jitter, element, within))
+        .collect();
     let ([r, g, b], [x, y, z]) = (view.target(&pixel), pixel.background);
     let count = rays.len() as f32;
     (rays, [r, g, b, view.weight, x, y, z, count])
@@ -82,8 +102,15 @@ mod tests {
 
     #[test]
     fn a_pass_takes_whole_pixels() {
-        assert_eq!(passes([4, 4, 4, 1, 4].into_iter(), 8), [0..8, 8..13, 13..17]);
-        assert_eq!(passes([9, 9, 1].into_iter(), 8), [0..9, 9..18, 18..19], "a pixel is never cut");
+        assert_eq!(
+            passes([4, 4, 4, 1, 4].into_iter(), 8),
+            [0..8, 8..13, 13..17]
+        );
+        assert_eq!(
+            passes([9, 9, 1].into_iter(), 8),
+            [0..9, 9..18, 18..19],
+            "a pixel is never cut"
+        );
         assert_eq!(passes(std::iter::empty(), 8), []);
     }
 }

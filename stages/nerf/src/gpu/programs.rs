@@ -56,27 +56,52 @@ impl Programs {
         let scan = |name, body| Kernel::new(name, templates!["scan"], [1, 1]).having(count(body));
         let forward = [&shape[..], &[("QUADS", QUADS), ("ROWS", WIDEST)]].concat();
         Self {
-            look: Kernel::new("look", templates!["params", "exponential", "rays", "march", "field", "look"], [5, 1])
-                .with(&forward),
+            look: Kernel::new(
+                "look",
+                templates!["params", "exponential", "rays", "march", "field", "look"],
+                [5, 1],
+            )
+            .with(&forward),
             scan: scan("scan", "x"),
             scan_bits: scan("scan_bits", "countOneBits(x)"),
-            gather: Kernel::new("gather", templates!["params", "rays", "march", "gather"], [4, 2]),
-            shade: Kernel::new("shade", templates!["params", "harmonics", "rays", "field", "shade"], [5, 1])
-                .with(&forward),
-            composite: Kernel::new("composite", templates!["params", "exponential", "composite"], [2, 2]),
+            gather: Kernel::new(
+                "gather",
+                templates!["params", "rays", "march", "gather"],
+                [4, 2],
+            ),
+            shade: Kernel::new(
+                "shade",
+                templates!["params", "harmonics", "rays", "field", "shade"],
+                [5, 1],
+            )
+            .with(&forward),
+            composite: Kernel::new(
+                "composite",
+                templates!["params", "exponential", "composite"],
+                [2, 2],
+            ),
             composite_backward: Kernel::new(
                 "composite_backward",
                 templates!["params", "exponential", "composite_backward"],
                 [6, 2],
             ),
-            backward: Kernel::new("backward", templates!["params", "harmonics", "rays", "field", "backward"], [6, 2])
-                .with(&backward(&shape, network.layers[0].inputs as u32)),
+            backward: Kernel::new(
+                "backward",
+                templates!["params", "harmonics", "rays", "field", "backward"],
+                [6, 2],
+            )
+            .with(&backward(&shape, network.layers[0].inputs as u32)),
             stats: Kernel::new("stats", templates!["stats"], [3, 1]),
-            adam_network: Kernel::new("adam_network", templates!["adam", "adam_network"], [2, 2]).with(&shape),
+            adam_network: Kernel::new("adam_network", templates!["adam", "adam_network"], [2, 2])
+                .with(&shape),
             adam_table: Kernel::new("adam_table", templates!["adam", "adam_table"], [2, 6]),
             pick: Kernel::new("pick", templates!["random", "cells", "pick"], [2, 1]),
-            survey: Kernel::new("survey", templates!["exponential", "random", "cells", "field", "survey"], [5, 1])
-                .with(&forward),
+            survey: Kernel::new(
+                "survey",
+                templates!["exponential", "random", "cells", "field", "survey"],
+                [5, 1],
+            )
+            .with(&forward),
             threshold: Kernel::new("threshold", templates!["threshold"], [1, 1]),
             occupy: Kernel::new("occupy", templates!["occupy"], [2, 1]),
         }
@@ -85,9 +110,21 @@ impl Programs {
 
 /// Where the matrices lie.
 fn constants(layers: &[Layer; 5]) -> Vec<(&'static str, u32)> {
-    const NAMES: [[&str; 2]; 5] = [["W0", "T0"], ["W1", "T1"], ["W2", "T2"], ["W3", "T3"], ["W4", "T4"]];
-    let all: usize = layers.iter().map(|layer| layer.inputs * layer.outputs).sum();
-    let mut constants = vec![("ENCODING", layers[0].inputs as u32), ("WEIGHTS", all as u32)];
+    const NAMES: [[&str; 2]; 5] = [
+        ["W0", "T0"],
+        ["W1", "T1"],
+        ["W2", "T2"],
+        ["W3", "T3"],
+        ["W4", "T4"],
+    ];
+    let all: usize = layers
+        .iter()
+        .map(|layer| layer.inputs * layer.outputs)
+        .sum();
+    let mut constants = vec![
+        ("ENCODING", layers[0].inputs as u32),
+        ("WEIGHTS", all as u32),
+    ];
     let mut at = 0;
     for ([straight, turned], layer) in NAMES.into_iter().zip(layers) {
         constants.extend([(straight, at as u32), (turned, (all + at) as u32)]);
@@ -100,7 +137,13 @@ fn constants(layers: &[Layer; 5]) -> Vec<(&'static str, u32)> {
 fn backward(shape: &[(&'static str, u32)], encoding: u32) -> Vec<(&'static str, u32)> {
     let mut constants = [shape, &[("QUADS", QUADS_BACKWARD), ("EACH0", encoding / 4)]].concat();
     let mut end = encoding;
-    for (name, rows) in [("HIDDEN", 64), ("INPUT", 32), ("FIRST", 64), ("SECOND", 64), ("OUT", 16)] {
+    for (name, rows) in [
+        ("HIDDEN", 64),
+        ("INPUT", 32),
+        ("FIRST", 64),
+        ("SECOND", 64),
+        ("OUT", 16),
+    ] {
         constants.push((name, end));
         end += rows;
     }

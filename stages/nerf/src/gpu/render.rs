@@ -23,12 +23,17 @@ pub struct Renderer<'f> {
 impl<'f> Renderer<'f> {
     /// For images of this field.
     pub fn new(device: &Device, field: &'f Field) -> Self {
-        Self { field, resident: device.open_gpu().map(|gpu| Resident::new(gpu, field)) }
+        Self {
+            field,
+            resident: device.open_gpu().map(|gpu| Resident::new(gpu, field)),
+        }
     }
 
     /// Renders what a camera sees; see [`crate::render`].
     pub fn render(&self, camera: &Camera, options: &RenderOptions) -> Rendered {
-        let Some(resident) = &self.resident else { return crate::render(self.field, camera, options) };
+        let Some(resident) = &self.resident else {
+            return crate::render(self.field, camera, options);
+        };
         let all = camera.width as usize * camera.height as usize;
         let round = (ROUND / options.rays_per_pixel()).max(1);
         let (mut pixels, mut samples): (Vec<Pixel>, usize) = (Vec::with_capacity(all), 0);
@@ -44,8 +49,14 @@ impl<'f> Renderer<'f> {
 
 /// What rays see, and how many samples passed through both networks.
 fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
-    let numbers: Vec<[f32; RAY]> = segments.par_iter().map(|segment| ray(segment, 0.0, 0, 0)).collect();
-    let (gpu, rays) = (&resident.gpu, Rays::new(&resident.gpu, numbers.as_flattened()));
+    let numbers: Vec<[f32; RAY]> = segments
+        .par_iter()
+        .map(|segment| ray(segment, 0.0, 0, 0))
+        .collect();
+    let (gpu, rays) = (
+        &resident.gpu,
+        Rays::new(&resident.gpu, numbers.as_flattened()),
+    );
     let at_once = resident.rays_at_once();
     for first in (0..rays.count).step_by(at_once) {
         resident.trace(&rays, first..rays.count.min(first + at_once));
@@ -53,9 +64,16 @@ fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
     let views = gpu.read(&rays.views, 8 * rays.count);
     let counts = gpu.read(&rays.seen, rays.count);
     let seen = views.as_chunks().0.iter().map(seen_by).collect();
-    (seen, counts.iter().map(|count| count.to_bits() as usize).sum())
+    (
+        seen,
+        counts.iter().map(|count| count.to_bits() as usize).sum(),
+    )
 }
 
 fn seen_by(&[r, g, b, transmittance, distance, ..]: &[f32; 8]) -> Seen {
-    Seen { rgb: [r, g, b], transmittance, distance }
+    Seen {
+        rgb: [r, g, b],
+        transmittance,
+        distance,
+    }
 }

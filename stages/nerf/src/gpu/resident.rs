@@ -56,9 +56,24 @@ impl Resident {
         let (gpu, programs, words) = (&self.gpu, &self.programs, &[self.cells as u32]);
         let threshold = gpu.buffer(1);
         let arrays = [&self.values, &threshold];
-        gpu.run(&Job { kernel: &programs.threshold, arrays: &arrays, words, groups: [1; 3], operations: 0 });
-        let (arrays, groups) = ([&self.values, &threshold, &self.bits], folded(self.cells.div_ceil(32 * 256)));
-        gpu.run(&Job { kernel: &programs.occupy, arrays: &arrays, words, groups, operations: 0 });
+        gpu.run(&Job {
+            kernel: &programs.threshold,
+            arrays: &arrays,
+            words,
+            groups: [1; 3],
+            operations: 0,
+        });
+        let (arrays, groups) = (
+            [&self.values, &threshold, &self.bits],
+            folded(self.cells.div_ceil(32 * 256)),
+        );
+        gpu.run(&Job {
+            kernel: &programs.occupy,
+            arrays: &arrays,
+            words,
+            groups,
+            operations: 0,
+        });
     }
 
     /// The first parameters of the kernels that follow rays: of `count` rays from `first` on.
@@ -70,19 +85,31 @@ impl Resident {
 fn levels(field: &Field) -> Vec<u32> {
     let words = field.levels.iter().map(|level| {
         let [nx, ny, _] = level.resolution;
-        [bits(level.scale), nx, ny, level.dense.into(), level.entries as u32, level.offset as u32]
+        [
+            bits(level.scale),
+            nx,
+            ny,
+            level.dense.into(),
+            level.entries as u32,
+            level.offset as u32,
+        ]
     });
     words.flatten().collect()
 }
 
 /// Hash entries as the kernels read them.
 fn pairs(table: &[Entry]) -> Vec<u32> {
-    table.iter().map(|&[a, b]| u32::from(a.to_bits()) | u32::from(b.to_bits()) << 16).collect()
+    table
+        .iter()
+        .map(|&[a, b]| u32::from(a.to_bits()) | u32::from(b.to_bits()) << 16)
+        .collect()
 }
 
 /// The other way.
 pub fn entries(pairs: impl Iterator<Item = u32>) -> Vec<Entry> {
-    pairs.map(|pair| [pair as u16, (pair >> 16) as u16].map(f16::from_bits)).collect()
+    pairs
+        .map(|pair| [pair as u16, (pair >> 16) as u16].map(f16::from_bits))
+        .collect()
 }
 
 fn both_ways(network: &Network) -> Vec<f32> {
@@ -99,6 +126,12 @@ fn geometry(field: &Field) -> Vec<u32> {
 
 /// Steps along the box's diagonal, and one more at either end.
 fn most_steps(field: &Field) -> usize {
-    let diagonal = field.space.extent.iter().map(|side| side * side).sum::<f32>().sqrt();
+    let diagonal = field
+        .space
+        .extent
+        .iter()
+        .map(|side| side * side)
+        .sum::<f32>()
+        .sqrt();
     (diagonal / field.stride().shortest).ceil() as usize + 2
 }

@@ -26,10 +26,18 @@ impl Survey {
     pub fn new(resident: &Resident, field: &Field) -> Self {
         let words = field.occupancy.cells().div_ceil(32);
         let mut seen = vec![0u32; words];
-        field.occupancy.seen_cells().into_iter().for_each(|cell| seen[cell as usize / 32] |= 1 << (cell % 32));
+        field
+            .occupancy
+            .seen_cells()
+            .into_iter()
+            .for_each(|cell| seen[cell as usize / 32] |= 1 << (cell % 32));
         let seen = resident.gpu.upload(bytemuck::cast_slice(&seen));
         let before_seen = scan(resident, &seen, words);
-        Self { seen, before_seen, words }
+        Self {
+            seen,
+            before_seen,
+            words,
+        }
     }
 
     /// Update number `round`.
@@ -38,7 +46,13 @@ impl Survey {
             self.look(resident, field, [&self.seen, &self.before_seen], rng, round);
         } else {
             let marked = self.draw(resident, rng, round);
-            self.look(resident, field, [&marked, &scan(resident, &marked, self.words)], rng, round);
+            self.look(
+                resident,
+                field,
+                [&marked, &scan(resident, &marked, self.words)],
+                rng,
+                round,
+            );
         }
         resident.refresh();
     }
@@ -48,9 +62,18 @@ impl Survey {
         let (gpu, [low, high]) = (&*resident.gpu, rng.key());
         let marked = zeros(gpu, self.words);
         let occupied = scan(resident, &resident.bits, self.words);
-        for (part, set) in [(0, [&self.seen, &self.before_seen]), (1, [&resident.bits, &occupied])] {
+        for (part, set) in [
+            (0, [&self.seen, &self.before_seen]),
+            (1, [&resident.bits, &occupied]),
+        ] {
             let words = [self.words as u32, 4 * round + 3, part, low, high];
-            start(gpu, &resident.programs.pick, &[set[0], set[1], &marked], &words, DRAWING);
+            start(
+                gpu,
+                &resident.programs.pick,
+                &[set[0], set[1], &marked],
+                &words,
+                DRAWING,
+            );
         }
         marked
     }
@@ -60,9 +83,28 @@ impl Survey {
         let (grid, [low, high]) = (&field.occupancy, rng.key());
         let decay = if round == 0 { 0.0 } else { DECAY };
         let lengths = [decay, field.stride().shortest, grid.resolution].map(bits);
-        let first = [self.words as u32, field.levels.len() as u32, 4 * round, low, high];
-        let words = [&first[..], &lengths, &[grid.size[0] as u32, grid.size[1] as u32]].concat();
-        let Resident { gpu, programs, levels, table, weights, values, .. } = resident;
+        let first = [
+            self.words as u32,
+            field.levels.len() as u32,
+            4 * round,
+            low,
+            high,
+        ];
+        let words = [
+            &first[..],
+            &lengths,
+            &[grid.size[0] as u32, grid.size[1] as u32],
+        ]
+        .concat();
+        let Resident {
+            gpu,
+            programs,
+            levels,
+            table,
+            weights,
+            values,
+            ..
+        } = resident;
         let arrays = [set[0], set[1], levels, table, weights, values];
         start(gpu, &programs.survey, &arrays, &words, TURNS);
     }
@@ -72,7 +114,13 @@ impl Survey {
 fn scan(resident: &Resident, members: &Buffer, words: usize) -> Buffer {
     let gpu: &Gpu = &resident.gpu;
     let before = gpu.buffer(words + 1);
-    start(gpu, &resident.programs.scan_bits, &[members, &before], &[words as u32, 0], 1);
+    start(
+        gpu,
+        &resident.programs.scan_bits,
+        &[members, &before],
+        &[words as u32, 0],
+        1,
+    );
     before
 }
 
@@ -86,10 +134,17 @@ mod tests {
     #[test]
     fn the_grid_is_that_of_the_cpu_during_the_warm_up_and_behind() {
         let Some(device) = testing::gpu() else { return };
-        let config = FieldConfig { levels: 3, log2_table: 8, occupancy_resolution: 9, ..Default::default() };
+        let config = FieldConfig {
+            levels: 3,
+            log2_table: 8,
+            occupancy_resolution: 9,
+            ..Default::default()
+        };
         let mut field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.5]], 5);
         let cells = field.occupancy.cells();
-        field.occupancy.see(&(0..cells).map(|cell| cell % 3 > 0).collect::<Vec<_>>());
+        field
+            .occupancy
+            .see(&(0..cells).map(|cell| cell % 3 > 0).collect::<Vec<_>>());
         let resident = Resident::new(device.open_gpu().unwrap(), &field);
         let survey = Survey::new(&resident, &field);
         let rng = Rng::new(3, "survey test");
@@ -99,7 +154,10 @@ mod tests {
         }
         let values = resident.gpu.read(&resident.values, cells);
         for (cell, (got, expected)) in values.iter().zip(&field.occupancy.values).enumerate() {
-            assert!((got - expected).abs() <= 1e-5 * expected.abs(), "cell {cell}: {got} beside {expected}");
+            assert!(
+                (got - expected).abs() <= 1e-5 * expected.abs(),
+                "cell {cell}: {got} beside {expected}"
+            );
         }
         let bits = resident.gpu.read(&resident.bits, cells.div_ceil(32));
         let occupied = |cell: &u32| bits[*cell as usize / 32].to_bits() >> (cell % 32) & 1 == 1;

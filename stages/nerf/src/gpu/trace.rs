@@ -47,15 +47,40 @@ pub struct Traced {
 
 /// The numbers of one ray.
 pub fn ray(segment: &Segment, jitter: f32, pixel: usize, within: usize) -> [f32; RAY] {
-    let [([a, b, c], start), ([x, y, z], end)] =
-        [(segment.origin, segment.range[0]), (segment.direction, segment.range[1])];
+    let [([a, b, c], start), ([x, y, z], end)] = [
+        (segment.origin, segment.range[0]),
+        (segment.direction, segment.range[1]),
+    ];
     let [u, v, w] = segment.view;
-    [a, b, c, start, x, y, z, end, jitter, pixel as f32, within as f32, 0.0, u, v, w, 0.0]
+    [
+        a,
+        b,
+        c,
+        start,
+        x,
+        y,
+        z,
+        end,
+        jitter,
+        pixel as f32,
+        within as f32,
+        0.0,
+        u,
+        v,
+        w,
+        0.0,
+    ]
 }
 
 /// Runs a kernel whose work only the device knows.
 pub fn start(gpu: &Gpu, kernel: &Kernel, arrays: &[&Buffer], words: &[u32], groups: u32) {
-    gpu.start(&Job { kernel, arrays, words, groups: [groups, 1, 1], operations: 0 });
+    gpu.start(&Job {
+        kernel,
+        arrays,
+        words,
+        groups: [groups, 1, 1],
+        operations: 0,
+    });
 }
 
 /// Workgroups of 256 for `count` pieces of work.
@@ -68,7 +93,13 @@ impl Rays {
     pub fn new(gpu: &Gpu, numbers: &[f32]) -> Self {
         let count = numbers.len() / RAY;
         let buffer = gpu.upload(bytemuck::cast_slice(numbers));
-        Self { count, buffer, seen: gpu.buffer(count), looked: gpu.buffer(count), views: gpu.buffer(8 * count) }
+        Self {
+            count,
+            buffer,
+            seen: gpu.buffer(count),
+            looked: gpu.buffer(count),
+            views: gpu.buffer(8 * count),
+        }
     }
 }
 
@@ -85,15 +116,51 @@ impl Resident {
         let field = [&self.levels, &self.table, &self.weights];
         let [levels, table, weights] = field;
         let look = [&rays.buffer, &self.bits, levels, table, weights, &rays.seen];
-        start(gpu, &programs.look, &look, &words, count.div_ceil(RAYS_PER_GROUP) as u32);
+        start(
+            gpu,
+            &programs.look,
+            &look,
+            &words,
+            count.div_ceil(RAYS_PER_GROUP) as u32,
+        );
         let before = gpu.buffer(count + 1);
-        start(gpu, &programs.scan, &[&rays.seen, &before], &[count as u32, which.start as u32], 1);
+        start(
+            gpu,
+            &programs.scan,
+            &[&rays.seen, &before],
+            &[count as u32, which.start as u32],
+            1,
+        );
         let room = count * self.most_steps;
         let (samples, raw) = (gpu.buffer(4 * (1 + room)), gpu.buffer(4 * room));
-        let gather = [&rays.buffer, &self.bits, &rays.seen, &before, &samples, &rays.looked];
+        let gather = [
+            &rays.buffer,
+            &self.bits,
+            &rays.seen,
+            &before,
+            &samples,
+            &rays.looked,
+        ];
         start(gpu, &programs.gather, &gather, &words, by_256(count));
-        start(gpu, &programs.shade, &[&rays.buffer, &samples, levels, table, weights, &raw], &words, TURNS);
-        start(gpu, &programs.composite, &[&before, &raw, &samples, &rays.views], &words, by_256(count));
-        Traced { samples, raw, before, words }
+        start(
+            gpu,
+            &programs.shade,
+            &[&rays.buffer, &samples, levels, table, weights, &raw],
+            &words,
+            TURNS,
+        );
+        start(
+            gpu,
+            &programs.composite,
+            &[&before, &raw, &samples, &rays.views],
+            &words,
+            by_256(count),
+        );
+        Traced {
+            samples,
+            raw,
+            before,
+            words,
+        }
     }
 }

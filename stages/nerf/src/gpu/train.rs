@@ -50,7 +50,9 @@ impl Moments {
         let (table, network) = (&host.table_moments, &host.network_moments);
         let steps: Vec<u32> = table.steps.iter().map(|&n| n.into()).collect();
         Self {
-            network: gpu.upload(bytemuck::cast_slice(&[&network.first[..], &network.second].concat())),
+            network: gpu.upload(bytemuck::cast_slice(
+                &[&network.first[..], &network.second].concat(),
+            )),
             values: gpu.upload(bytemuck::cast_slice(&table.values)),
             first: gpu.upload(bytemuck::cast_slice(&table.first)),
             second: gpu.upload(bytemuck::cast_slice(&table.second)),
@@ -63,7 +65,9 @@ impl GpuTrainer {
     /// Goes on from where a trainer on the CPU stands.
     pub fn new(gpu: &Arc<Gpu>, host: Trainer) -> Self {
         let resident = Resident::new(gpu, &host.field);
-        let corrections: Vec<f32> = (1..=CORRECTED as i32).map(|n| correction(n) as f32).collect();
+        let corrections: Vec<f32> = (1..=CORRECTED as i32)
+            .map(|n| correction(n) as f32)
+            .collect();
         Self {
             survey: Survey::new(&resident, &host.field),
             moments: Moments::new(gpu, &host),
@@ -101,13 +105,20 @@ impl GpuTrainer {
     /// One training step. Returns when its loss is known, while the device still learns from it.
     pub fn step(&mut self) -> StepStats {
         let batch = Batch::draw(&self.host, &self.resident);
-        let parts = self.gpu.buffer(PARTS as usize * self.host.field.network.weights.len());
+        let parts = self
+            .gpu
+            .buffer(PARTS as usize * self.host.field.network.weights.len());
         let (stats, asked) = self.learn(&batch, &parts);
         self.descend(&parts, &stats);
         self.host.step += 1;
         if self.host.step.is_multiple_of(OCCUPANCY_EVERY) {
             let round = self.host.field.occupancy.updates;
-            self.survey.update(&self.resident, &self.host.field, &self.host.survey_rng, round);
+            self.survey.update(
+                &self.resident,
+                &self.host.field,
+                &self.host.survey_rng,
+                round,
+            );
             self.host.field.occupancy.updates += 1;
         }
         self.gpu.submit();
@@ -127,8 +138,23 @@ impl GpuTrainer {
                 start(gpu, &self.resident.programs.stats, &arrays, &words, 1);
                 asked = Some(gpu.request(&stats, 4));
             }
-            let Resident { programs, levels, table, weights, .. } = &self.resident;
-            let arrays = [&batch.rays.buffer, &traced.samples, &d_raw, levels, table, weights, parts, &self.d_table];
+            let Resident {
+                programs,
+                levels,
+                table,
+                weights,
+                ..
+            } = &self.resident;
+            let arrays = [
+                &batch.rays.buffer,
+                &traced.samples,
+                &d_raw,
+                levels,
+                table,
+                weights,
+                parts,
+                &self.d_table,
+            ];
             start(gpu, &programs.backward, &arrays, &traced.words, PARTS);
         }
         let asked = asked.unwrap_or_else(|| gpu.request(&stats, 4));
@@ -138,28 +164,87 @@ impl GpuTrainer {
     /// Losses of the pixels of a pass, and gradients to the raw densities and colours of its samples.
     fn compare(&self, batch: &Batch, traced: &Traced, rays: usize) -> Buffer {
         let options = &self.host.options;
-        let strengths = [options.beta, options.distortion, options.fog, options.fog_range].map(|x| bits(x as f32));
+        let strengths = [
+            options.beta,
+            options.distortion,
+            options.fog,
+            options.fog_range,
+        ]
+        .map(|x| bits(x as f32));
         let words = [&traced.words[..], &[batch.count as u32], &strengths].concat();
         let d_raw = self.gpu.buffer(traced.raw.bytes() as usize / 4);
-        let Batch { rays: Rays { buffer, views, .. }, pixels, losses, .. } = batch;
-        let arrays = [buffer, &traced.before, &traced.samples, &traced.raw, views, pixels, &d_raw, losses];
-        start(&self.gpu, &self.resident.programs.composite_backward, &arrays, &words, by_256(rays));
+        let Batch {
+            rays: Rays { buffer, views, .. },
+            pixels,
+            losses,
+            ..
+        } = batch;
+        let arrays = [
+            buffer,
+            &traced.before,
+            &traced.samples,
+            &traced.raw,
+            views,
+            pixels,
+            &d_raw,
+            losses,
+        ];
+        start(
+            &self.gpu,
+            &self.resident.programs.composite_backward,
+            &arrays,
+            &words,
+            by_256(rays),
+        );
         d_raw
     }
 
     /// A step down, unless the loss is no number.
     fn descend(&self, parts: &Buffer, stats: &Buffer) {
-        let Self { gpu, resident: Resident { programs, table, weights, .. }, moments, host, .. } = self;
+        let Self {
+            gpu,
+            resident:
+                Resident {
+                    programs,
+                    table,
+                    weights,
+                    ..
+                },
+            moments,
+            host,
+            ..
+        } = self;
         let rate = host.options.rate_after(host.step);
         let count = host.field.network.weights.len();
         let of_network = (rate * correction(host.step as i32 + 1)) as f32;
         let words = [PARTS, bits(of_network), bits(host.options.l2 as f32)];
-        start(gpu, &programs.adam_network, &[parts, stats, weights, &moments.network], &words, by_256(count));
+        start(
+            gpu,
+            &programs.adam_network,
+            &[parts, stats, weights, &moments.network],
+            &words,
+            by_256(count),
+        );
         let entries = host.field.table.len();
-        let Moments { values, first, second, steps, .. } = moments;
+        let Moments {
+            values,
+            first,
+            second,
+            steps,
+            ..
+        } = moments;
         gpu.start(&Job {
             kernel: &programs.adam_table,
-            arrays: &[stats, &self.corrections, &self.d_table, values, first, second, steps, table],
+            arrays: &[
+                stats,
+                &self.corrections,
+                &self.d_table,
+                values,
+                first,
+                second,
+                steps,
+                table,
+            ],
             words: &[entries as u32, bits(rate as f32), CORRECTED as u32],
             groups: folded(entries.div_ceil(256)),
             operations: 0,
@@ -171,22 +256,52 @@ impl GpuTrainer {
         let host = &mut self.host;
         let [loss, squared_error, samples, looked] = [0, 1, 2, 3].map(|i| stats[i]);
         let [samples, looked] = [samples, looked].map(|count| count.to_bits() as usize);
-        let extent = Extent { rays, pixels: host.pixels as usize, looked, samples };
+        let extent = Extent {
+            rays,
+            pixels: host.pixels as usize,
+            looked,
+            samples,
+        };
         self.work = work::of_step(&extent, &host.field.levels, &host.field.network);
-        self.work.iter().for_each(|(_, work)| self.gpu.account(work.operations, work.bytes));
+        self.work
+            .iter()
+            .for_each(|(_, work)| self.gpu.account(work.operations, work.bytes));
         let count = 3.0 * f64::from(host.pixels);
         host.pixels = host.next_pixels(samples);
-        StepStats { loss: f64::from(loss) / count, psnr: psnr(f64::from(squared_error) / count), rays, samples }
+        StepStats {
+            loss: f64::from(loss) / count,
+            psnr: psnr(f64::from(squared_error) / count),
+            rays,
+            samples,
+        }
     }
 
     /// Brings the field and Adam's state back to the host.
     fn fetch(&mut self) {
-        let Self { gpu, resident, moments, host, .. } = self;
+        let Self {
+            gpu,
+            resident,
+            moments,
+            host,
+            ..
+        } = self;
         let (entries_count, weights) = (host.field.table.len(), host.field.network.weights.len());
-        let words = |buffer: &Buffer| gpu.read(buffer, entries_count).into_iter().map(f32::to_bits);
-        let packed = |buffer: &Buffer| words(buffer).map(|word| [word as u16, (word >> 16) as u16]).collect();
+        let words = |buffer: &Buffer| {
+            gpu.read(buffer, entries_count)
+                .into_iter()
+                .map(f32::to_bits)
+        };
+        let packed = |buffer: &Buffer| {
+            words(buffer)
+                .map(|word| [word as u16, (word >> 16) as u16])
+                .collect()
+        };
         host.field.table = entries(words(&resident.table));
-        host.table_moments.values = gpu.read(&moments.values, 2 * entries_count).as_chunks().0.to_vec();
+        host.table_moments.values = gpu
+            .read(&moments.values, 2 * entries_count)
+            .as_chunks()
+            .0
+            .to_vec();
         host.table_moments.first = packed(&moments.first);
         host.table_moments.second = packed(&moments.second);
         host.table_moments.steps = words(&moments.steps).map(|n| n as u16).collect();
@@ -210,13 +325,32 @@ mod tests {
 
     /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many samples.
     fn losses(device: &Device, most_steps: Option<usize>) -> Vec<f64> {
-        let config = FieldConfig { levels: 2, log2_table: 8, march_steps: 16, ..Default::default() };
+        let config = FieldConfig {
+            levels: 2,
+            log2_table: 8,
+            march_steps: 16,
+            ..Default::default()
+        };
         let pose = glam::DMat4::from_translation(glam::DVec3::new(0.5, 0.5, 2.0));
         let camera = Camera::centered((8, 8), 8.0, pose, [1.0, 2.0]);
         let rgb = (0..192).map(|i| (i % 7) as f32 / 7.0).collect();
-        let view = TrainView { camera, rgb, alpha: None, weight: 1.0, supersample: 1 };
+        let view = TrainView {
+            camera,
+            rgb,
+            alpha: None,
+            weight: 1.0,
+            supersample: 1,
+        };
         let field = Field::new(&config, [[0.0; 3], [1.0; 3]], 1);
-        let host = Trainer::new(field, vec![view], &TrainOptions { samples: 512, ..Default::default() }, 1);
+        let host = Trainer::new(
+            field,
+            vec![view],
+            &TrainOptions {
+                samples: 512,
+                ..Default::default()
+            },
+            1,
+        );
         let mut trainer = GpuTrainer::new(device.open_gpu().unwrap(), host);
         if let Some(most_steps) = most_steps {
             trainer.resident.most_steps = most_steps;
@@ -232,9 +366,15 @@ mod tests {
         let of_one = device.counts().unwrap() - before;
         let in_parts = losses(&device, Some(1 << 16));
         let of_parts = device.counts().unwrap() - before - of_one;
-        assert!(of_parts.dispatches > of_one.dispatches + 60, "{of_one:?} {of_parts:?}");
+        assert!(
+            of_parts.dispatches > of_one.dispatches + 60,
+            "{of_one:?} {of_parts:?}"
+        );
         for (step, (whole, part)) in whole.iter().zip(&in_parts).enumerate() {
-            assert!((whole / part - 1.0).abs() < 1e-4, "step {step}: {part} beside {whole}");
+            assert!(
+                (whole / part - 1.0).abs() < 1e-4,
+                "step {step}: {part} beside {whole}"
+            );
         }
     }
 }

@@ -29,28 +29,64 @@ pub struct Extent {
 
 /// Of every kernel of a training step, without the occupancy grid's update.
 pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'static str, Work)> {
-    let &Extent { rays, pixels, looked, samples } = extent;
+    let &Extent {
+        rays,
+        pixels,
+        looked,
+        samples,
+    } = extent;
     let (weights, encoding) = (network.weights.len(), network.layers[0].inputs);
     // Eight corners of two features each. An entry has four bytes, its gradient two words for each feature, read and
     // written.
-    let (look_up, corners, scattered) = (32 * levels.len(), 32 * levels.len(), 8 * levels.len() * 2 * 8);
+    let (look_up, corners, scattered) = (
+        32 * levels.len(),
+        32 * levels.len(),
+        8 * levels.len() * 2 * 8,
+    );
     let look = 2 * (encoding * HIDDEN + HIDDEN) + look_up;
     let backward = 2 * (weights - HIDDEN * COLOR_OUTPUT) + 4 * weights + 2 * look_up;
-    let touched: usize = levels.iter().map(|level| level.entries.min(8 * samples)).sum();
+    let touched: usize = levels
+        .iter()
+        .map(|level| level.entries.min(8 * samples))
+        .sum();
     let entries: usize = levels.iter().map(|level| level.entries).sum();
     let parts = PARTS as usize * weights * 4;
     let works = [
         ("look", looked * look, looked * corners + rays * 68),
         ("scan", 0, rays * 8),
         ("gather", 0, samples * 16 + rays * 76),
-        ("shade", samples * (2 * weights + look_up), samples * (32 + corners) + 4 * weights),
+        (
+            "shade",
+            samples * (2 * weights + look_up),
+            samples * (32 + corners) + 4 * weights,
+        ),
         ("composite", 0, samples * 36 + rays * 36),
-        ("composite backward", 0, samples * 64 + rays * 100 + pixels * 40),
+        (
+            "composite backward",
+            0,
+            samples * 64 + rays * 100 + pixels * 40,
+        ),
         ("stats", 0, rays * 8 + pixels * 8),
-        ("backward", samples * backward, samples * (32 + corners + scattered) + parts),
-        ("Adam, networks", PARTS as usize * weights, parts + weights * 28),
+        (
+            "backward",
+            samples * backward,
+            samples * (32 + corners + scattered) + parts,
+        ),
+        (
+            "Adam, networks",
+            PARTS as usize * weights,
+            parts + weights * 28,
+        ),
         ("Adam, table", 0, entries * 16 + touched * 60),
     ];
-    let work = |(name, operations, bytes)| (name, Work { operations: operations as u64, bytes: bytes as u64 });
+    let work = |(name, operations, bytes)| {
+        (
+            name,
+            Work {
+                operations: operations as u64,
+                bytes: bytes as u64,
+            },
+        )
+    };
     works.map(work).to_vec()
 }

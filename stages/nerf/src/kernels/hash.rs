@@ -37,7 +37,12 @@ pub trait Kernel: Copy {
     /// The corners around a group.
     fn corners(self, level: &Level, positions: [&[f32; LANES]; 3]) -> Corners;
     /// The features of a group.
-    fn look_up(self, level: &Level, table: &[Entry], positions: [&[f32; LANES]; 3]) -> [[f32; FEATURES]; LANES];
+    fn look_up(
+        self,
+        level: &Level,
+        table: &[Entry],
+        positions: [&[f32; LANES]; 3],
+    ) -> [[f32; FEATURES]; LANES];
 }
 
 /// Ordinary code, which compilers turn into SIMD code where they can.
@@ -57,11 +62,21 @@ impl Kernel for Portable {
                 fraction[axis][lane] = x - (x as i32) as f32;
             }
         }
-        let mut corners = Corners { entry: [[0; LANES]; CORNERS], weight: [[0.0; LANES]; CORNERS] };
+        let mut corners = Corners {
+            entry: [[0; LANES]; CORNERS],
+            weight: [[0.0; LANES]; CORNERS],
+        };
         for corner in 0..CORNERS {
-            let offset = [corner as u32 & 1, corner as u32 >> 1 & 1, corner as u32 >> 2];
+            let offset = [
+                corner as u32 & 1,
+                corner as u32 >> 1 & 1,
+                corner as u32 >> 2,
+            ];
             for lane in 0..LANES {
-                corners.entry[corner][lane] = entry(level, [0, 1, 2].map(|a| cell[a][lane].wrapping_add(offset[a])));
+                corners.entry[corner][lane] = entry(
+                    level,
+                    [0, 1, 2].map(|a| cell[a][lane].wrapping_add(offset[a])),
+                );
                 let [x, y, z] = [0, 1, 2].map(|axis| {
                     let f = fraction[axis][lane];
                     if offset[axis] == 1 { f } else { 1.0 - f }
@@ -73,14 +88,22 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    fn look_up(self, level: &Level, table: &[Entry], positions: [&[f32; LANES]; 3]) -> [[f32; FEATURES]; LANES] {
+    fn look_up(
+        self,
+        level: &Level,
+        table: &[Entry],
+        positions: [&[f32; LANES]; 3],
+    ) -> [[f32; FEATURES]; LANES] {
         let corners = self.corners(level, positions);
         std::array::from_fn(|lane| {
             let mut sum = [0f32; FEATURES];
             for corner in 0..CORNERS {
                 let entry = table[corners.entry[corner][lane] as usize].map(widen);
                 let weight = corners.weight[corner][lane];
-                sum = [entry[0].mul_add(weight, sum[0]), entry[1].mul_add(weight, sum[1])];
+                sum = [
+                    entry[0].mul_add(weight, sum[0]),
+                    entry[1].mul_add(weight, sum[1]),
+                ];
             }
             sum
         })
@@ -112,21 +135,45 @@ fn widen(half: f16) -> f32 {
 /// The features of a level, whose entries `table` holds, at all positions.
 pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut [[f32; FEATURES]]) {
     assert_eq!(out.len(), positions[0].len(), "encode: output size");
-    assert_eq!(table.len(), level.entries, "encode: a table of another level");
+    assert_eq!(
+        table.len(),
+        level.entries,
+        "encode: a table of another level"
+    );
     if positions[0].len() >= table.len() / ENTRIES_PER_POSITION {
         fetch(table);
     }
     #[cfg(target_arch = "x86_64")]
     if let Some(avx512) = Avx512::new() {
-        return Simd::vectorize(avx512.0, Encode { level, table, positions, out, kernel: avx512 });
+        return Simd::vectorize(
+            avx512.0,
+            Encode {
+                level,
+                table,
+                positions,
+                out,
+                kernel: avx512,
+            },
+        );
     }
-    Arch::new().dispatch(Encode { level, table, positions, out, kernel: Portable });
+    Arch::new().dispatch(Encode {
+        level,
+        table,
+        positions,
+        out,
+        kernel: Portable,
+    });
 }
 
 /// Brings a table into the cache from front to back, as fast as memory gives: look-ups that miss wait for every line.
 fn fetch(table: &[Entry]) {
     let line = 64 / size_of::<Entry>();
-    std::hint::black_box(table.iter().step_by(line).fold(0, |sum, entry| sum ^ entry[0].to_bits()));
+    std::hint::black_box(
+        table
+            .iter()
+            .step_by(line)
+            .fold(0, |sum, entry| sum ^ entry[0].to_bits()),
+    );
 }
 
 struct Encode<'a, K> {
@@ -143,7 +190,9 @@ impl<K: Kernel> WithSimd for Encode<'_, K> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         for (group, out) in self.out.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-            *out = self.kernel.look_up(self.level, self.table, lanes(self.positions, group));
+            *out = self
+                .kernel
+                .look_up(self.level, self.table, lanes(self.positions, group));
         }
     }
 }
@@ -162,13 +211,32 @@ pub fn encode_backward(
     d_features: &[[f32; FEATURES]],
     d_table: &mut [[f32; FEATURES]],
 ) {
-    assert_eq!(d_features.len(), positions[0].len(), "encode_backward: gradients");
+    assert_eq!(
+        d_features.len(),
+        positions[0].len(),
+        "encode_backward: gradients"
+    );
     assert_eq!(d_table.len(), level.entries, "encode_backward: table");
     #[cfg(target_arch = "x86_64")]
     if let Some(avx512) = Avx512::new() {
-        return Simd::vectorize(avx512.0, EncodeBackward { level, positions, d_features, d_table, kernel: avx512 });
+        return Simd::vectorize(
+            avx512.0,
+            EncodeBackward {
+                level,
+                positions,
+                d_features,
+                d_table,
+                kernel: avx512,
+            },
+        );
     }
-    Arch::new().dispatch(EncodeBackward { level, positions, d_features, d_table, kernel: Portable });
+    Arch::new().dispatch(EncodeBackward {
+        level,
+        positions,
+        d_features,
+        d_table,
+        kernel: Portable,
+    });
 }
 
 struct EncodeBackward<'a, K> {
@@ -185,12 +253,17 @@ impl<K: Kernel> WithSimd for EncodeBackward<'_, K> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         for (group, d_features) in self.d_features.chunks_exact(LANES).enumerate() {
-            let corners = self.kernel.corners(self.level, lanes(self.positions, group));
+            let corners = self
+                .kernel
+                .corners(self.level, lanes(self.positions, group));
             for (lane, d) in d_features.iter().enumerate() {
                 for corner in 0..CORNERS {
                     let entry = &mut self.d_table[corners.entry[corner][lane] as usize];
                     let weight = corners.weight[corner][lane];
-                    *entry = [d[0].mul_add(weight, entry[0]), d[1].mul_add(weight, entry[1])];
+                    *entry = [
+                        d[0].mul_add(weight, entry[0]),
+                        d[1].mul_add(weight, entry[1]),
+                    ];
                 }
             }
         }

@@ -25,7 +25,11 @@ pub struct Matrix<'a> {
 impl<'a> Matrix<'a> {
     /// Values, and how many of them make a row.
     pub fn new(values: &'a [f32], width: usize) -> Self {
-        assert!(values.len().is_multiple_of(width), "matrix: {} values in rows of {width}", values.len());
+        assert!(
+            values.len().is_multiple_of(width),
+            "matrix: {} values in rows of {width}",
+            values.len()
+        );
         Self { values, width }
     }
 
@@ -65,10 +69,29 @@ pub fn product(
     epilogue: Epilogue<'_>,
 ) {
     let [inner, columns] = shape;
-    assert!(columns.is_multiple_of(COLUMNS) && b.width.is_multiple_of(COLUMNS), "product: columns {shape:?}");
-    assert!(inner <= a.width.min(b.rows()) && columns <= b.width, "product: {shape:?} of {} x {}", a.width, b.width);
-    assert!(c.len() == a.rows() * columns && a.rows().is_multiple_of(ROWS), "product: {} rows", a.rows());
-    Arch::new().dispatch(Product { c, a, b, shape, prologue, epilogue });
+    assert!(
+        columns.is_multiple_of(COLUMNS) && b.width.is_multiple_of(COLUMNS),
+        "product: columns {shape:?}"
+    );
+    assert!(
+        inner <= a.width.min(b.rows()) && columns <= b.width,
+        "product: {shape:?} of {} x {}",
+        a.width,
+        b.width
+    );
+    assert!(
+        c.len() == a.rows() * columns && a.rows().is_multiple_of(ROWS),
+        "product: {} rows",
+        a.rows()
+    );
+    Arch::new().dispatch(Product {
+        c,
+        a,
+        b,
+        shape,
+        prologue,
+        epilogue,
+    });
 }
 
 struct Product<'a> {
@@ -99,8 +122,12 @@ impl Product<'_> {
     #[inline(always)]
     fn with_rows_of<S: Simd>(self, simd: S, width: usize) {
         match self.shape[1] / S::F32_LANES {
-            n if n.is_multiple_of(4) && S::REGISTER_COUNT >= 32 => self.tiles::<S, 4, 4>(simd, width),
-            n if n.is_multiple_of(2) && S::REGISTER_COUNT >= 32 => self.tiles::<S, 8, 2>(simd, width),
+            n if n.is_multiple_of(4) && S::REGISTER_COUNT >= 32 => {
+                self.tiles::<S, 4, 4>(simd, width)
+            }
+            n if n.is_multiple_of(2) && S::REGISTER_COUNT >= 32 => {
+                self.tiles::<S, 8, 2>(simd, width)
+            }
             n if n.is_multiple_of(2) => self.tiles::<S, 4, 2>(simd, width),
             _ => self.tiles::<S, 8, 1>(simd, width),
         }
@@ -110,8 +137,14 @@ impl Product<'_> {
     fn tiles<S: Simd, const R: usize, const V: usize>(self, simd: S, a_width: usize) {
         let [inner, columns] = self.shape;
         let width = columns / S::F32_LANES;
-        let b = S::as_simd_f32s(self.b.values).0.chunks_exact(self.b.width / S::F32_LANES).take(inner);
-        let rows = self.c.chunks_exact_mut(R * columns).zip(self.a.values.chunks_exact(R * a_width));
+        let b = S::as_simd_f32s(self.b.values)
+            .0
+            .chunks_exact(self.b.width / S::F32_LANES)
+            .take(inner);
+        let rows = self
+            .c
+            .chunks_exact_mut(R * columns)
+            .zip(self.a.values.chunks_exact(R * a_width));
         for (tile, (c, a)) in rows.enumerate() {
             let c = S::as_mut_simd_f32s(c).0;
             for first in (0..width).step_by(V) {
@@ -119,7 +152,12 @@ impl Product<'_> {
                 add_dot(simd, &mut sum, a, a_width, b.clone(), first);
                 for (row, sum) in sum.iter().enumerate() {
                     let at = row * width + first;
-                    c[at..at + V].copy_from_slice(&finish(simd, *sum, self.epilogue, tile * R * width + at));
+                    c[at..at + V].copy_from_slice(&finish(
+                        simd,
+                        *sum,
+                        self.epilogue,
+                        tile * R * width + at,
+                    ));
                 }
             }
         }
@@ -136,7 +174,9 @@ fn start<S: Simd, const R: usize, const V: usize>(
 ) -> [[S::f32s; V]; R] {
     match prologue {
         Prologue::Zero => [[simd.splat_f32s(0.0); V]; R],
-        Prologue::Add => std::array::from_fn(|row| std::array::from_fn(|v| c[row * width + first + v])),
+        Prologue::Add => {
+            std::array::from_fn(|row| std::array::from_fn(|v| c[row * width + first + v]))
+        }
     }
 }
 
@@ -163,14 +203,21 @@ fn add_dot<'a, S: Simd, const R: usize, const V: usize>(
 }
 
 #[inline(always)]
-fn finish<S: Simd, const V: usize>(simd: S, sum: [S::f32s; V], epilogue: Epilogue<'_>, at: usize) -> [S::f32s; V] {
+fn finish<S: Simd, const V: usize>(
+    simd: S,
+    sum: [S::f32s; V],
+    epilogue: Epilogue<'_>,
+    at: usize,
+) -> [S::f32s; V] {
     let zero = simd.splat_f32s(0.0);
     match epilogue {
         Epilogue::Keep => sum,
         Epilogue::Relu => sum.map(|x| simd.max_f32s(x, zero)),
         Epilogue::ReluBackward(output) => {
             let output = &S::as_simd_f32s(output).0[at..at + V];
-            std::array::from_fn(|v| simd.select_f32s(simd.less_than_f32s(zero, output[v]), sum[v], zero))
+            std::array::from_fn(|v| {
+                simd.select_f32s(simd.less_than_f32s(zero, output[v]), sum[v], zero)
+            })
         }
     }
 }
@@ -179,9 +226,22 @@ fn finish<S: Simd, const V: usize>(simd: S, sum: [S::f32s; V], epilogue: Epilogu
 /// gradient `b` of its output. k is a multiple of 4, and of [`ROWS`] where m is less than 2 [`COLUMNS`].
 pub fn add_transposed_product(c: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, shape: [usize; 2]) {
     let [inner, columns] = shape;
-    assert!(columns.is_multiple_of(COLUMNS) && columns == b.width, "transposed product: {shape:?} of {}", b.width);
-    assert!(inner <= a.width && c.len() == inner * columns, "transposed product: {shape:?} of {}", a.width);
-    assert!(a.rows() == b.rows(), "transposed product: {} and {} rows", a.rows(), b.rows());
+    assert!(
+        columns.is_multiple_of(COLUMNS) && columns == b.width,
+        "transposed product: {shape:?} of {}",
+        b.width
+    );
+    assert!(
+        inner <= a.width && c.len() == inner * columns,
+        "transposed product: {shape:?} of {}",
+        a.width
+    );
+    assert!(
+        a.rows() == b.rows(),
+        "transposed product: {} and {} rows",
+        a.rows(),
+        b.rows()
+    );
     Arch::new().dispatch(TransposedProduct { c, a, b });
 }
 
@@ -208,16 +268,29 @@ impl TransposedProduct<'_> {
     #[inline(always)]
     fn tiles<S: Simd, const R: usize, const V: usize>(self, simd: S) {
         let Self { c, a, b } = self;
-        assert!(c.len().is_multiple_of(R * b.width), "transposed product: not whole tiles");
+        assert!(
+            c.len().is_multiple_of(R * b.width),
+            "transposed product: not whole tiles"
+        );
         let width = b.width / S::F32_LANES;
-        let blocks = a.values.chunks(ROW_BLOCK * a.width).zip(b.values.chunks(ROW_BLOCK * b.width));
+        let blocks = a
+            .values
+            .chunks(ROW_BLOCK * a.width)
+            .zip(b.values.chunks(ROW_BLOCK * b.width));
         for (rows, b_rows) in blocks {
             let b_rows = S::as_simd_f32s(b_rows).0;
             for (tile, c) in c.chunks_exact_mut(R * b.width).enumerate() {
                 let c = S::as_mut_simd_f32s(c).0;
                 for first in (0..width).step_by(V) {
                     let mut sum: [[S::f32s; V]; R] = start(simd, c, width, first, Prologue::Add);
-                    add_outer(simd, &mut sum, rows.chunks_exact(a.width), tile * R, b_rows.chunks_exact(width), first);
+                    add_outer(
+                        simd,
+                        &mut sum,
+                        rows.chunks_exact(a.width),
+                        tile * R,
+                        b_rows.chunks_exact(width),
+                        first,
+                    );
                     for (row, sum) in sum.iter().enumerate() {
                         c[row * width + first..][..V].copy_from_slice(sum);
                     }

@@ -21,13 +21,24 @@ impl Avx512 {
     /// Entries and weights of a group's corners in registers. Loops, not closures: only code inlined into the caller's
     /// loop is compiled for AVX-512.
     #[inline(always)]
-    fn vertices(self, level: &Level, positions: [&[f32; LANES]; 3]) -> ([__m512i; CORNERS], [__m512; CORNERS]) {
+    fn vertices(
+        self,
+        level: &Level,
+        positions: [&[f32; LANES]; 3],
+    ) -> ([__m512i; CORNERS], [__m512; CORNERS]) {
         // SAFETY: `self` proves that the machine has AVX-512F; the loads read whole arrays of 16 floats.
         unsafe {
-            let (scale, half, one) = (_mm512_set1_ps(level.scale), _mm512_set1_ps(0.5), _mm512_set1_ps(1.0));
+            let (scale, half, one) = (
+                _mm512_set1_ps(level.scale),
+                _mm512_set1_ps(0.5),
+                _mm512_set1_ps(1.0),
+            );
             let (mut cell, mut share) = ([_mm512_setzero_si512(); 3], [[one; 2]; 3]);
             for axis in 0..3 {
-                let place = _mm512_add_ps(_mm512_mul_ps(_mm512_loadu_ps(positions[axis].as_ptr()), scale), half);
+                let place = _mm512_add_ps(
+                    _mm512_mul_ps(_mm512_loadu_ps(positions[axis].as_ptr()), scale),
+                    half,
+                );
                 cell[axis] = _mm512_cvttps_epi32(place);
                 share[axis][1] = _mm512_sub_ps(place, _mm512_cvtepi32_ps(cell[axis]));
                 share[axis][0] = _mm512_sub_ps(one, share[axis][1]);
@@ -37,7 +48,14 @@ impl Avx512 {
                 let across = _mm512_mul_ps(share[0][corner & 1], share[1][corner >> 1 & 1]);
                 weight[corner] = _mm512_mul_ps(across, share[2][corner >> 2]);
             }
-            (if level.dense { self.dense(level, cell) } else { self.hashed(level, cell) }, weight)
+            (
+                if level.dense {
+                    self.dense(level, cell)
+                } else {
+                    self.hashed(level, cell)
+                },
+                weight,
+            )
         }
     }
 
@@ -54,7 +72,8 @@ impl Avx512 {
             for corner in 0..CORNERS as i32 {
                 let offset = (corner & 1) + nx * ((corner >> 1 & 1) + ny * (corner >> 2));
                 let i = _mm512_add_epi32(first, _mm512_set1_epi32(offset));
-                entry[corner as usize] = _mm512_min_epu32(_mm512_min_epu32(i, _mm512_sub_epi32(i, entries)), last);
+                entry[corner as usize] =
+                    _mm512_min_epu32(_mm512_min_epu32(i, _mm512_sub_epi32(i, entries)), last);
             }
             entry
         }
@@ -64,14 +83,20 @@ impl Avx512 {
     fn hashed(self, level: &Level, [x, y, z]: [__m512i; 3]) -> [__m512i; CORNERS] {
         // SAFETY: `self` proves that the machine has AVX-512F.
         unsafe {
-            let (p, q) = (_mm512_set1_epi32(PRIMES[0] as i32), _mm512_set1_epi32(PRIMES[1] as i32));
+            let (p, q) = (
+                _mm512_set1_epi32(PRIMES[0] as i32),
+                _mm512_set1_epi32(PRIMES[1] as i32),
+            );
             let mask = _mm512_set1_epi32(level.entries as i32 - 1);
             let (y, z) = (_mm512_mullo_epi32(y, p), _mm512_mullo_epi32(z, q));
             let x = [x, _mm512_add_epi32(x, _mm512_set1_epi32(1))];
             let (y, z) = ([y, _mm512_add_epi32(y, p)], [z, _mm512_add_epi32(z, q)]);
             let mut entry = [mask; CORNERS];
             for corner in 0..CORNERS {
-                let hash = _mm512_xor_si512(_mm512_xor_si512(x[corner & 1], y[corner >> 1 & 1]), z[corner >> 2]);
+                let hash = _mm512_xor_si512(
+                    _mm512_xor_si512(x[corner & 1], y[corner >> 1 & 1]),
+                    z[corner >> 2],
+                );
                 entry[corner] = _mm512_and_si512(hash, mask);
             }
             entry
@@ -93,8 +118,17 @@ impl Kernel for Avx512 {
     }
 
     #[inline(always)]
-    fn look_up(self, level: &Level, table: &[Entry], positions: [&[f32; LANES]; 3]) -> [[f32; FEATURES]; LANES] {
-        assert_eq!(table.len(), level.entries, "look_up: a table of another level");
+    fn look_up(
+        self,
+        level: &Level,
+        table: &[Entry],
+        positions: [&[f32; LANES]; 3],
+    ) -> [[f32; FEATURES]; LANES] {
+        assert_eq!(
+            table.len(),
+            level.entries,
+            "look_up: a table of another level"
+        );
         let (entry, weight) = self.vertices(level, positions);
         // SAFETY: `self` proves that the machine has AVX-512F. An entry is two halves, four bytes, and every index is
         // below the table's length: hashes are masked to it (a power of two), places in a dense level are limited to

@@ -13,7 +13,12 @@ fn random(len: usize, step: u64) -> Vec<f32> {
 fn loss(network: &Network, a: &mut Activations, c: &[f32], g: &[f32]) -> f64 {
     network.density(a);
     network.color(a);
-    let dot = |x: &[f32], y: &[f32]| x.iter().zip(y).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum::<f64>();
+    let dot = |x: &[f32], y: &[f32]| {
+        x.iter()
+            .zip(y)
+            .map(|(x, y)| f64::from(*x) * f64::from(*y))
+            .sum::<f64>()
+    };
     dot(&a.color, c) + dot(&a.geometry, g)
 }
 
@@ -21,11 +26,22 @@ fn loss(network: &Network, a: &mut Activations, c: &[f32], g: &[f32]) -> f64 {
 fn gradients_match_finite_differences() {
     let network = Network::new(32, 32, 5);
     let (mut c, g) = (random(ROWS * COLOR_OUTPUT, 0), random(ROWS * GEOMETRY, 1));
-    c.chunks_exact_mut(COLOR_OUTPUT).for_each(|row| row[3..].fill(0.0)); // What is padding has no gradient.
+    c.chunks_exact_mut(COLOR_OUTPUT)
+        .for_each(|row| row[3..].fill(0.0)); // What is padding has no gradient.
     let encoding = random(ROWS * 32, 2);
     let fresh = || {
-        let mut a = Activations { encoding: encoding.clone(), ..Default::default() };
-        a.see([([0.6, 0.0, 0.8], 0..5), ([0.0, 1.0, 0.0], 5..6), ([-0.48, 0.6, 0.64], 6..ROWS)].into_iter());
+        let mut a = Activations {
+            encoding: encoding.clone(),
+            ..Default::default()
+        };
+        a.see(
+            [
+                ([0.6, 0.0, 0.8], 0..5),
+                ([0.0, 1.0, 0.0], 5..6),
+                ([-0.48, 0.6, 0.64], 6..ROWS),
+            ]
+            .into_iter(),
+        );
         a
     };
     let mut a = fresh();
@@ -59,5 +75,8 @@ fn gradients_match_finite_differences() {
         };
         check(a.encoding[at], at_shift(5e-4) - at_shift(-5e-4));
     }
-    assert!(wrong * 10 < checked, "{wrong} of {checked} gradients are wrong");
+    assert!(
+        wrong * 10 < checked,
+        "{wrong} of {checked} gradients are wrong"
+    );
 }

@@ -6,13 +6,20 @@ use scene::Camera;
 
 /// The box of the scene.
 pub const BOUNDS: [[f32; 3]; 2] = [[-1.0; 3], [1.0; 3]];
-const SPHERES: [([f64; 3], f64, [f32; 3]); 2] =
-    [([-0.3, 0.0, 0.1], 0.4, [0.9, 0.2, 0.1]), ([0.4, 0.1, -0.3], 0.35, [0.1, 0.4, 0.9])];
+const SPHERES: [([f64; 3], f64, [f32; 3]); 2] = [
+    ([-0.3, 0.0, 0.1], 0.4, [0.9, 0.2, 0.1]),
+    ([0.4, 0.1, -0.3], 0.35, [0.1, 0.4, 0.9]),
+];
 
 /// A camera that looks at the scene from all around.
 pub fn camera(angle: f64, size: u32) -> Camera {
     let position = DVec3::new(3.0 * angle.sin(), 0.8, 3.0 * angle.cos());
-    Camera::centered((size, size), 1.6 * f64::from(size), Camera::look_at(position, DVec3::ZERO), [1.0, 6.0])
+    Camera::centered(
+        (size, size),
+        1.6 * f64::from(size),
+        Camera::look_at(position, DVec3::ZERO),
+        [1.0, 6.0],
+    )
 }
 
 /// Distance and colour of the nearest sphere on a ray.
@@ -25,40 +32,67 @@ pub fn trace(camera: &Camera, px: f64, py: f64) -> Option<(f64, [f32; 3])> {
         let square: f64 = to_center.iter().map(|x| x * x).sum::<f64>() - along * along;
         let t = along - (radius * radius - square).max(0.0).sqrt();
         let height = (o[1] + t * d[1] - center[1]) / radius;
-        (square < radius * radius)
-            .then(|| (t / f64::from(ray.distance_per_depth), color.map(|c| c * (0.75 + 0.25 * height as f32))))
+        (square < radius * radius).then(|| {
+            (
+                t / f64::from(ray.distance_per_depth),
+                color.map(|c| c * (0.75 + 0.25 * height as f32)),
+            )
+        })
     };
-    SPHERES.iter().filter_map(hit).min_by(|a, b| a.0.total_cmp(&b.0))
+    SPHERES
+        .iter()
+        .filter_map(hit)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// A photo with coverage, each pixel the mean of 4 x 4 rays.
 pub fn photo(camera: Camera) -> TrainView {
     let (mut rgb, mut alpha) = (vec![], vec![]);
     for pixel in 0..camera.width * camera.height {
-        let (x, y) = (f64::from(pixel % camera.width), f64::from(pixel / camera.width));
+        let (x, y) = (
+            f64::from(pixel % camera.width),
+            f64::from(pixel / camera.width),
+        );
         let place = |sub: u32| f64::from(sub) / 4.0 + 0.125;
-        let hits: Vec<_> = (0..16).filter_map(|s| trace(&camera, x + place(s % 4), y + place(s / 4))).collect();
-        let mean = |c: usize| hits.iter().map(|hit| hit.1[c]).sum::<f32>() / hits.len().max(1) as f32;
+        let hits: Vec<_> = (0..16)
+            .filter_map(|s| trace(&camera, x + place(s % 4), y + place(s / 4)))
+            .collect();
+        let mean =
+            |c: usize| hits.iter().map(|hit| hit.1[c]).sum::<f32>() / hits.len().max(1) as f32;
         rgb.extend([0, 1, 2].map(mean));
         alpha.push(hits.len() as f32 / 16.0);
     }
-    TrainView { camera, rgb, alpha: Some(alpha), weight: 1.0, supersample: 2 }
+    TrainView {
+        camera,
+        rgb,
+        alpha: Some(alpha),
+        weight: 1.0,
+        supersample: 2,
+    }
 }
 
 /// Eight photos from all around.
 pub fn views() -> Vec<TrainView> {
-    (0..8).map(|i| photo(camera(f64::from(i) * std::f64::consts::TAU / 8.0, 32))).collect()
+    (0..8)
+        .map(|i| photo(camera(f64::from(i) * std::f64::consts::TAU / 8.0, 32)))
+        .collect()
 }
 
 /// Eight photos from one side.
 pub fn from_one_side() -> Vec<TrainView> {
-    (0..8).map(|i| photo(camera(0.1 * f64::from(i) - 0.4, 32))).collect()
+    (0..8)
+        .map(|i| photo(camera(0.1 * f64::from(i) - 0.4, 32)))
+        .collect()
 }
 
 /// A fresh field in the perspective of views from one side.
 pub fn in_perspective(config: &FieldConfig, views: &[TrainView]) -> Field {
     let cameras: Vec<_> = views.iter().map(|view| &view.camera).collect();
-    Field::in_space(config, Space::of(SpaceKind::Perspective, BOUNDS, &cameras).unwrap(), 1)
+    Field::in_space(
+        config,
+        Space::of(SpaceKind::Perspective, BOUNDS, &cameras).unwrap(),
+        1,
+    )
 }
 
 /// A small field.
@@ -76,10 +110,20 @@ pub fn config() -> FieldConfig {
 
 /// How to train it.
 pub fn options(steps: u32) -> TrainOptions {
-    TrainOptions { steps, samples: 1 << 13, ..TrainOptions::default() }
+    TrainOptions {
+        steps,
+        samples: 1 << 13,
+        ..TrainOptions::default()
+    }
 }
 
 /// Agreement of two images in dB.
 pub fn psnr(a: &[f32], b: &[f32]) -> f64 {
-    -10.0 * (a.iter().zip(b).map(|(a, b)| f64::from((a - b) * (a - b))).sum::<f64>() / a.len() as f64).log10()
+    -10.0
+        * (a.iter()
+            .zip(b)
+            .map(|(a, b)| f64::from((a - b) * (a - b)))
+            .sum::<f64>()
+            / a.len() as f64)
+            .log10()
 }

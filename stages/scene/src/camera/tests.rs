@@ -4,30 +4,69 @@ use super::*;
 use glam::DQuat;
 use proptest::prelude::*;
 
-const NONE: Distortion = Distortion { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+const NONE: Distortion = Distortion {
+    k1: 0.0,
+    k2: 0.0,
+    k3: 0.0,
+    p1: 0.0,
+    p2: 0.0,
+};
 
 /// None, or one as phones have it.
 fn any_lens() -> impl Strategy<Value = Distortion> {
-    let bent = (-0.06..0.06f64, -0.02..0.02f64, -0.005..0.005f64, -0.005..0.005f64);
-    prop_oneof![Just(NONE), bent.prop_map(|(k1, k2, p1, p2)| Distortion { k1, k2, k3: 0.0, p1, p2 })]
+    let bent = (
+        -0.06..0.06f64,
+        -0.02..0.02f64,
+        -0.005..0.005f64,
+        -0.005..0.005f64,
+    );
+    prop_oneof![
+        Just(NONE),
+        bent.prop_map(|(k1, k2, p1, p2)| Distortion {
+            k1,
+            k2,
+            k3: 0.0,
+            p1,
+            p2
+        })
+    ]
 }
 
 fn any_camera() -> impl Strategy<Value = Camera> {
-    let pose = (prop::array::uniform3(-9.0..9.0f64), prop::array::uniform3(-3.0..3.0f64));
-    (pose, 40..900u32, 40..900u32, 50.0..2000.0f64, 50.0..2000.0f64, 0.2..0.8f64, any_lens()).prop_map(
-        |((position, turn), width, height, fl_x, fl_y, middle, distortion)| Camera {
-            distortion: if f64::from(width).max(height.into()) < 1.5 * fl_x.min(fl_y) { distortion } else { NONE },
-            width,
-            height,
-            fl_x,
-            fl_y,
-            cx: f64::from(width) * middle,
-            cy: f64::from(height) * (1.0 - middle),
-            camera_to_world: DMat4::from_rotation_translation(DQuat::from_scaled_axis(turn.into()), position.into()),
-            near: 1.0,
-            far: 5.0,
-        },
+    let pose = (
+        prop::array::uniform3(-9.0..9.0f64),
+        prop::array::uniform3(-3.0..3.0f64),
+    );
+    (
+        pose,
+        40..900u32,
+        40..900u32,
+        50.0..2000.0f64,
+        50.0..2000.0f64,
+        0.2..0.8f64,
+        any_lens(),
     )
+        .prop_map(
+            |((position, turn), width, height, fl_x, fl_y, middle, distortion)| Camera {
+                distortion: if f64::from(width).max(height.into()) < 1.5 * fl_x.min(fl_y) {
+                    distortion
+                } else {
+                    NONE
+                },
+                width,
+                height,
+                fl_x,
+                fl_y,
+                cx: f64::from(width) * middle,
+                cy: f64::from(height) * (1.0 - middle),
+                camera_to_world: DMat4::from_rotation_translation(
+                    DQuat::from_scaled_axis(turn.into()),
+                    position.into(),
+                ),
+                near: 1.0,
+                far: 5.0,
+            },
+        )
 }
 
 fn along(ray: &Ray, depth: f64) -> [f64; 3] {
@@ -97,34 +136,62 @@ fn an_unturned_camera_looks_along_minus_z_with_y_up() {
 #[test]
 fn look_at_puts_the_target_in_the_middle_and_up_upwards() {
     let (position, target) = (DVec3::new(2.0, 1.5, 3.0), DVec3::new(0.0, 0.5, -0.2));
-    let camera = Camera { camera_to_world: Camera::look_at(position, target), ..front_camera() };
+    let camera = Camera {
+        camera_to_world: Camera::look_at(position, target),
+        ..front_camera()
+    };
     let seen = camera.project(target.to_array()).unwrap();
-    assert!((seen[0] - 4.0).abs() < 1e-9 && (seen[1] - 3.0).abs() < 1e-9, "{seen:?}");
+    assert!(
+        (seen[0] - 4.0).abs() < 1e-9 && (seen[1] - 3.0).abs() < 1e-9,
+        "{seen:?}"
+    );
     assert!((seen[2] - position.distance(target)).abs() < 1e-9);
-    assert!(camera.project((target + DVec3::Y).to_array()).unwrap()[1] < 3.0, "up is towards row 0");
+    assert!(
+        camera.project((target + DVec3::Y).to_array()).unwrap()[1] < 3.0,
+        "up is towards row 0"
+    );
 }
 
 #[test]
 fn a_bent_lens_widens_the_window_to_all_that_is_seen() {
-    let barrel = |k1| Camera { distortion: Distortion { k1, ..NONE }, ..front_camera() };
+    let barrel = |k1| Camera {
+        distortion: Distortion { k1, ..NONE },
+        ..front_camera()
+    };
     let (straight, bent) = (front_camera().view_window(), barrel(-0.05).view_window());
     assert_eq!(straight, [-1.0, 1.0, -0.75, 0.75]);
     assert!(bent[0] < straight[0] && bent[3] > straight[3], "{bent:?}");
     assert!(barrel(-0.05).sees_through_all_its_image());
-    assert!(!barrel(-0.2).sees_through_all_its_image(), "its corners, 1.25 focal lengths off, lie past the fold");
-    let pincushion = Camera { distortion: Distortion { k1: 0.2, ..NONE }, ..front_camera() };
+    assert!(
+        !barrel(-0.2).sees_through_all_its_image(),
+        "its corners, 1.25 focal lengths off, lie past the fold"
+    );
+    let pincushion = Camera {
+        distortion: Distortion { k1: 0.2, ..NONE },
+        ..front_camera()
+    };
     assert!(pincushion.sees_through_all_its_image());
     let window = pincushion.view_window();
     for i in 0..=100 {
         let p = pincushion.at_unit_depth(8.0 * f64::from(i) / 100.0, 0.0);
-        assert!(p.x > window[0] - 1e-3 && p.x < window[1] + 1e-3 && p.y < window[3] + 1e-3, "{p}");
+        assert!(
+            p.x > window[0] - 1e-3 && p.x < window[1] + 1e-3 && p.y < window[3] + 1e-3,
+            "{p}"
+        );
     }
-    assert_eq!(barrel(-0.05).project([1.0 + 40.0, 2.0, 2.0]), None, "no ray goes so far aside");
+    assert_eq!(
+        barrel(-0.05).project([1.0 + 40.0, 2.0, 2.0]),
+        None,
+        "no ray goes so far aside"
+    );
 }
 
 #[test]
 fn frustum_corners_lie_on_the_near_and_far_planes() {
     let camera = front_camera();
-    let depths: Vec<f64> = camera.frustum_corners().map(|p| camera.project(p).unwrap()[2]).to_vec();
+    let depths: Vec<f64> = camera
+        .frustum_corners()
+        .map(|p| camera.project(p).unwrap()[2])
+        .to_vec();
     assert_eq!(depths, [1.0, 1.0, 1.0, 1.0, 4.0, 4.0, 4.0, 4.0]);
 }

@@ -15,13 +15,19 @@ struct Cursor<'a>(&'a [u8]);
 
 impl<'a> Cursor<'a> {
     fn bytes(&mut self, count: usize) -> Result<&'a [u8], String> {
-        let (taken, rest) = self.0.split_at_checked(count).ok_or("the file ends in the middle of it")?;
+        let (taken, rest) = self
+            .0
+            .split_at_checked(count)
+            .ok_or("the file ends in the middle of it")?;
         self.0 = rest;
         Ok(taken)
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
-        let (taken, rest) = self.0.split_first_chunk::<N>().ok_or("the file ends in the middle of it")?;
+        let (taken, rest) = self
+            .0
+            .split_first_chunk::<N>()
+            .ok_or("the file ends in the middle of it")?;
         self.0 = rest;
         Ok(*taken)
     }
@@ -48,14 +54,22 @@ impl<'a> Cursor<'a> {
         let most = self.0.len() / least;
         match usize::try_from(count) {
             Ok(count) if count <= most => Ok(count),
-            _ => Err(format!("{count} records are announced, but what follows holds at most {most}")),
+            _ => Err(format!(
+                "{count} records are announced, but what follows holds at most {most}"
+            )),
         }
     }
 
     /// A text that ends with a zero byte.
     fn text(&mut self) -> Result<String, String> {
-        let end = self.0.iter().position(|byte| *byte == 0).ok_or("its name does not end")?;
-        let text = std::str::from_utf8(&self.0[..end]).map_err(|_| "its name is not UTF-8")?.to_owned();
+        let end = self
+            .0
+            .iter()
+            .position(|byte| *byte == 0)
+            .ok_or("its name does not end")?;
+        let text = std::str::from_utf8(&self.0[..end])
+            .map_err(|_| "its name is not UTF-8")?
+            .to_owned();
         self.0 = &self.0[end + 1..];
         Ok(text)
     }
@@ -78,7 +92,8 @@ fn records(
     let whole = |fault| ("the file".to_owned(), fault);
     let count = cursor.count(least).map_err(whole)?;
     for index in 0..count {
-        record(&mut cursor).map_err(|fault| (format!("record {index} (counted from 0) of {count}"), fault))?;
+        record(&mut cursor)
+            .map_err(|fault| (format!("record {index} (counted from 0) of {count}"), fault))?;
     }
     cursor.finish().map_err(whole)
 }
@@ -89,7 +104,9 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
         let (number, kind) = (cursor.u32()?, cursor.u32()?);
         let size = (cursor.u64()?, cursor.u64()?);
         let (name, count) = model_by_number(kind as i32)?;
-        let parameters = (0..count).map(|_| cursor.reals::<1>().map(|[real]| real)).collect::<Result<Vec<_>, _>>()?;
+        let parameters = (0..count)
+            .map(|_| cursor.reals::<1>().map(|[real]| real))
+            .collect::<Result<Vec<_>, _>>()?;
         model.lenses.insert(number, lens(name, size, &parameters)?);
         Ok(())
     })
@@ -103,8 +120,16 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let name = cursor.text()?;
         let observations = cursor.count(OBSERVATION)?;
         cursor.bytes(observations * OBSERVATION)?;
-        let camera_to_world = camera_to_world(turn, translation).map_err(|fault| format!("{name}: {fault}"))?;
-        model.images.insert(number, Image { name, lens, camera_to_world });
+        let camera_to_world =
+            camera_to_world(turn, translation).map_err(|fault| format!("{name}: {fault}"))?;
+        model.images.insert(
+            number,
+            Image {
+                name,
+                lens,
+                camera_to_world,
+            },
+        );
         Ok(())
     })
 }
@@ -118,7 +143,9 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         cursor.bytes(3 + 8)?;
         let length = cursor.count(TRACK)?;
         let track = cursor.bytes(length * TRACK)?.chunks_exact(TRACK);
-        let seen_in = track.map(|step| u32::from_le_bytes([step[0], step[1], step[2], step[3]])).collect();
+        let seen_in = track
+            .map(|step| u32::from_le_bytes([step[0], step[1], step[2], step[3]]))
+            .collect();
         model.points.push(Point { position, seen_in });
         Ok(())
     })

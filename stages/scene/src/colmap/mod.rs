@@ -19,7 +19,13 @@ use crate::{Camera, SceneData, SceneError, image_file, llff_files, pose};
 use model::Model;
 
 /// Where the reconstruction may lie in a scene's folder.
-const PLACES: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
+const PLACES: [&str; 5] = [
+    "sparse/0",
+    "sparse",
+    "colmap/sparse/0",
+    "colmap/sparse",
+    ".",
+];
 /// The files of a reconstruction, without extension.
 const FILES: [&str; 3] = ["cameras", "images", "points3D"];
 /// Files of newer versions that are not read.
@@ -47,14 +53,23 @@ struct Survey {
 ///
 /// # Errors
 /// Every way in which the files can be unfit, as a [`SceneError`] that names file and record.
-pub fn colmap(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<SceneData, SceneError> {
-    let Survey { mut photos, notes, .. } = survey(folder, images, size)?;
+pub fn colmap(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<SceneData, SceneError> {
+    let Survey {
+        mut photos, notes, ..
+    } = survey(folder, images, size)?;
     let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera.clone()).collect();
     for (posed, camera) in photos.iter_mut().zip(normalize(&cameras)) {
         posed.camera = camera;
     }
     let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera.clone()).collect();
-    let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = folder
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default();
     let count = photos.len();
     Ok(SceneData {
         photos: source_files::read_photos(&photos, size)?,
@@ -71,22 +86,39 @@ pub fn colmap(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> 
 ///
 /// # Errors
 /// The same as [`colmap`]'s, but for photos that cannot be decoded.
-pub fn colmap_digest(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<[u8; 32], SceneError> {
+pub fn colmap_digest(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<[u8; 32], SceneError> {
     let survey = survey(folder, images, size)?;
     let photos = survey.photos.iter().map(|posed| posed.file.as_path());
     source_files::digest(survey.sources.iter().map(PathBuf::as_path).chain(photos))
 }
 
-fn survey(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Result<Survey, SceneError> {
+fn survey(
+    folder: &Path,
+    images: Option<&str>,
+    size: Option<(u32, u32)>,
+) -> Result<Survey, SceneError> {
     source_files::check_size(folder, size)?;
     let (sources, model) = read_model(folder)?;
     let photos = llff_files::choose_images(folder, images, size)?;
     let notes = passed_over(&sources[0]);
-    let mut survey = Survey { sources, photos: Vec::new(), notes };
+    let mut survey = Survey {
+        sources,
+        photos: Vec::new(),
+        notes,
+    };
     let depths = depths(&model);
     let guess = widest(depths.values().copied());
     let entries: Vec<_> = model.images.iter().collect();
-    let names = source_files::view_names(&entries.iter().map(|(_, image)| image.name.as_str()).collect::<Vec<_>>());
+    let names = source_files::view_names(
+        &entries
+            .iter()
+            .map(|(_, image)| image.name.as_str())
+            .collect::<Vec<_>>(),
+    );
     let mut missing = Vec::new();
     for ((number, image), name) in entries.into_iter().zip(names) {
         let Some(file) = image_file::find(&photos.join(&image.name)) else {
@@ -98,15 +130,33 @@ fn survey(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Resu
             SceneError::content(&survey.sources[1], &image.name, fault)
         })?;
         let [near, far] = depths.get(number).copied().or(guess).unwrap_or([0.0; 2]);
-        let camera = Camera { camera_to_world: image.camera_to_world, near, far, ..lens.clone() };
-        survey.photos.push(Posed { name, camera: source_files::at_size_of_file(&camera, &file)?, file });
+        let camera = Camera {
+            camera_to_world: image.camera_to_world,
+            near,
+            far,
+            ..lens.clone()
+        };
+        survey.photos.push(Posed {
+            name,
+            camera: source_files::at_size_of_file(&camera, &file)?,
+            file,
+        });
     }
     if let Some(first) = missing.first() {
         if survey.photos.is_empty() {
-            let remedy = "the reconstruction names photos in that folder; give another by `images`".into();
-            return Err(SceneError::Missing { path: photos.join(first), expected: "the photo", remedy });
+            let remedy =
+                "the reconstruction names photos in that folder; give another by `images`".into();
+            return Err(SceneError::Missing {
+                path: photos.join(first),
+                expected: "the photo",
+                remedy,
+            });
         }
-        survey.notes.push(format!("{} of {} photos are missing, such as {first}", missing.len(), model.images.len()));
+        survey.notes.push(format!(
+            "{} of {} photos are missing, such as {first}",
+            missing.len(),
+            model.images.len()
+        ));
     }
     survey.photos.sort_by(|a, b| a.name.cmp(&b.name));
     if guess.is_none() {
@@ -117,21 +167,39 @@ fn survey(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Resu
 
 /// What lies beside the file of cameras and is not read.
 fn passed_over(cameras: &Path) -> Vec<String> {
-    let files =
-        PASSED_OVER.map(|name| cameras.with_file_name(name).with_extension(cameras.extension().unwrap_or_default()));
-    let names: Vec<_> =
-        files.iter().filter(|file| file.is_file()).filter_map(|file| file.file_name()?.to_str()).collect();
+    let files = PASSED_OVER.map(|name| {
+        cameras
+            .with_file_name(name)
+            .with_extension(cameras.extension().unwrap_or_default())
+    });
+    let names: Vec<_> = files
+        .iter()
+        .filter(|file| file.is_file())
+        .filter_map(|file| file.file_name()?.to_str())
+        .collect();
     match names.is_empty() {
         true => Vec::new(),
-        false => vec![format!("{}: not read, since every image has its own pose", names.join(" and "))],
+        false => vec![format!(
+            "{}: not read, since every image has its own pose",
+            names.join(" and ")
+        )],
     }
 }
 
 fn guess_depths(survey: &mut Survey) {
-    let cameras: Vec<Camera> = survey.photos.iter().map(|posed| posed.camera.clone()).collect();
+    let cameras: Vec<Camera> = survey
+        .photos
+        .iter()
+        .map(|posed| posed.camera.clone())
+        .collect();
     let [near, far] = pose::guess_depths(&cameras);
-    survey.photos.iter_mut().for_each(|posed| [posed.camera.near, posed.camera.far] = [near, far]);
-    survey.notes.push("there are no sparse points: near and far are taken from the cameras alone".into());
+    survey
+        .photos
+        .iter_mut()
+        .for_each(|posed| [posed.camera.near, posed.camera.far] = [near, far]);
+    survey
+        .notes
+        .push("there are no sparse points: near and far are taken from the cameras alone".into());
 }
 
 /// The files and what they say.
@@ -148,21 +216,34 @@ fn read_model(folder: &Path) -> Result<(Vec<PathBuf>, Model), SceneError> {
             }
         }
     }
-    let remedy =
-        format!("there should be cameras.bin and images.bin, or the same as .txt, in one of {}", PLACES.join(", "));
-    Err(SceneError::Missing { path: folder.into(), expected: "a COLMAP reconstruction", remedy })
+    let remedy = format!(
+        "there should be cameras.bin and images.bin, or the same as .txt, in one of {}",
+        PLACES.join(", ")
+    );
+    Err(SceneError::Missing {
+        path: folder.into(),
+        expected: "a COLMAP reconstruction",
+        remedy,
+    })
 }
 
-fn parse(files: impl Iterator<Item = (PathBuf, Parser)>) -> Result<(Vec<PathBuf>, Model), SceneError> {
+fn parse(
+    files: impl Iterator<Item = (PathBuf, Parser)>,
+) -> Result<(Vec<PathBuf>, Model), SceneError> {
     let (mut sources, mut model) = (Vec::new(), Model::default());
     // The points may be missing: some tools leave them out.
     for (path, parser) in files.filter(|(path, _)| path.is_file()) {
         let bytes = source_files::read_file(&path)?;
-        parser(&bytes, &mut model).map_err(|(place, fault)| SceneError::content(&path, place, fault))?;
+        parser(&bytes, &mut model)
+            .map_err(|(place, fault)| SceneError::content(&path, place, fault))?;
         sources.push(path);
     }
     match model.images.is_empty() {
-        true => Err(SceneError::content(&sources[1], "the file", "holds no images; the reconstruction failed")),
+        true => Err(SceneError::content(
+            &sources[1],
+            "the file",
+            "holds no images; the reconstruction failed",
+        )),
         false => Ok((sources, model)),
     }
 }
@@ -172,10 +253,13 @@ fn depths(model: &Model) -> BTreeMap<u32, [f64; 2]> {
     let mut seen: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
     for point in &model.points {
         for number in &point.seen_in {
-            let Some(image) = model.images.get(number) else { continue };
+            let Some(image) = model.images.get(number) else {
+                continue;
+            };
             // A rigid pose: along the view axis is along -z, from the camera's position.
             let back = image.camera_to_world.z_axis.truncate();
-            let depth = -back.dot(DVec3::from(point.position) - image.camera_to_world.w_axis.truncate());
+            let depth =
+                -back.dot(DVec3::from(point.position) - image.camera_to_world.w_axis.truncate());
             if depth > 0.0 && depth.is_finite() {
                 seen.entry(*number).or_default().push(depth);
             }

@@ -53,7 +53,9 @@ const FIRST_UNKNOWN: usize = 5;
 
 /// A camera model that we can undo, by its number: its name and its count of parameters.
 pub(super) fn model_by_number(number: i32) -> Result<(&'static str, usize), String> {
-    let known = usize::try_from(number).ok().and_then(|number| Some((number, MODELS.get(number)?)));
+    let known = usize::try_from(number)
+        .ok()
+        .and_then(|number| Some((number, MODELS.get(number)?)));
     match known {
         Some((number, model)) if number < FIRST_UNKNOWN => Ok(*model),
         Some((_, (name, _))) => Err(unsupported(name)),
@@ -63,18 +65,36 @@ pub(super) fn model_by_number(number: i32) -> Result<(&'static str, usize), Stri
 
 /// The same by name.
 pub(super) fn model_by_name(name: &str) -> Result<(&'static str, usize), String> {
-    let known = MODELS[..FIRST_UNKNOWN].iter().find(|(known, _)| *known == name);
+    let known = MODELS[..FIRST_UNKNOWN]
+        .iter()
+        .find(|(known, _)| *known == name);
     known.copied().ok_or_else(|| unsupported(name))
 }
 
 fn unsupported(model: &str) -> String {
-    let known: Vec<&str> = MODELS[..FIRST_UNKNOWN].iter().map(|(name, _)| *name).collect();
-    format!("the camera model {model} is not known here ({}); run COLMAP's image_undistorter first", known.join(", "))
+    let known: Vec<&str> = MODELS[..FIRST_UNKNOWN]
+        .iter()
+        .map(|(name, _)| *name)
+        .collect();
+    format!(
+        "the camera model {model} is not known here ({}); run COLMAP's image_undistorter first",
+        known.join(", ")
+    )
 }
 
 /// A lens of a model with its parameters, as many as the model has.
-pub(super) fn lens(model: &str, (width, height): (u64, u64), parameters: &[f64]) -> Result<Camera, String> {
-    let bent = |k1, k2, p1, p2| Distortion { k1, k2, k3: 0.0, p1, p2 };
+pub(super) fn lens(
+    model: &str,
+    (width, height): (u64, u64),
+    parameters: &[f64],
+) -> Result<Camera, String> {
+    let bent = |k1, k2, p1, p2| Distortion {
+        k1,
+        k2,
+        k3: 0.0,
+        p1,
+        p2,
+    };
     let (fl_x, fl_y, cx, cy, distortion) = match *parameters {
         [f, x, y] => (f, f, x, y, bent(0.0, 0.0, 0.0, 0.0)),
         [fx, fy, x, y] if model == "PINHOLE" => (fx, fy, x, y, bent(0.0, 0.0, 0.0, 0.0)),
@@ -83,17 +103,36 @@ pub(super) fn lens(model: &str, (width, height): (u64, u64), parameters: &[f64])
         [fx, fy, x, y, k1, k2, p1, p2] => (fx, fy, x, y, bent(k1, k2, p1, p2)),
         _ => return Err(format!("{model} has {} parameters", parameters.len())),
     };
-    let side = |pixels: u64| u32::try_from(pixels).ok().filter(|side| (1..=1 << 16).contains(side));
+    let side = |pixels: u64| {
+        u32::try_from(pixels)
+            .ok()
+            .filter(|side| (1..=1 << 16).contains(side))
+    };
     let size = side(width).zip(side(height));
-    let (width, height) = size.ok_or_else(|| format!("its size is {width}x{height}; expected 1 to 65536 pixels"))?;
+    let (width, height) =
+        size.ok_or_else(|| format!("its size is {width}x{height}; expected 1 to 65536 pixels"))?;
     let camera_to_world = DMat4::IDENTITY;
-    let camera = Camera { width, height, fl_x, fl_y, cx, cy, distortion, camera_to_world, near: 1.0, far: 2.0 };
+    let camera = Camera {
+        width,
+        height,
+        fl_x,
+        fl_y,
+        cx,
+        cy,
+        distortion,
+        camera_to_world,
+        near: 1.0,
+        far: 2.0,
+    };
     pose::check(&camera)?;
     Ok(camera)
 }
 
 /// COLMAP's world-to-camera rotation (w, x, y, z) and translation, with its axes right, down, forwards, as our pose.
-pub(super) fn camera_to_world([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<DMat4, String> {
+pub(super) fn camera_to_world(
+    [w, x, y, z]: [f64; 4],
+    translation: [f64; 3],
+) -> Result<DMat4, String> {
     let length = (w * w + x * x + y * y + z * z).sqrt();
     let finite = translation.iter().all(|value| value.is_finite());
     // A quaternion of another length is still a direction; COLMAP normalises as well.

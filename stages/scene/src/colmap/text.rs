@@ -14,7 +14,8 @@ impl<'a> Words<'a> {
 
     fn number<T: FromStr>(&mut self, what: &str) -> Result<T, String> {
         let word = self.word(what)?;
-        word.parse().map_err(|_| format!("{what} is `{word}`; expected a number"))
+        word.parse()
+            .map_err(|_| format!("{what} is `{word}`; expected a number"))
     }
 
     fn reals<const N: usize>(&mut self, what: &str) -> Result<[f64; N], String> {
@@ -31,14 +32,16 @@ fn lines<'a>(
     bytes: &'a [u8],
     mut line: impl FnMut(Words<'a>, &mut dyn Iterator<Item = &'a str>) -> Result<(), String>,
 ) -> Result<(), (String, String)> {
-    let text = std::str::from_utf8(bytes).map_err(|error| ("the file".to_owned(), format!("is not UTF-8: {error}")))?;
+    let text = std::str::from_utf8(bytes)
+        .map_err(|error| ("the file".to_owned(), format!("is not UTF-8: {error}")))?;
     let mut numbered = text.lines().enumerate();
     while let Some((index, text)) = numbered.next() {
         if text.trim().is_empty() || text.starts_with('#') {
             continue;
         }
         let mut rest = numbered.by_ref().map(|(_, text)| text);
-        line(Words(text.split_whitespace()), &mut rest).map_err(|fault| (format!("line {}", index + 1), fault))?;
+        line(Words(text.split_whitespace()), &mut rest)
+            .map_err(|fault| (format!("line {}", index + 1), fault))?;
     }
     Ok(())
 }
@@ -49,7 +52,9 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
         let number = words.number("CAMERA_ID")?;
         let (name, count) = model_by_name(words.word("MODEL")?)?;
         let size = (words.number("WIDTH")?, words.number("HEIGHT")?);
-        let parameters = (0..count).map(|_| words.number("PARAMS")).collect::<Result<Vec<f64>, _>>()?;
+        let parameters = (0..count)
+            .map(|_| words.number("PARAMS"))
+            .collect::<Result<Vec<f64>, _>>()?;
         model.lenses.insert(number, lens(name, size, &parameters)?);
         Ok(())
     })
@@ -64,10 +69,20 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let lens = words.number("CAMERA_ID")?;
         let first = words.word("NAME")?;
         // Names may hold spaces.
-        let name = words.0.fold(first.to_owned(), |name, word| name + " " + word);
+        let name = words
+            .0
+            .fold(first.to_owned(), |name, word| name + " " + word);
         rest.next();
-        let camera_to_world = camera_to_world(turn, translation).map_err(|fault| format!("{name}: {fault}"))?;
-        model.images.insert(number, Image { name, lens, camera_to_world });
+        let camera_to_world =
+            camera_to_world(turn, translation).map_err(|fault| format!("{name}: {fault}"))?;
+        model.images.insert(
+            number,
+            Image {
+                name,
+                lens,
+                camera_to_world,
+            },
+        );
         Ok(())
     })
 }
@@ -80,7 +95,11 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let _: [f64; 4] = words.reals("R G B ERROR")?;
         let mut seen_in = Vec::new();
         while let Some(image) = words.0.next() {
-            seen_in.push(image.parse().map_err(|_| format!("IMAGE_ID is `{image}`; expected a number"))?);
+            seen_in.push(
+                image
+                    .parse()
+                    .map_err(|_| format!("IMAGE_ID is `{image}`; expected a number"))?,
+            );
             words.word("POINT2D_IDX")?;
         }
         model.points.push(Point { position, seen_in });

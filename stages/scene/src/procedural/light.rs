@@ -45,8 +45,16 @@ impl Lights {
         let sky = |u| sky(u, turn);
         Lights {
             luminaires: [
-                Luminaire { points: spread(lamp), color: hex(0xfff0dc) * 0.95, highlights: true },
-                Luminaire { points: spread(sky), color: hex(0xdfeaff) * 0.52, highlights: false },
+                Luminaire {
+                    points: spread(lamp),
+                    color: hex(0xfff0dc) * 0.95,
+                    highlights: true,
+                },
+                Luminaire {
+                    points: spread(sky),
+                    color: hex(0xdfeaff) * 0.52,
+                    highlights: false,
+                },
             ],
         }
     }
@@ -54,7 +62,11 @@ impl Lights {
     /// Linear radiance from a point towards the eye. `sample` counts a pixel's samples: the average over every sixteen
     /// in a row weighs all points of all lights alike.
     pub(super) fn shade(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
-        let direct: Vec3 = self.luminaires.iter().map(|light| light.reflected(world, hit, to_eye, sample)).sum();
+        let direct: Vec3 = self
+            .luminaires
+            .iter()
+            .map(|light| light.reflected(world, hit, to_eye, sample))
+            .sum();
         direct + hit.material.color * BOUNCE * (1.3 + 0.7 * hit.normal.y)
     }
 }
@@ -63,7 +75,9 @@ impl Luminaire {
     fn reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let stride = POINTS / PER_SAMPLE;
         let points = (0..PER_SAMPLE).map(|k| self.points[(sample * 7 + k * stride) % POINTS]);
-        let sum: Vec3 = points.map(|point| self.point_reflected(world, hit, to_eye, point)).sum();
+        let sum: Vec3 = points
+            .map(|point| self.point_reflected(world, hit, to_eye, point))
+            .sum();
         sum / PER_SAMPLE as f32
     }
 
@@ -75,7 +89,11 @@ impl Luminaire {
             return Vec3::ZERO;
         }
         let mirrored = hit.normal.dot((to_light + to_eye).normalize()).max(0.0);
-        let highlight = if self.highlights { hit.material.gloss * mirrored.powi(SHININESS) } else { 0.0 };
+        let highlight = if self.highlights {
+            hit.material.gloss * mirrored.powi(SHININESS)
+        } else {
+            0.0
+        };
         self.color * (hit.material.color + highlight) * cosine
     }
 }
@@ -97,7 +115,9 @@ fn sky(u: Vec2, turn: f32) -> Vec3 {
 /// Evenly spread points of the unit square (Hammersley's set), placed.
 fn spread(place: impl Fn(Vec2) -> Vec3) -> Vec<Vec3> {
     let mirrored = |i: usize| (i as u32).reverse_bits() as f32 / (1u64 << 32) as f32;
-    (0..POINTS).map(|i| place(Vec2::new((i as f32 + 0.5) / POINTS as f32, mirrored(i)))).collect()
+    (0..POINTS)
+        .map(|i| place(Vec2::new((i as f32 + 0.5) / POINTS as f32, mirrored(i))))
+        .collect()
 }
 
 #[cfg(test)]
@@ -109,30 +129,55 @@ mod tests {
     use glam::Mat3;
 
     fn floor(gloss: f32) -> Hit {
-        let material = Material { color: Vec3::splat(0.5), gloss };
-        Hit { distance: 1.0, point: Vec3::ZERO, normal: Vec3::Y, material }
+        let material = Material {
+            color: Vec3::splat(0.5),
+            gloss,
+        };
+        Hit {
+            distance: 1.0,
+            point: Vec3::ZERO,
+            normal: Vec3::Y,
+            material,
+        }
     }
 
     fn pixel(world: &World, hit: &Hit, to_eye: Vec3, first: usize) -> Vec3 {
         let lights = Lights::room();
-        (first..first + 16).map(|sample| lights.shade(world, hit, to_eye, sample)).sum::<Vec3>() / 16.0
+        (first..first + 16)
+            .map(|sample| lights.shade(world, hit, to_eye, sample))
+            .sum::<Vec3>()
+            / 16.0
     }
 
     fn ball(place: Vec3) -> World {
-        let surface = Surface::Plain { color: Vec3::ONE, gloss: 0.0 };
+        let surface = Surface::Plain {
+            color: Vec3::ONE,
+            gloss: 0.0,
+        };
         World::new(
             vec![],
-            vec![vec![Solid { shape: Shape::Sphere { radius: 0.5 }, surface, turn: Mat3::IDENTITY, place }]],
+            vec![vec![Solid {
+                shape: Shape::Sphere { radius: 0.5 },
+                surface,
+                turn: Mat3::IDENTITY,
+                place,
+            }]],
         )
     }
 
     #[test]
     fn sixteen_samples_see_every_point_of_every_light_once() {
         let nothing = World::new(vec![], vec![]);
-        let (a, b) = (pixel(&nothing, &floor(0.5), Vec3::Y, 0), pixel(&nothing, &floor(0.5), Vec3::Y, 16));
+        let (a, b) = (
+            pixel(&nothing, &floor(0.5), Vec3::Y, 0),
+            pixel(&nothing, &floor(0.5), Vec3::Y, 16),
+        );
         assert!(a.distance(b) < 1e-5, "{a} {b}");
         let lights = Lights::room();
-        assert!(lights.shade(&nothing, &floor(0.5), Vec3::Y, 0).distance(a) > 1e-6, "one sample alone does not");
+        assert!(
+            lights.shade(&nothing, &floor(0.5), Vec3::Y, 0).distance(a) > 1e-6,
+            "one sample alone does not"
+        );
     }
 
     #[test]
@@ -140,7 +185,10 @@ mod tests {
         let open = pixel(&World::new(vec![], vec![]), &floor(0.0), Vec3::Y, 0);
         let shaded = pixel(&ball(Vec3::new(-0.7, 0.9, 0.6)), &floor(0.0), Vec3::Y, 0);
         let covered = pixel(&ball(Vec3::new(0.0, 0.501, 0.0)), &floor(0.0), Vec3::Y, 0);
-        assert!(shaded.max_element() < 0.7 * open.min_element(), "{shaded} in {open}");
+        assert!(
+            shaded.max_element() < 0.7 * open.min_element(),
+            "{shaded} in {open}"
+        );
         assert!(covered.cmpgt(Vec3::ZERO).all() && covered.max_element() < shaded.min_element());
     }
 
@@ -148,7 +196,9 @@ mod tests {
     fn highlights_are_seen_from_where_they_mirror_the_lamp() {
         let nothing = World::new(vec![], vec![]);
         let mirror = Vec3::new(2.6, 3.3, -2.3).normalize();
-        let shine = |to_eye| (pixel(&nothing, &floor(1.0), to_eye, 0) - pixel(&nothing, &floor(0.0), to_eye, 0)).x;
+        let shine = |to_eye| {
+            (pixel(&nothing, &floor(1.0), to_eye, 0) - pixel(&nothing, &floor(0.0), to_eye, 0)).x
+        };
         assert!(shine(mirror) > 0.3, "{}", shine(mirror));
         assert!(shine(Vec3::new(-0.8, 0.2, 0.6).normalize()) < 0.01);
     }

@@ -35,13 +35,32 @@ struct Photographed {
 
 /// Takes a photo with each named camera; near, far and the box lie close around all surfaces that are seen. Photos in
 /// which rays leave the world have alpha.
-fn photograph(world: &World, lights: &Lights, cameras: Vec<(String, Camera)>, samples: u32) -> Photographed {
-    let pictures: Vec<Picture> = cameras.iter().map(|(_, camera)| render(world, lights, camera, samples)).collect();
-    let seen = pictures.iter().map(|picture| picture.seen).fold(Seen::NOTHING, Seen::and);
-    let [near, far] = [seen.depth[0] * (1.0 - MARGIN), seen.depth[1] * (1.0 + MARGIN)].map(f64::from);
+fn photograph(
+    world: &World,
+    lights: &Lights,
+    cameras: Vec<(String, Camera)>,
+    samples: u32,
+) -> Photographed {
+    let pictures: Vec<Picture> = cameras
+        .iter()
+        .map(|(_, camera)| render(world, lights, camera, samples))
+        .collect();
+    let seen = pictures
+        .iter()
+        .map(|picture| picture.seen)
+        .fold(Seen::NOTHING, Seen::and);
+    let [near, far] = [
+        seen.depth[0] * (1.0 - MARGIN),
+        seen.depth[1] * (1.0 + MARGIN),
+    ]
+    .map(f64::from);
     let photo = |((name, camera), picture): ((String, Camera), Picture)| Photo {
         name,
-        camera: Camera { near, far, ..camera },
+        camera: Camera {
+            near,
+            far,
+            ..camera
+        },
         rgb: picture.rgb,
         alpha: Some(picture.alpha).filter(|alpha| alpha.iter().any(|part| *part < 1.0)),
     };

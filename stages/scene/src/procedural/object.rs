@@ -13,7 +13,12 @@ const FIELD_OF_VIEW: f64 = 0.6911112070083618;
 /// Training photos are held out for testing, beside others of their own, one for so many.
 const TRAIN_PER_TEST: u32 = 4;
 /// From the tracer's axes (y up) to those of NeRF-synthetic (z up): columns.
-const Z_UP: DMat4 = DMat4::from_cols(DVec4::X, DVec4::Z, DVec4::new(0.0, -1.0, 0.0, 0.0), DVec4::W);
+const Z_UP: DMat4 = DMat4::from_cols(
+    DVec4::X,
+    DVec4::Z,
+    DVec4::new(0.0, -1.0, 0.0, 0.0),
+    DVec4::W,
+);
 
 /// Photographs the object on nothing: `views` cameras for training at random places of a half sphere, and a fourth as
 /// many for testing on a spiral over it. `size` = (width, height) pixels, `samples` x `samples` rays a pixel.
@@ -24,21 +29,45 @@ const Z_UP: DMat4 = DMat4::from_cols(DVec4::X, DVec4::Z, DVec4::new(0.0, -1.0, 0
 /// # Panics
 /// If `views`, `samples` or a side of `size` is 0: callers check what they are asked for.
 pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneData {
-    assert!(views > 0 && size.0 > 0 && size.1 > 0 && samples > 0, "object: {views} views, {size:?}, {samples} samples");
+    assert!(
+        views > 0 && size.0 > 0 && size.1 > 0 && samples > 0,
+        "object: {views} views, {size:?}, {samples} samples"
+    );
     let tests = views.div_ceil(TRAIN_PER_TEST);
-    let train = (0..views).map(|view| (format!("train_{view:03}"), camera(place(view, seed), size)));
-    let test = (0..tests).map(|view| (format!("test_{view:03}"), camera(on_spiral(view, tests), size)));
-    let shot = photograph(&sculpture::sculpture(), &Lights::around(), train.chain(test).collect(), samples);
-    let mut photos: Vec<Photo> =
-        shot.photos.into_iter().map(|photo| Photo { camera: photo.camera.moved(Z_UP, 1.0), ..photo }).collect();
+    let train =
+        (0..views).map(|view| (format!("train_{view:03}"), camera(place(view, seed), size)));
+    let test = (0..tests).map(|view| {
+        (
+            format!("test_{view:03}"),
+            camera(on_spiral(view, tests), size),
+        )
+    });
+    let shot = photograph(
+        &sculpture::sculpture(),
+        &Lights::around(),
+        train.chain(test).collect(),
+        samples,
+    );
+    let mut photos: Vec<Photo> = shot
+        .photos
+        .into_iter()
+        .map(|photo| Photo {
+            camera: photo.camera.moved(Z_UP, 1.0),
+            ..photo
+        })
+        .collect();
     let test = photos.split_off(views as usize);
     SceneData {
         photos,
         test,
         bounds: crate::photo::bounding_box(
-            shot.bounds.map(|corner| Z_UP.transform_point3(DVec3::from(corner)).to_array()),
+            shot.bounds
+                .map(|corner| Z_UP.transform_point3(DVec3::from(corner)).to_array()),
         ),
-        description: format!("procedural object: {views} and {tests} views of {}x{}, seed {seed}", size.0, size.1),
+        description: format!(
+            "procedural object: {views} and {tests} views of {}x{}, seed {seed}",
+            size.0, size.1
+        ),
         notes: Vec::new(),
     }
 }
@@ -53,7 +82,10 @@ fn place(view: u32, seed: u64) -> DVec3 {
 /// Once around, rising and falling.
 fn on_spiral(view: u32, views: u32) -> DVec3 {
     let along = (f64::from(view) + 0.5) / f64::from(views);
-    direction(along, 0.45 + 0.35 * (3.0 * std::f64::consts::TAU * along).sin())
+    direction(
+        along,
+        0.45 + 0.35 * (3.0 * std::f64::consts::TAU * along).sin(),
+    )
 }
 
 /// The unit vector at a part of a turn around, with its height over the ground.
@@ -65,5 +97,10 @@ fn direction(turn: f64, height: f64) -> DVec3 {
 
 fn camera(from: DVec3, (width, height): (u32, u32)) -> Camera {
     let focal = 0.5 * f64::from(width.min(height)) / (0.5 * FIELD_OF_VIEW).tan();
-    Camera::centered((width, height), focal, Camera::look_at(DISTANCE * from, DVec3::ZERO), [0.0, f64::INFINITY])
+    Camera::centered(
+        (width, height),
+        focal,
+        Camera::look_at(DISTANCE * from, DVec3::ZERO),
+        [0.0, f64::INFINITY],
+    )
 }

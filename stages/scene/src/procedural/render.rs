@@ -28,12 +28,18 @@ pub(super) struct Seen {
 
 impl Seen {
     /// Nothing seen yet: the neutral element of [`Seen::and`].
-    pub(super) const NOTHING: Seen =
-        Seen { depth: [f32::INFINITY, f32::NEG_INFINITY], low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+    pub(super) const NOTHING: Seen = Seen {
+        depth: [f32::INFINITY, f32::NEG_INFINITY],
+        low: Vec3::INFINITY,
+        high: Vec3::NEG_INFINITY,
+    };
 
     pub(super) fn and(self, other: Seen) -> Seen {
         Seen {
-            depth: [self.depth[0].min(other.depth[0]), self.depth[1].max(other.depth[1])],
+            depth: [
+                self.depth[0].min(other.depth[0]),
+                self.depth[1].max(other.depth[1]),
+            ],
             low: self.low.min(other.low),
             high: self.high.max(other.high),
         }
@@ -43,17 +49,38 @@ impl Seen {
 /// Renders with `samples` x `samples` rays through every pixel, on a regular grid, averaged in linear light and only
 /// then clipped and encoded: the image is the mean over each pixel's area, known as well as the grid is fine.
 pub(super) fn render(world: &World, lights: &Lights, camera: &Camera, samples: u32) -> Picture {
-    let rows: Vec<_> = (0..camera.height).into_par_iter().map(|y| row(world, lights, camera, samples, y)).collect();
-    let seen = rows.iter().map(|row| row.seen).fold(Seen::NOTHING, Seen::and);
-    let (rgb, alpha) = rows.into_iter().map(|row| (row.rgb, row.alpha)).unzip::<_, _, Vec<_>, Vec<_>>();
-    Picture { rgb: rgb.concat(), alpha: alpha.concat(), seen }
+    let rows: Vec<_> = (0..camera.height)
+        .into_par_iter()
+        .map(|y| row(world, lights, camera, samples, y))
+        .collect();
+    let seen = rows
+        .iter()
+        .map(|row| row.seen)
+        .fold(Seen::NOTHING, Seen::and);
+    let (rgb, alpha) = rows
+        .into_iter()
+        .map(|row| (row.rgb, row.alpha))
+        .unzip::<_, _, Vec<_>, Vec<_>>();
+    Picture {
+        rgb: rgb.concat(),
+        alpha: alpha.concat(),
+        seen,
+    }
 }
 
 fn row(world: &World, lights: &Lights, camera: &Camera, samples: u32, y: u32) -> Picture {
-    let mut row = Picture { rgb: Vec::new(), alpha: Vec::new(), seen: Seen::NOTHING };
+    let mut row = Picture {
+        rgb: Vec::new(),
+        alpha: Vec::new(),
+        seen: Seen::NOTHING,
+    };
     for x in 0..camera.width {
         let (linear, part) = pixel(world, lights, camera, samples, (x, y), &mut row.seen);
-        row.rgb.extend(linear.to_array().map(|value| linear_to_srgb(value.clamp(0.0, 1.0))));
+        row.rgb.extend(
+            linear
+                .to_array()
+                .map(|value| linear_to_srgb(value.clamp(0.0, 1.0))),
+        );
         row.alpha.push(part);
     }
     row
@@ -78,7 +105,10 @@ fn pixel(
             (sum, met) = (sum + light, met + 1);
         }
     }
-    (sum / met.max(1) as f32, met as f32 / (samples * samples) as f32)
+    (
+        sum / met.max(1) as f32,
+        met as f32 / (samples * samples) as f32,
+    )
 }
 
 /// What comes along a ray; `None` if it leaves the world.
@@ -94,6 +124,10 @@ fn radiance(
     let along = Vec3::from(ray.direction);
     let hit = world.first_hit(&Line::new(ray.origin.into(), along))?;
     let depth = hit.distance / ray.distance_per_depth;
-    *seen = seen.and(Seen { depth: [depth; 2], low: hit.point, high: hit.point });
+    *seen = seen.and(Seen {
+        depth: [depth; 2],
+        low: hit.point,
+        high: hit.point,
+    });
     Some(lights.shade(world, &hit, -along, sample))
 }

@@ -44,10 +44,18 @@ impl Shape {
         match *self {
             Shape::Sphere { radius } => Vec3::splat(radius),
             Shape::Block { half } => half,
-            Shape::Cylinder { radius, half_height } | Shape::Tube { radius, half_height } => {
-                Vec3::new(radius, half_height, radius)
+            Shape::Cylinder {
+                radius,
+                half_height,
             }
-            Shape::Capsule { radius, half_length } => Vec3::new(radius, half_length + radius, radius),
+            | Shape::Tube {
+                radius,
+                half_height,
+            } => Vec3::new(radius, half_height, radius),
+            Shape::Capsule {
+                radius,
+                half_length,
+            } => Vec3::new(radius, half_length + radius, radius),
             Shape::Torus { major, minor } => Vec3::new(major + minor, minor, major + minor),
         }
     }
@@ -57,16 +65,29 @@ impl Shape {
         let within = |(t, _): &Touch| *t > min && *t < max;
         match *self {
             Shape::Sphere { radius } => {
-                let t = roots(1.0, from.dot(along), from.length_squared() - radius * radius)?[0];
+                let t = roots(
+                    1.0,
+                    from.dot(along),
+                    from.length_squared() - radius * radius,
+                )?[0];
                 Some((t, (from + t * along) / radius)).filter(within)
             }
             Shape::Block { half } => block(from, along, half).filter(within),
-            Shape::Cylinder { radius, half_height } => {
+            Shape::Cylinder {
+                radius,
+                half_height,
+            } => {
                 let side = side(from, along, radius, half_height, min).filter(within);
                 nearer(side, cap(from, along, radius, half_height).filter(within))
             }
-            Shape::Tube { radius, half_height } => side(from, along, radius, half_height, min).filter(within),
-            Shape::Capsule { radius, half_length } => capsule(from, along, radius, half_length).filter(within),
+            Shape::Tube {
+                radius,
+                half_height,
+            } => side(from, along, radius, half_height, min).filter(within),
+            Shape::Capsule {
+                radius,
+                half_length,
+            } => capsule(from, along, radius, half_length).filter(within),
             Shape::Torus { major, minor } => torus(from, along, Vec2::new(major, minor), min, max),
         }
     }
@@ -103,7 +124,11 @@ fn block(from: Vec3, along: Vec3, half: Vec3) -> Option<Touch> {
 fn side(from: Vec3, along: Vec3, radius: f32, half_height: f32, min: f32) -> Option<Touch> {
     let (p, d) = (Vec2::new(from.x, from.z), Vec2::new(along.x, along.z));
     let on_side = |t: f32| (t > min && (from.y + t * along.y).abs() < half_height).then_some(t);
-    let [enter, leave] = roots(d.length_squared(), p.dot(d), p.length_squared() - radius * radius)?;
+    let [enter, leave] = roots(
+        d.length_squared(),
+        p.dot(d),
+        p.length_squared() - radius * radius,
+    )?;
     let t = on_side(enter).or_else(|| on_side(leave))?;
     let outward = (p + t * d) / radius;
     let facing = -outward.dot(d).signum();
@@ -119,14 +144,22 @@ fn cap(from: Vec3, along: Vec3, radius: f32, half_height: f32) -> Option<Touch> 
 
 fn capsule(from: Vec3, along: Vec3, radius: f32, half_length: f32) -> Option<Touch> {
     let (p, d) = (Vec2::new(from.x, from.z), Vec2::new(along.x, along.z));
-    let t = roots(d.length_squared(), p.dot(d), p.length_squared() - radius * radius)?[0];
+    let t = roots(
+        d.length_squared(),
+        p.dot(d),
+        p.length_squared() - radius * radius,
+    )?[0];
     let y = from.y + t * along.y;
     if y.abs() < half_length {
         let outward = (p + t * d) / radius;
         return Some((t, Vec3::new(outward.x, 0.0, outward.y)));
     }
     let to_end = from - Vec3::new(0.0, half_length.copysign(y), 0.0);
-    let t = roots(1.0, to_end.dot(along), to_end.length_squared() - radius * radius)?[0];
+    let t = roots(
+        1.0,
+        to_end.dot(along),
+        to_end.length_squared() - radius * radius,
+    )?[0];
     Some((t, (to_end + t * along) / radius))
 }
 
@@ -157,11 +190,25 @@ mod tests {
 
     const SHAPES: [Shape; 6] = [
         Shape::Sphere { radius: 0.7 },
-        Shape::Block { half: Vec3::new(0.3, 0.5, 0.7) },
-        Shape::Cylinder { radius: 0.4, half_height: 0.6 },
-        Shape::Tube { radius: 0.4, half_height: 0.6 },
-        Shape::Capsule { radius: 0.2, half_length: 0.5 },
-        Shape::Torus { major: 0.5, minor: 0.2 },
+        Shape::Block {
+            half: Vec3::new(0.3, 0.5, 0.7),
+        },
+        Shape::Cylinder {
+            radius: 0.4,
+            half_height: 0.6,
+        },
+        Shape::Tube {
+            radius: 0.4,
+            half_height: 0.6,
+        },
+        Shape::Capsule {
+            radius: 0.2,
+            half_length: 0.5,
+        },
+        Shape::Torus {
+            major: 0.5,
+            minor: 0.2,
+        },
     ];
 
     /// Signed distance to each shape, by formulas that share nothing with the intersections.
@@ -174,15 +221,21 @@ mod tests {
                 let q = p.abs() - half;
                 q.max(Vec3::ZERO).length() + q.max_element().min(0.0)
             }
-            Shape::Cylinder { radius, half_height } => {
-                boxed(Vec2::new(axis_distance - radius, p.y.abs() - half_height))
-            }
-            Shape::Tube { radius, half_height } => {
-                boxed(Vec2::new((axis_distance - radius).abs(), p.y.abs() - half_height))
-            }
-            Shape::Capsule { radius, half_length } => {
-                p.distance(Vec3::new(0.0, p.y.clamp(-half_length, half_length), 0.0)) - radius
-            }
+            Shape::Cylinder {
+                radius,
+                half_height,
+            } => boxed(Vec2::new(axis_distance - radius, p.y.abs() - half_height)),
+            Shape::Tube {
+                radius,
+                half_height,
+            } => boxed(Vec2::new(
+                (axis_distance - radius).abs(),
+                p.y.abs() - half_height,
+            )),
+            Shape::Capsule {
+                radius,
+                half_length,
+            } => p.distance(Vec3::new(0.0, p.y.clamp(-half_length, half_length), 0.0)) - radius,
             Shape::Torus { major, minor } => Vec2::new(axis_distance - major, p.y).length() - minor,
         }
     }
@@ -218,8 +271,14 @@ mod tests {
     #[test]
     fn lines_through_the_middle_meet_every_shape_that_has_one() {
         for (shape, t) in SHAPES.iter().zip([1.3, 1.7, 1.6, 1.6, 1.8, 1.3]) {
-            let (at, normal) = shape.touch(Vec3::new(1e-4, 0.0, 2.0), -Vec3::Z, 0.0, 9.0).unwrap();
-            let want = if matches!(shape, Shape::Block { .. }) { 1.3 } else { t };
+            let (at, normal) = shape
+                .touch(Vec3::new(1e-4, 0.0, 2.0), -Vec3::Z, 0.0, 9.0)
+                .unwrap();
+            let want = if matches!(shape, Shape::Block { .. }) {
+                1.3
+            } else {
+                t
+            };
             assert!((at - want).abs() < 1e-3, "{shape:?} at {at}");
             assert!(normal.distance(Vec3::Z) < 1e-2, "{shape:?}: {normal}");
         }
@@ -227,9 +286,15 @@ mod tests {
 
     #[test]
     fn one_looks_into_a_tube_but_not_into_a_cylinder() {
-        let (from, along) = (Vec3::new(0.0, 1.6, 0.0), Vec3::new(0.2, -1.0, 0.0).normalize());
+        let (from, along) = (
+            Vec3::new(0.0, 1.6, 0.0),
+            Vec3::new(0.2, -1.0, 0.0).normalize(),
+        );
         let (_, inner) = SHAPES[3].touch(from, along, 0.0, 9.0).unwrap();
-        assert!(inner.distance(-Vec3::X) < 1e-4, "the far wall from within: {inner}");
+        assert!(
+            inner.distance(-Vec3::X) < 1e-4,
+            "the far wall from within: {inner}"
+        );
         let (_, top) = SHAPES[2].touch(from, along, 0.0, 9.0).unwrap();
         assert_eq!(top, Vec3::Y);
     }

@@ -28,13 +28,22 @@ pub fn still_life(views: u32, size: (u32, u32), samples: u32, seed: u64) -> Scen
         views > 0 && size.0 > 0 && size.1 > 0 && samples > 0,
         "still_life: {views} views, {size:?}, {samples} samples"
     );
-    let cameras = (0..views).map(|view| (format!("view_{view:03}"), camera(view, views, size, seed)));
-    let shot = photograph(&table::still_life(seed), &Lights::room(), cameras.collect(), samples);
+    let cameras =
+        (0..views).map(|view| (format!("view_{view:03}"), camera(view, views, size, seed)));
+    let shot = photograph(
+        &table::still_life(seed),
+        &Lights::room(),
+        cameras.collect(),
+        samples,
+    );
     SceneData {
         photos: shot.photos,
         test: Vec::new(),
         bounds: shot.bounds,
-        description: format!("procedural still life: {views} views of {}x{}, seed {seed}", size.0, size.1),
+        description: format!(
+            "procedural still life: {views} views of {}x{}, seed {seed}",
+            size.0, size.1
+        ),
         notes: Vec::new(),
     }
 }
@@ -43,13 +52,22 @@ pub fn still_life(views: u32, size: (u32, u32), samples: u32, seed: u64) -> Scen
 fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Camera {
     let rng = Rng::new(seed, "still life: cameras");
     let jitter = |what| f64::from(rng.uniform(view.into(), what)) - 0.5;
-    let along = if views > 1 { 2.0 * f64::from(view) / f64::from(views - 1) - 1.0 } else { 0.0 };
+    let along = if views > 1 {
+        2.0 * f64::from(view) / f64::from(views - 1) - 1.0
+    } else {
+        0.0
+    };
     let angle = HALF_ARC * along + 0.02 * jitter(0);
     let raised = HEIGHT + 0.16 * (2.4 * f64::from(view)).sin() + 0.05 * jitter(1);
     let distance = DISTANCE + 0.1 * jitter(2);
     let position = TARGET + DVec3::new(distance * angle.sin(), raised, distance * angle.cos());
     let focal = FOCAL * f64::from(width).max(f64::from(height) * 4.0 / 3.0);
-    Camera::centered((width, height), focal, Camera::look_at(position, TARGET), [0.0, f64::INFINITY])
+    Camera::centered(
+        (width, height),
+        focal,
+        Camera::look_at(position, TARGET),
+        [0.0, f64::INFINITY],
+    )
 }
 
 #[cfg(test)]
@@ -64,12 +82,22 @@ mod tests {
             let world = table::still_life(seed);
             for camera in (0..9).map(|view| camera(view, 9, size, seed)) {
                 for step in 0..=60 {
-                    let (x, y) =
-                        (f64::from(size.0) * f64::from(step) / 60.0, f64::from(size.1) * f64::from(step) / 60.0);
-                    for (px, py) in [(x, 0.0), (x, f64::from(size.1)), (0.0, y), (f64::from(size.0), y)] {
+                    let (x, y) = (
+                        f64::from(size.0) * f64::from(step) / 60.0,
+                        f64::from(size.1) * f64::from(step) / 60.0,
+                    );
+                    for (px, py) in [
+                        (x, 0.0),
+                        (x, f64::from(size.1)),
+                        (0.0, y),
+                        (f64::from(size.0), y),
+                    ] {
                         let ray = camera.ray(px, py);
                         let line = Line::new(ray.origin.into(), ray.direction.into());
-                        assert!(world.first_hit(&line).is_some(), "{size:?}: nothing at {px}, {py}");
+                        assert!(
+                            world.first_hit(&line).is_some(),
+                            "{size:?}: nothing at {px}, {py}"
+                        );
                     }
                 }
             }
@@ -89,7 +117,11 @@ mod tests {
             };
             let (paper, brick) = (color(paper), color(brick));
             assert!(paper.min_element() > 0.7, "{}: {paper}", photo.name);
-            assert!(brick.z < 0.75 * paper.z && brick.x > brick.z, "{}: {brick}", photo.name);
+            assert!(
+                brick.z < 0.75 * paper.z && brick.x > brick.z,
+                "{}: {brick}",
+                photo.name
+            );
         }
     }
 }

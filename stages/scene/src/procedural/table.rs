@@ -18,7 +18,9 @@ const WALL_Z: f32 = -1.25;
 /// The world of `seed`: the same things, each turned a little differently.
 pub(super) fn still_life(seed: u64) -> World {
     let rng = Rng::new(seed, "still life: turns");
-    let turn = |thing: u64, about: f32| Mat3::from_rotation_y(about + 0.16 * (rng.uniform(0, thing) - 0.5));
+    let turn = |thing: u64, about: f32| {
+        Mat3::from_rotation_y(about + 0.16 * (rng.uniform(0, thing) - 0.5))
+    };
     let things = vec![
         vec![panel(turn(0, 0.28))],
         books(turn(1, -0.3), turn(2, -0.12), turn(3, -0.45)),
@@ -33,7 +35,12 @@ pub(super) fn still_life(seed: u64) -> World {
 }
 
 pub(super) fn solid(shape: Shape, surface: Surface, turn: Mat3, place: Vec3) -> Solid {
-    Solid { shape, surface, turn, place }
+    Solid {
+        shape,
+        surface,
+        turn,
+        place,
+    }
 }
 
 pub(super) fn block(half: Vec3) -> Shape {
@@ -42,11 +49,29 @@ pub(super) fn block(half: Vec3) -> Shape {
 
 /// Wall, poster and table: what is behind everything, and so casts no shadow on anything.
 fn room() -> Vec<Solid> {
-    let brick = Surface::Brick { brick: hex(0xbf7a5c), mortar: hex(0xd8cfc0), size: vec2(0.235, 0.082) };
-    let wood = Surface::Wood { light: hex(0xc99a63), dark: hex(0x7a4a25), width: 0.3 };
+    let brick = Surface::Brick {
+        brick: hex(0xbf7a5c),
+        mortar: hex(0xd8cfc0),
+        size: vec2(0.235, 0.082),
+    };
+    let wood = Surface::Wood {
+        light: hex(0xc99a63),
+        dark: hex(0x7a4a25),
+        width: 0.3,
+    };
     vec![
-        solid(block(vec3(4.5, 2.5, 0.1)), brick, Mat3::IDENTITY, vec3(0.0, 1.5, WALL_Z - 0.1)),
-        solid(block(vec3(4.5, 0.05, 2.2)), wood, Mat3::IDENTITY, vec3(0.0, -0.05, WALL_Z + 2.2)),
+        solid(
+            block(vec3(4.5, 2.5, 0.1)),
+            brick,
+            Mat3::IDENTITY,
+            vec3(0.0, 1.5, WALL_Z - 0.1),
+        ),
+        solid(
+            block(vec3(4.5, 0.05, 2.2)),
+            wood,
+            Mat3::IDENTITY,
+            vec3(0.0, -0.05, WALL_Z + 2.2),
+        ),
         poster(),
     ]
 }
@@ -61,53 +86,148 @@ fn poster() -> Solid {
         line("E D F C Z P", -0.12, 0.0075),
         line("F E L O P Z D", -0.20, 0.0062),
     ];
-    let star = Star { middle: vec2(-0.265, 0.0), radius: 0.175, spokes: 24.0 };
-    let surface = Surface::Print { paper: hex(0xf1ede2), ink: hex(0x24262b), texts, star: Some(star) };
-    solid(block(vec3(0.49, 0.275, 0.008)), surface, Mat3::IDENTITY, vec3(0.36, 0.86, WALL_Z + 0.008))
+    let star = Star {
+        middle: vec2(-0.265, 0.0),
+        radius: 0.175,
+        spokes: 24.0,
+    };
+    let surface = Surface::Print {
+        paper: hex(0xf1ede2),
+        ink: hex(0x24262b),
+        texts,
+        star: Some(star),
+    };
+    solid(
+        block(vec3(0.49, 0.275, 0.008)),
+        surface,
+        Mat3::IDENTITY,
+        vec3(0.36, 0.86, WALL_Z + 0.008),
+    )
 }
 
 /// A leaning sheet of text.
 fn panel(turn: Mat3) -> Solid {
     let heading = Text::centred("SHARP", vec2(0.0, 0.285), 0.0185);
-    let lines = vec!["A FIELD OF", "LIGHT SEEN", "FROM MANY", "SIDES - CAN", "YOU READ IT?"];
-    let body = Text { lines, top_left: vec2(-0.315, 0.115), cell: 0.0089 };
-    let surface = Surface::Print { paper: hex(0xf3e7c9), ink: hex(0x2b2a33), texts: vec![heading, body], star: None };
+    let lines = vec![
+        "A FIELD OF",
+        "LIGHT SEEN",
+        "FROM MANY",
+        "SIDES - CAN",
+        "YOU READ IT?",
+    ];
+    let body = Text {
+        lines,
+        top_left: vec2(-0.315, 0.115),
+        cell: 0.0089,
+    };
+    let surface = Surface::Print {
+        paper: hex(0xf3e7c9),
+        ink: hex(0x2b2a33),
+        texts: vec![heading, body],
+        star: None,
+    };
     let half = vec3(0.36, 0.325, 0.012);
     let lean = Mat3::from_rotation_x(-0.22);
-    solid(block(half), surface, turn * lean, vec3(-0.54, half.y * 0.98, -0.45))
+    solid(
+        block(half),
+        surface,
+        turn * lean,
+        vec3(-0.54, half.y * 0.98, -0.45),
+    )
 }
 
 /// Three books in a pile.
 fn books(low: Mat3, middle: Mat3, high: Mat3) -> Vec<Solid> {
     let book = |half: Vec3, cloth, foil, name, cell: f32, turn, bottom: f32| {
         let title = Text::centred(name, vec2(0.0, 3.5 * cell), cell);
-        let surface = Surface::Book { cloth: hex(cloth), foil: hex(foil), title, half, cover: 0.009 };
-        solid(block(half), surface, turn, vec3(0.33, bottom + half.y, -0.6))
+        let surface = Surface::Book {
+            cloth: hex(cloth),
+            foil: hex(foil),
+            title,
+            half,
+            cover: 0.009,
+        };
+        solid(
+            block(half),
+            surface,
+            turn,
+            vec3(0.33, bottom + half.y, -0.6),
+        )
     };
     vec![
-        book(vec3(0.33, 0.060, 0.23), 0x1f4a6b, 0xe8cf8a, "RADIANCE", 0.0098, low, 0.0),
-        book(vec3(0.29, 0.050, 0.20), 0x8c2f39, 0xf0dfb5, "VIEWS AND RAYS", 0.0050, middle, 0.12),
-        book(vec3(0.26, 0.045, 0.18), 0x3f6b4a, 0xf3ecd2, "GRIDS", 0.0090, high, 0.22),
+        book(
+            vec3(0.33, 0.060, 0.23),
+            0x1f4a6b,
+            0xe8cf8a,
+            "RADIANCE",
+            0.0098,
+            low,
+            0.0,
+        ),
+        book(
+            vec3(0.29, 0.050, 0.20),
+            0x8c2f39,
+            0xf0dfb5,
+            "VIEWS AND RAYS",
+            0.0050,
+            middle,
+            0.12,
+        ),
+        book(
+            vec3(0.26, 0.045, 0.18),
+            0x3f6b4a,
+            0xf3ecd2,
+            "GRIDS",
+            0.0090,
+            high,
+            0.22,
+        ),
     ]
 }
 
 /// A cup of pencils.
 fn pencils(turn: Mat3) -> Vec<Solid> {
-    let cup = Surface::Stripes { colors: [hex(0x2f5d73), hex(0xdfe5e3)], width: 0.022, gloss: 0.4 };
+    let cup = Surface::Stripes {
+        colors: [hex(0x2f5d73), hex(0xdfe5e3)],
+        width: 0.022,
+        gloss: 0.4,
+    };
     let at = vec3(0.86, 0.0, -0.38);
-    let tube = Shape::Tube { radius: 0.105, half_height: 0.13 };
+    let tube = Shape::Tube {
+        radius: 0.105,
+        half_height: 0.13,
+    };
     let mut things = vec![solid(tube, cup, turn, at + vec3(0.0, 0.13, 0.0))];
     let colors = [0xd9a521, 0xb8322a, 0x2d7a3e, 0x2c4f9e, 0xe07b2e, 0x55317a];
     for (i, color) in colors.into_iter().enumerate() {
         let around = i as f32 * std::f32::consts::TAU / 6.0;
-        let (foot, rim) = (at + 0.05 * outward(around + 2.6), at + 0.085 * outward(around));
-        let head = foot + (rim + Vec3::Y * 0.25 - foot).normalize() * (0.45 + 0.025 * (i % 3) as f32);
-        let surface = Surface::Stripes { colors: [hex(color), hex(color) * 0.6], width: 0.05, gloss: 0.3 };
+        let (foot, rim) = (
+            at + 0.05 * outward(around + 2.6),
+            at + 0.085 * outward(around),
+        );
+        let head =
+            foot + (rim + Vec3::Y * 0.25 - foot).normalize() * (0.45 + 0.025 * (i % 3) as f32);
+        let surface = Surface::Stripes {
+            colors: [hex(color), hex(color) * 0.6],
+            width: 0.05,
+            gloss: 0.3,
+        };
         things.push(rod(foot + Vec3::Y * 0.02, head, 0.0125, surface.clone()));
-        let lead = Surface::Plain { color: hex(0xe6c79a), gloss: 0.0 };
-        things.push(rod(head, head + (head - foot).normalize() * 0.022, 0.007, lead));
+        let lead = Surface::Plain {
+            color: hex(0xe6c79a),
+            gloss: 0.0,
+        };
+        things.push(rod(
+            head,
+            head + (head - foot).normalize() * 0.022,
+            0.007,
+            lead,
+        ));
     }
-    things.into_iter().map(|thing| turned_about(thing, turn, at)).collect()
+    things
+        .into_iter()
+        .map(|thing| turned_about(thing, turn, at))
+        .collect()
 }
 
 fn outward(around: f32) -> Vec3 {
@@ -115,7 +235,11 @@ fn outward(around: f32) -> Vec3 {
 }
 
 fn turned_about(thing: Solid, turn: Mat3, at: Vec3) -> Solid {
-    Solid { place: at + turn * (thing.place - at), turn: turn * thing.turn, ..thing }
+    Solid {
+        place: at + turn * (thing.place - at),
+        turn: turn * thing.turn,
+        ..thing
+    }
 }
 
 /// A capsule from point to point.
@@ -123,7 +247,15 @@ pub(super) fn rod(from: Vec3, to: Vec3, radius: f32, surface: Surface) -> Solid 
     let (along, length) = (to - from).normalize_and_length();
     let side = along.any_orthonormal_vector();
     let turn = Mat3::from_cols(side, along, side.cross(along));
-    solid(Shape::Capsule { radius, half_length: length / 2.0 }, surface, turn, (from + to) / 2.0)
+    solid(
+        Shape::Capsule {
+            radius,
+            half_length: length / 2.0,
+        },
+        surface,
+        turn,
+        (from + to) / 2.0,
+    )
 }
 
 /// The thirty edges of an icosahedron in thin wire.
@@ -133,21 +265,45 @@ pub(super) fn wire_ball(turn: Mat3, middle: Vec3) -> Vec<Solid> {
     let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
     let corners: Vec<Vec3> = signs
         .into_iter()
-        .flat_map(|(a, b)| [vec3(0.0, a, b * golden), vec3(a, b * golden, 0.0), vec3(b * golden, 0.0, a)])
+        .flat_map(|(a, b)| {
+            [
+                vec3(0.0, a, b * golden),
+                vec3(a, b * golden, 0.0),
+                vec3(b * golden, 0.0, a),
+            ]
+        })
         .collect();
-    let wire = Surface::Plain { color: hex(0x2a2d33), gloss: 0.8 };
+    let wire = Surface::Plain {
+        color: hex(0x2a2d33),
+        gloss: 0.8,
+    };
     let place = |corner: Vec3| middle + turn * corner * SIZE;
-    let pairs = corners.iter().enumerate().flat_map(|(i, a)| corners[i + 1..].iter().map(move |b| (*a, *b)));
+    let pairs = corners
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| corners[i + 1..].iter().map(move |b| (*a, *b)));
     // Neighbouring corners of this icosahedron are 2 apart, all others more than 3.
-    pairs.filter(|(a, b)| a.distance(*b) < 2.5).map(|(a, b)| rod(place(a), place(b), 0.005, wire.clone())).collect()
+    pairs
+        .filter(|(a, b)| a.distance(*b) < 2.5)
+        .map(|(a, b)| rod(place(a), place(b), 0.005, wire.clone()))
+        .collect()
 }
 
 fn checkered_ball(turn: Mat3) -> Solid {
     let colors = [hex(0xf2efe6), hex(0xc0392f)];
     let radius = 0.17;
     let tilt = Mat3::from_rotation_z(0.35);
-    let surface = Surface::Checker { colors, count: 14.0, gloss: 0.9 };
-    solid(Shape::Sphere { radius }, surface, turn * tilt, vec3(0.62, radius, 0.22))
+    let surface = Surface::Checker {
+        colors,
+        count: 14.0,
+        gloss: 0.9,
+    };
+    solid(
+        Shape::Sphere { radius },
+        surface,
+        turn * tilt,
+        vec3(0.62, radius, 0.22),
+    )
 }
 
 /// N, E and R in a row, F on top.
@@ -162,7 +318,12 @@ fn letter_blocks(turns: [Mat3; 4]) -> Vec<Solid> {
     let cell = HALF * 0.155;
     let make = |((name, paint, place), turn): ((&'static str, u32, Vec3), Mat3)| {
         let letter = Text::centred(name, Vec2::new(0.0, 3.5 * cell), cell);
-        let surface = Surface::Letter { paint: hex(paint), wood: hex(0xe6c896), letter, half: HALF };
+        let surface = Surface::Letter {
+            paint: hex(paint),
+            wood: hex(0xe6c896),
+            letter,
+            half: HALF,
+        };
         solid(block(Vec3::splat(HALF)), surface, turn, place)
     };
     things.into_iter().zip(turns).map(make).collect()
@@ -170,11 +331,34 @@ fn letter_blocks(turns: [Mat3; 4]) -> Vec<Solid> {
 
 /// A striped ring that leans on the pile of books.
 fn ring(turn: Mat3) -> Solid {
-    let surface = Surface::Twist { colors: [hex(0xe9b949), hex(0x28566b)], count: 18.0 };
-    solid(Shape::Torus { major: 0.11, minor: 0.034 }, surface, turn, vec3(0.33, 0.31 + 0.034, -0.6))
+    let surface = Surface::Twist {
+        colors: [hex(0xe9b949), hex(0x28566b)],
+        count: 18.0,
+    };
+    solid(
+        Shape::Torus {
+            major: 0.11,
+            minor: 0.034,
+        },
+        surface,
+        turn,
+        vec3(0.33, 0.31 + 0.034, -0.6),
+    )
 }
 
 fn tin(turn: Mat3) -> Solid {
-    let surface = Surface::Stripes { colors: [hex(0xd7dadb), hex(0x9aa2a6)], width: 0.012, gloss: 0.7 };
-    solid(Shape::Cylinder { radius: 0.085, half_height: 0.11 }, surface, turn, vec3(-1.02, 0.11, -0.30))
+    let surface = Surface::Stripes {
+        colors: [hex(0xd7dadb), hex(0x9aa2a6)],
+        width: 0.012,
+        gloss: 0.7,
+    };
+    solid(
+        Shape::Cylinder {
+            radius: 0.085,
+            half_height: 0.11,
+        },
+        surface,
+        turn,
+        vec3(-1.02, 0.11, -0.30),
+    )
 }

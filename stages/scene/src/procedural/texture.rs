@@ -94,32 +94,80 @@ impl Surface {
     /// The material at a point of the solid with the given outward normal, both in the solid's own coordinates.
     pub(super) fn at(&self, point: Vec3, normal: Vec3) -> Material {
         match self {
-            Surface::Plain { color, gloss } => Material { color: *color, gloss: *gloss },
-            Surface::Brick { brick, mortar, size } => matte(bricks(face(point, normal), *brick, *mortar, *size)),
-            Surface::Wood { light, dark, width } => Material { color: wood(point, *light, *dark, *width), gloss: 0.12 },
-            Surface::Checker { colors, count, gloss } => {
+            Surface::Plain { color, gloss } => Material {
+                color: *color,
+                gloss: *gloss,
+            },
+            Surface::Brick {
+                brick,
+                mortar,
+                size,
+            } => matte(bricks(face(point, normal), *brick, *mortar, *size)),
+            Surface::Wood { light, dark, width } => Material {
+                color: wood(point, *light, *dark, *width),
+                gloss: 0.12,
+            },
+            Surface::Checker {
+                colors,
+                count,
+                gloss,
+            } => {
                 let turn = point.z.atan2(point.x) / TAU;
                 let height = (point.y / point.length()).clamp(-1.0, 1.0).asin() / TAU;
-                Material { color: colors[parity(turn * count) ^ parity(height * count)], gloss: *gloss }
+                Material {
+                    color: colors[parity(turn * count) ^ parity(height * count)],
+                    gloss: *gloss,
+                }
             }
-            Surface::Stripes { colors, width, gloss } => {
-                Material { color: colors[parity(point.y / width / 2.0)], gloss: *gloss }
-            }
+            Surface::Stripes {
+                colors,
+                width,
+                gloss,
+            } => Material {
+                color: colors[parity(point.y / width / 2.0)],
+                gloss: *gloss,
+            },
             Surface::Twist { colors, count } => {
                 let around = point.z.atan2(point.x) / TAU;
                 let ring = Vec2::new(point.x, point.z).normalize_or_zero();
                 let outward = normal.x * ring.x + normal.z * ring.y;
-                Material { color: colors[parity(around * count + normal.y.atan2(outward) / TAU)], gloss: 0.5 }
+                Material {
+                    color: colors[parity(around * count + normal.y.atan2(outward) / TAU)],
+                    gloss: 0.5,
+                }
             }
-            Surface::Print { paper, ink, texts, star } => {
+            Surface::Print {
+                paper,
+                ink,
+                texts,
+                star,
+            } => {
                 let at = Vec2::new(point.x, point.y);
-                let printed = texts.iter().any(|text| text.inks(at)) || star.is_some_and(|star| star.inks(at));
-                matte(if normal.z > 0.5 && printed { *ink } else { *paper })
+                let printed = texts.iter().any(|text| text.inks(at))
+                    || star.is_some_and(|star| star.inks(at));
+                matte(if normal.z > 0.5 && printed {
+                    *ink
+                } else {
+                    *paper
+                })
             }
-            Surface::Book { cloth, foil, title, half, cover } => {
-                let leaves = point.y.abs() < half.y - cover && normal.y.abs() < 0.5 && normal.z < 0.5;
-                let foiled = normal.z > 0.5 && (title.inks(Vec2::new(point.x, point.y)) || bands(point.x, half.x));
-                let leaf = hex(0xe9e0c8) * if parity(point.y / 0.012) == 0 { 1.0 } else { 0.72 };
+            Surface::Book {
+                cloth,
+                foil,
+                title,
+                half,
+                cover,
+            } => {
+                let leaves =
+                    point.y.abs() < half.y - cover && normal.y.abs() < 0.5 && normal.z < 0.5;
+                let foiled = normal.z > 0.5
+                    && (title.inks(Vec2::new(point.x, point.y)) || bands(point.x, half.x));
+                let leaf = hex(0xe9e0c8)
+                    * if parity(point.y / 0.012) == 0 {
+                        1.0
+                    } else {
+                        0.72
+                    };
                 matte(if leaves {
                     leaf
                 } else if foiled {
@@ -128,11 +176,23 @@ impl Surface {
                     *cloth
                 })
             }
-            Surface::Letter { paint, wood, letter, half } => {
+            Surface::Letter {
+                paint,
+                wood,
+                letter,
+                half,
+            } => {
                 let at = face(point, normal);
                 let rim = at.abs().max_element() / half;
                 let painted = letter.inks(at) || (0.76..0.88).contains(&rim);
-                Material { color: if painted { *paint } else { grain(point * 3.0, *wood) }, gloss: 0.15 }
+                Material {
+                    color: if painted {
+                        *paint
+                    } else {
+                        grain(point * 3.0, *wood)
+                    },
+                    gloss: 0.15,
+                }
             }
         }
     }
@@ -168,7 +228,9 @@ fn face(point: Vec3, normal: Vec3) -> Vec2 {
 
 /// Two gilded bands near the ends of a spine.
 fn bands(x: f32, half_width: f32) -> bool {
-    [0.80, 0.87].iter().any(|at| (x.abs() / half_width - at).abs() < 0.016)
+    [0.80, 0.87]
+        .iter()
+        .any(|at| (x.abs() / half_width - at).abs() < 0.016)
 }
 
 fn bricks(at: Vec2, brick: Vec3, mortar: Vec3, size: Vec2) -> Vec3 {
@@ -181,7 +243,11 @@ fn bricks(at: Vec2, brick: Vec3, mortar: Vec3, size: Vec2) -> Vec3 {
         return mortar * (0.86 + 0.2 * rough);
     }
     let own = lattice(along.floor() as i32, course as i32);
-    let hue = Vec3::new(1.0, 0.9 + 0.2 * lattice(course as i32, along.floor() as i32), 0.95);
+    let hue = Vec3::new(
+        1.0,
+        0.9 + 0.2 * lattice(course as i32, along.floor() as i32),
+        0.95,
+    );
     brick * hue * (0.66 + 0.5 * own) * (0.82 + 0.36 * noise(at * 45.0) * rough.lerp(1.0, 0.4))
 }
 
@@ -212,7 +278,8 @@ fn noise(at: Vec2) -> f32 {
     let f = f * f * (Vec2::splat(3.0) - 2.0 * f);
     let (x, y) = (cell.x as i32, cell.y as i32);
     let low = lattice(x, y).lerp(lattice(x.wrapping_add(1), y), f.x);
-    let high = lattice(x, y.wrapping_add(1)).lerp(lattice(x.wrapping_add(1), y.wrapping_add(1)), f.x);
+    let high =
+        lattice(x, y.wrapping_add(1)).lerp(lattice(x.wrapping_add(1), y.wrapping_add(1)), f.x);
     low.lerp(high, f.y)
 }
 

@@ -51,7 +51,12 @@ pub(super) struct Hit {
 
 impl Line {
     pub(super) fn new(from: Vec3, along: Vec3) -> Line {
-        Line { from, along, start: from.into(), inverse: Vec3A::from(along).recip() }
+        Line {
+            from,
+            along,
+            start: from.into(),
+            inverse: Vec3A::from(along).recip(),
+        }
     }
 }
 
@@ -64,15 +69,24 @@ struct Bounds {
 
 impl Bounds {
     /// The box around nothing.
-    const EMPTY: Bounds = Bounds { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
+    const EMPTY: Bounds = Bounds {
+        low: Vec3A::INFINITY,
+        high: Vec3A::NEG_INFINITY,
+    };
 
     fn around(self, other: Bounds) -> Bounds {
-        Bounds { low: self.low.min(other.low), high: self.high.max(other.high) }
+        Bounds {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+        }
     }
 
     /// Whether a line passes through the box before `max`.
     fn meets(&self, line: &Line, max: f32) -> bool {
-        let (a, b) = ((self.low - line.start) * line.inverse, (self.high - line.start) * line.inverse);
+        let (a, b) = (
+            (self.low - line.start) * line.inverse,
+            (self.high - line.start) * line.inverse,
+        );
         let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
         enter <= leave && leave > 0.0 && enter < max
     }
@@ -85,20 +99,35 @@ impl Solid {
     }
 
     fn localize(&self, line: &Line) -> (Vec3, Vec3) {
-        (self.turn.transpose_mul_vec3(line.from - self.place), self.turn.transpose_mul_vec3(line.along))
+        (
+            self.turn.transpose_mul_vec3(line.from - self.place),
+            self.turn.transpose_mul_vec3(line.along),
+        )
     }
 
     fn bounds(&self) -> Bounds {
         let half = Vec3A::from(self.turn.abs() * self.shape.half_extent());
         let middle = Vec3A::from(self.place);
-        Bounds { low: middle - half, high: middle + half }
+        Bounds {
+            low: middle - half,
+            high: middle + half,
+        }
     }
 }
 
 impl Group {
     fn new(solids: Vec<Solid>) -> Group {
-        let solids: Vec<_> = solids.into_iter().map(|solid| (solid.bounds(), solid)).collect();
-        Group { bounds: solids.iter().map(|(bounds, _)| *bounds).fold(Bounds::EMPTY, Bounds::around), solids }
+        let solids: Vec<_> = solids
+            .into_iter()
+            .map(|solid| (solid.bounds(), solid))
+            .collect();
+        Group {
+            bounds: solids
+                .iter()
+                .map(|(bounds, _)| *bounds)
+                .fold(Bounds::EMPTY, Bounds::around),
+            solids,
+        }
     }
 }
 
@@ -107,27 +136,45 @@ impl World {
     /// found the faster the less their boxes overlap.
     pub(super) fn new(backdrop: Vec<Solid>, things: Vec<Vec<Solid>>) -> World {
         let things: Vec<Group> = things.into_iter().map(Group::new).collect();
-        let bounds = things.iter().map(|group| group.bounds).fold(Bounds::EMPTY, Bounds::around);
-        World { backdrop, bounds, things }
+        let bounds = things
+            .iter()
+            .map(|group| group.bounds)
+            .fold(Bounds::EMPTY, Bounds::around);
+        World {
+            backdrop,
+            bounds,
+            things,
+        }
     }
 
     /// The first surface on a line.
     pub(super) fn first_hit(&self, line: &Line) -> Option<Hit> {
-        let first = self.backdrop.iter().fold(None, |found, solid| nearer(found, solid, line));
-        let (solid, (distance, normal)) =
-            self.near(line, f32::INFINITY).fold(first, |found, solid| nearer(found, solid, line))?;
+        let first = self
+            .backdrop
+            .iter()
+            .fold(None, |found, solid| nearer(found, solid, line));
+        let (solid, (distance, normal)) = self
+            .near(line, f32::INFINITY)
+            .fold(first, |found, solid| nearer(found, solid, line))?;
         Some(hit(solid, line, distance, normal))
     }
 
     /// Whether a thing lies on a line before `max`.
     pub(super) fn shades(&self, line: &Line, max: f32) -> bool {
-        self.near(line, max).any(|solid| solid.touch(line, max).is_some())
+        self.near(line, max)
+            .any(|solid| solid.touch(line, max).is_some())
     }
 
     /// The things whose boxes a line meets before `max`.
     fn near(&self, line: &Line, max: f32) -> impl Iterator<Item = &Solid> {
-        let groups: &[Group] = if self.bounds.meets(line, max) { &self.things } else { &[] };
-        let groups = groups.iter().filter(move |group| group.bounds.meets(line, max));
+        let groups: &[Group] = if self.bounds.meets(line, max) {
+            &self.things
+        } else {
+            &[]
+        };
+        let groups = groups
+            .iter()
+            .filter(move |group| group.bounds.meets(line, max));
         groups
             .flat_map(|group| &group.solids)
             .filter(move |(bounds, _)| bounds.meets(line, max))
@@ -136,7 +183,11 @@ impl World {
 }
 
 /// The nearer of what was found and where `line` meets `solid`.
-fn nearer<'a>(found: Option<(&'a Solid, Touch)>, solid: &'a Solid, line: &Line) -> Option<(&'a Solid, Touch)> {
+fn nearer<'a>(
+    found: Option<(&'a Solid, Touch)>,
+    solid: &'a Solid,
+    line: &Line,
+) -> Option<(&'a Solid, Touch)> {
     let max = found.map_or(f32::INFINITY, |(_, (distance, _))| distance);
     solid.touch(line, max).map(|touch| (solid, touch)).or(found)
 }
@@ -158,7 +209,10 @@ mod tests {
     fn ball(x: f32, red: f32) -> Solid {
         Solid {
             shape: Shape::Sphere { radius: 0.5 },
-            surface: Surface::Plain { color: Vec3::new(red, 0.0, 0.0), gloss: 0.0 },
+            surface: Surface::Plain {
+                color: Vec3::new(red, 0.0, 0.0),
+                gloss: 0.0,
+            },
             turn: Mat3::IDENTITY,
             place: Vec3::new(x, 0.0, 0.0),
         }
@@ -175,7 +229,10 @@ mod tests {
             World::new(vec![far(), near()], vec![]),
         ] {
             let hit = world.first_hit(&line).unwrap();
-            assert_eq!((hit.distance, hit.normal, hit.material.color.x), (8.5, -Vec3::X, 0.1));
+            assert_eq!(
+                (hit.distance, hit.normal, hit.material.color.x),
+                (8.5, -Vec3::X, 0.1)
+            );
         }
     }
 
@@ -191,11 +248,23 @@ mod tests {
     #[test]
     fn a_turned_block_is_met_where_its_turned_face_is() {
         let half = Vec3::new(1.0, 0.2, 0.2);
-        let surface = Surface::Plain { color: Vec3::ONE, gloss: 0.0 };
+        let surface = Surface::Plain {
+            color: Vec3::ONE,
+            gloss: 0.0,
+        };
         let turn = Mat3::from_rotation_z(std::f32::consts::FRAC_PI_2);
-        let world =
-            World::new(vec![], vec![vec![Solid { shape: Shape::Block { half }, surface, turn, place: Vec3::Y }]]);
-        let hit = world.first_hit(&Line::new(Vec3::new(0.01, 5.0, 0.02), -Vec3::Y)).unwrap();
+        let world = World::new(
+            vec![],
+            vec![vec![Solid {
+                shape: Shape::Block { half },
+                surface,
+                turn,
+                place: Vec3::Y,
+            }]],
+        );
+        let hit = world
+            .first_hit(&Line::new(Vec3::new(0.01, 5.0, 0.02), -Vec3::Y))
+            .unwrap();
         assert!((hit.distance - 3.0).abs() < 1e-5 && hit.normal.distance(Vec3::Y) < 1e-5);
     }
 }

@@ -11,7 +11,14 @@ use crate::{Camera, Distortion, SceneError, pose, source_files};
 /// More frames than any capture has.
 const MOST_FRAMES: usize = 1 << 20;
 /// Fields that say nothing about what a camera sees: not worth a word.
-const QUIET: &[&str] = &["sharpness", "rotation", "camera_label", "timestamp", "colmap_im_id", "srnerf"];
+const QUIET: &[&str] = &[
+    "sharpness",
+    "rotation",
+    "camera_label",
+    "timestamp",
+    "colmap_im_id",
+    "srnerf",
+];
 
 /// Fields of a lens may stand in a frame or, for all frames, at the top; a frame's own win.
 macro_rules! with_lens {
@@ -87,13 +94,19 @@ struct Lens<'a> {
 
 impl<'a> Lens<'a> {
     fn or(self, shared: Lens<'a>) -> Lens<'a> {
-        fn each<const N: usize>(own: [Option<f64>; N], shared: [Option<f64>; N]) -> [Option<f64>; N] {
+        fn each<const N: usize>(
+            own: [Option<f64>; N],
+            shared: [Option<f64>; N],
+        ) -> [Option<f64>; N] {
             std::array::from_fn(|i| own[i].or(shared[i]))
         }
         // A frame with a focal length of its own wants no field of view from the top, nor the other way round.
         let own_focal = self.focal[0].is_some() || self.angles[0].is_some();
-        let (focal, angles) =
-            if own_focal { (self.focal, self.angles) } else { (each(self.focal, shared.focal), shared.angles) };
+        let (focal, angles) = if own_focal {
+            (self.focal, self.angles)
+        } else {
+            (each(self.focal, shared.focal), shared.angles)
+        };
         Lens {
             size: each(self.size, shared.size),
             focal,
@@ -109,7 +122,11 @@ impl<'a> Lens<'a> {
     /// Refuses lenses that are not OpenCV's with five coefficients.
     fn distortion(&self) -> Result<Distortion, String> {
         match self.model {
-            None | Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "RADIAL" | "SIMPLE_RADIAL" | "PERSPECTIVE") => {}
+            None
+            | Some(
+                "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "RADIAL" | "SIMPLE_RADIAL"
+                | "PERSPECTIVE",
+            ) => {}
             Some(other) => return Err(format!("camera_model is {other}; {SUPPORTED}")),
         }
         let [k1, k2, k3, k4, p1, p2] = self.bent.map(|coefficient| coefficient.unwrap_or(0.0));
@@ -124,15 +141,24 @@ impl<'a> Lens<'a> {
 
     /// Focal lengths in pixels of an image of this size.
     fn focal(&self, size: [u32; 2]) -> Result<[f64; 2], String> {
-        let by_angle = |axis: usize| self.angles[axis].map(|angle| 0.5 * f64::from(size[axis]) / (0.5 * angle).tan());
-        let x = self.focal[0].or(by_angle(0)).ok_or("has neither fl_x nor camera_angle_x, nor has the whole file")?;
+        let by_angle = |axis: usize| {
+            self.angles[axis].map(|angle| 0.5 * f64::from(size[axis]) / (0.5 * angle).tan())
+        };
+        let x = self.focal[0]
+            .or(by_angle(0))
+            .ok_or("has neither fl_x nor camera_angle_x, nor has the whole file")?;
         // Pixels are square unless the file says otherwise.
-        let y = if self.focal[0].is_some() { self.focal[1] } else { self.focal[1].or(by_angle(1)) };
+        let y = if self.focal[0].is_some() {
+            self.focal[1]
+        } else {
+            self.focal[1].or(by_angle(1))
+        };
         Ok([x, y.unwrap_or(x)])
     }
 }
 
-const SUPPORTED: &str = "only pinholes with OpenCV's k1, k2, k3, p1 and p2 are known: undistort the photos first";
+const SUPPORTED: &str =
+    "only pinholes with OpenCV's k1, k2, k3, p1 and p2 are known: undistort the photos first";
 
 impl File {
     /// Reads a file. An error names its line and column.
@@ -145,8 +171,16 @@ impl File {
             SceneError::content(path, place, fault)
         })?;
         match file.frames.len() {
-            0 => Err(SceneError::content(path, "frames", "is empty; expected one per photo")),
-            count if count > MOST_FRAMES => Err(SceneError::content(path, "frames", format!("are {count}, too many"))),
+            0 => Err(SceneError::content(
+                path,
+                "frames",
+                "is empty; expected one per photo",
+            )),
+            count if count > MOST_FRAMES => Err(SceneError::content(
+                path,
+                "frames",
+                format!("are {count}, too many"),
+            )),
             _ => Ok(file),
         }
     }
@@ -154,8 +188,12 @@ impl File {
     /// The camera of a frame whose photo has this size, and whether the file says its near and far.
     pub(crate) fn camera(&self, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool), String> {
         let lens = frame.lens().or(self.lens());
-        let [width, height] = [(0, size.0), (1, size.1)].map(|(axis, found)| whole(lens.size[axis], found));
-        let (width, height) = (width.ok_or("w is not a whole number of pixels")?, height.ok_or("h is not one")?);
+        let [width, height] =
+            [(0, size.0), (1, size.1)].map(|(axis, found)| whole(lens.size[axis], found));
+        let (width, height) = (
+            width.ok_or("w is not a whole number of pixels")?,
+            height.ok_or("h is not one")?,
+        );
         let [fl_x, fl_y] = lens.focal([width, height])?;
         let range = (lens.range[0], lens.range[1]);
         if let (Some(near), Some(far)) = range
@@ -203,6 +241,8 @@ impl File {
 
 /// A count of pixels that files also write as `540.0`.
 fn whole(stated: Option<f64>, found: u32) -> Option<u32> {
-    let Some(stated) = stated else { return Some(found) };
+    let Some(stated) = stated else {
+        return Some(found);
+    };
     ((1.0..=65536.0).contains(&stated) && stated.fract() == 0.0).then_some(stated as u32)
 }

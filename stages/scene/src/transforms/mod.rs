@@ -54,9 +54,16 @@ pub fn transforms(path: &Path, options: &TransformsOptions) -> Result<SceneData,
     let survey = survey(path, options)?;
     let (train, test) = (&survey.train, &survey.test);
     let photos = source_files::read_photos(train, options.size)?;
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = path
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default();
     Ok(SceneData {
-        description: format!("{name}: {} photos, {} set aside, in the file's coordinates", train.len(), test.len()),
+        description: format!(
+            "{name}: {} photos, {} set aside, in the file's coordinates",
+            train.len(),
+            test.len()
+        ),
         test: sorted(source_files::read_photos(test, options.size)?),
         photos: sorted(photos),
         bounds: survey.bounds.unwrap_or_else(|| pose::hull(&cameras(train))),
@@ -71,7 +78,11 @@ pub fn transforms(path: &Path, options: &TransformsOptions) -> Result<SceneData,
 /// The same as [`transforms`]'s, but for photos that cannot be decoded.
 pub fn transforms_digest(path: &Path, options: &TransformsOptions) -> Result<[u8; 32], SceneError> {
     let survey = survey(path, options)?;
-    let photos = survey.train.iter().chain(&survey.test).map(|posed| posed.file.as_path());
+    let photos = survey
+        .train
+        .iter()
+        .chain(&survey.test)
+        .map(|posed| posed.file.as_path());
     source_files::digest(survey.sources.iter().map(PathBuf::as_path).chain(photos))
 }
 
@@ -80,11 +91,21 @@ pub fn transforms_digest(path: &Path, options: &TransformsOptions) -> Result<[u8
 pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>, SceneError> {
     let file = File::read(path)?;
     let camera = |frame: &Frame| {
-        let (camera, has_range) = file
-            .camera(frame, (like.width, like.height))
-            .map_err(|fault| SceneError::content(path, format!("frame {:?}", frame.file_path), fault))?;
-        let [near, far] = if has_range { [camera.near, camera.far] } else { [like.near, like.far] };
-        Ok(Camera { near, far, ..camera })
+        let (camera, has_range) =
+            file.camera(frame, (like.width, like.height))
+                .map_err(|fault| {
+                    SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
+                })?;
+        let [near, far] = if has_range {
+            [camera.near, camera.far]
+        } else {
+            [like.near, like.far]
+        };
+        Ok(Camera {
+            near,
+            far,
+            ..camera
+        })
     };
     file.frames.iter().map(camera).collect()
 }
@@ -99,7 +120,11 @@ fn survey(path: &Path, options: &TransformsOptions) -> Result<Survey, SceneError
         (_, _, true) => survey_file(&whole, options)?,
         _ => {
             let remedy = "point to a folder with transforms.json or transforms_train.json, or to such a file".into();
-            return Err(SceneError::Missing { path: whole, expected: "the cameras", remedy });
+            return Err(SceneError::Missing {
+                path: whole,
+                expected: "the cameras",
+                remedy,
+            });
         }
     };
     let step = options.test_every.max(1) as usize;
@@ -108,7 +133,11 @@ fn survey(path: &Path, options: &TransformsOptions) -> Result<Survey, SceneError
 }
 
 /// One file for each split, as NeRF-synthetic has it.
-fn survey_splits(folder: &Path, train: &Path, options: &TransformsOptions) -> Result<Survey, SceneError> {
+fn survey_splits(
+    folder: &Path,
+    train: &Path,
+    options: &TransformsOptions,
+) -> Result<Survey, SceneError> {
     let mut survey = survey_file(train, options)?;
     let test = ["transforms_test.json", "transforms_val.json"].map(|name| folder.join(name));
     match test.into_iter().find(|path| path.is_file()) {
@@ -118,7 +147,9 @@ fn survey_splits(folder: &Path, train: &Path, options: &TransformsOptions) -> Re
             survey.sources.extend(other.sources);
             survey.notes.extend(other.notes);
         }
-        None => survey.notes.push("there is neither transforms_test.json nor transforms_val.json beside it".into()),
+        None => survey
+            .notes
+            .push("there is neither transforms_test.json nor transforms_val.json beside it".into()),
     }
     Ok(survey)
 }
@@ -126,8 +157,18 @@ fn survey_splits(folder: &Path, train: &Path, options: &TransformsOptions) -> Re
 fn survey_file(path: &Path, options: &TransformsOptions) -> Result<Survey, SceneError> {
     let file = File::read(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
-    let (mut survey, mut missing) = (Survey { sources: vec![path.to_owned()], ..Survey::default() }, Vec::new());
-    let paths: Vec<&str> = file.frames.iter().map(|frame| frame.file_path.as_str()).collect();
+    let (mut survey, mut missing) = (
+        Survey {
+            sources: vec![path.to_owned()],
+            ..Survey::default()
+        },
+        Vec::new(),
+    );
+    let paths: Vec<&str> = file
+        .frames
+        .iter()
+        .map(|frame| frame.file_path.as_str())
+        .collect();
     let (mut photos, mut ranged) = (Vec::new(), true);
     for (frame, name) in file.frames.iter().zip(source_files::view_names(&paths)) {
         let Some(photo) = image_file::find(&folder.join(&frame.file_path)) else {
@@ -136,48 +177,90 @@ fn survey_file(path: &Path, options: &TransformsOptions) -> Result<Survey, Scene
         };
         let (camera, has_range) = camera(path, &file, frame, &photo)?;
         ranged &= has_range;
-        photos.push((frame, Posed { name, file: photo, camera }));
+        photos.push((
+            frame,
+            Posed {
+                name,
+                file: photo,
+                camera,
+            },
+        ));
     }
     if let Some(first) = missing.first() {
         if photos.is_empty() {
-            let remedy = format!("the frames of {} name photos relative to its folder", path.display());
-            return Err(SceneError::Missing { path: folder.join(first), expected: "the photo", remedy });
+            let remedy = format!(
+                "the frames of {} name photos relative to its folder",
+                path.display()
+            );
+            return Err(SceneError::Missing {
+                path: folder.join(first),
+                expected: "the photo",
+                remedy,
+            });
         }
-        survey.notes.push(format!("{} of {} photos are missing, such as {first}", missing.len(), paths.len()));
+        survey.notes.push(format!(
+            "{} of {} photos are missing, such as {first}",
+            missing.len(),
+            paths.len()
+        ));
     }
     let unused = file.unused();
     if !unused.is_empty() {
-        survey.notes.push(format!("not used of {}: {}", path.display(), unused.join(", ")));
+        survey.notes.push(format!(
+            "not used of {}: {}",
+            path.display(),
+            unused.join(", ")
+        ));
     }
     survey.bounds = place(path, &file, &mut photos, ranged, options, &mut survey.notes)?;
     let test: BTreeSet<&str> = file.test_filenames.iter().map(String::as_str).collect();
     let used = used(&file);
     for (frame, posed) in photos.into_iter().filter(|(frame, _)| used(frame)) {
-        let split = if test.contains(frame.file_path.as_str()) { &mut survey.test } else { &mut survey.train };
+        let split = if test.contains(frame.file_path.as_str()) {
+            &mut survey.test
+        } else {
+            &mut survey.train
+        };
         split.push(posed);
     }
     match survey.train.is_empty() {
-        true => Err(SceneError::content(path, "train_filenames", "leaves no photo to train on")),
+        true => Err(SceneError::content(
+            path,
+            "train_filenames",
+            "leaves no photo to train on",
+        )),
         false => Ok(survey),
     }
 }
 
 /// Which frames belong to the training or test split; without splits, all.
 fn used(file: &File) -> impl Fn(&Frame) -> bool + use<> {
-    let listed: BTreeSet<String> = file.train_filenames.iter().chain(&file.test_filenames).cloned().collect();
-    let (all, validation) =
-        (file.train_filenames.is_empty(), file.val_filenames.iter().cloned().collect::<BTreeSet<_>>());
+    let listed: BTreeSet<String> = file
+        .train_filenames
+        .iter()
+        .chain(&file.test_filenames)
+        .cloned()
+        .collect();
+    let (all, validation) = (
+        file.train_filenames.is_empty(),
+        file.val_filenames.iter().cloned().collect::<BTreeSet<_>>(),
+    );
     move |frame| match all {
         true => !validation.contains(&frame.file_path),
         false => listed.contains(&frame.file_path),
     }
 }
 
-fn camera(path: &Path, file: &File, frame: &Frame, photo: &Path) -> Result<(Camera, bool), SceneError> {
+fn camera(
+    path: &Path,
+    file: &File,
+    frame: &Frame,
+    photo: &Path,
+) -> Result<(Camera, bool), SceneError> {
     let size = image_file::size(photo)?;
-    let (camera, has_range) = file
-        .camera(frame, size)
-        .map_err(|fault| SceneError::content(path, format!("frame {:?}", frame.file_path), fault))?;
+    let (camera, has_range) = file.camera(frame, size).map_err(|fault| {
+        SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
+    })?;
     Ok((source_files::at_size_of_file(&camera, photo)?, has_range))
 }
 
@@ -198,7 +281,10 @@ fn place(
     if ranged {
         return Ok(bounds);
     }
-    let cameras: Vec<Camera> = photos.iter().map(|(_, posed)| posed.camera.clone()).collect();
+    let cameras: Vec<Camera> = photos
+        .iter()
+        .map(|(_, posed)| posed.camera.clone())
+        .collect();
     let guess = pose::guess_depths(&cameras);
     if bounds.is_none() {
         notes.push(format!(
@@ -208,7 +294,9 @@ fn place(
         ));
     }
     for (_, posed) in photos {
-        let range = bounds.as_ref().map_or(guess, |bounds| pose::depths_of_box(&posed.camera, bounds));
+        let range = bounds
+            .as_ref()
+            .map_or(guess, |bounds| pose::depths_of_box(&posed.camera, bounds));
         [posed.camera.near, posed.camera.far] = range;
     }
     Ok(bounds)
@@ -217,7 +305,12 @@ fn place(
 /// instant-ngp's cube in the file's coordinates. Without `aabb_scale` only a NeRF-synthetic file, which has a field of
 /// view and no focal length, means it.
 fn cube(path: &Path, file: &File) -> Result<Option<[[f64; 3]; 2]>, SceneError> {
-    let Some(side) = file.aabb_scale.or(file.has_field_of_view_alone().then_some(1.0)) else { return Ok(None) };
+    let Some(side) = file
+        .aabb_scale
+        .or(file.has_field_of_view_alone().then_some(1.0))
+    else {
+        return Ok(None);
+    };
     let (scale, offset) = (file.scale.unwrap_or(SCALE), file.offset.unwrap_or(OFFSET));
     let bounds = [-0.5, 0.5].map(|half| offset.map(|offset| (0.5 + half * side - offset) / scale));
     check_bounds(path, Some(&bounds))?;
@@ -225,11 +318,17 @@ fn cube(path: &Path, file: &File) -> Result<Option<[[f64; 3]; 2]>, SceneError> {
 }
 
 fn check_bounds(path: &Path, bounds: Option<&[[f64; 3]; 2]>) -> Result<(), SceneError> {
-    let Some([low, high]) = bounds else { return Ok(()) };
+    let Some([low, high]) = bounds else {
+        return Ok(());
+    };
     let sound = |axis: usize| low[axis] < high[axis] && (high[axis] - low[axis]).is_finite();
     match (0..3).all(sound) {
         true => Ok(()),
-        false => Err(SceneError::content(path, "the scene box", format!("{low:?} is not below {high:?} on all axes"))),
+        false => Err(SceneError::content(
+            path,
+            "the scene box",
+            format!("{low:?} is not below {high:?} on all axes"),
+        )),
     }
 }
 

@@ -24,15 +24,21 @@ pub fn write_transforms(
 ) -> Result<(), SceneError> {
     for (split, photos) in [("train", train), ("test", test)] {
         let images = folder.join(split);
-        std::fs::create_dir_all(&images).map_err(|source| SceneError::Io { path: images.clone(), source })?;
+        std::fs::create_dir_all(&images).map_err(|source| SceneError::Io {
+            path: images.clone(),
+            source,
+        })?;
         for photo in photos {
             write_photo(&images.join(format!("{}.png", photo.name)), photo)?;
         }
         let frames: Vec<Value> = photos.iter().map(|photo| frame(split, photo)).collect();
-        let angle = photos.first().map(|photo| 2.0 * (0.5 * f64::from(photo.camera.width) / photo.camera.fl_x).atan());
+        let angle = photos
+            .first()
+            .map(|photo| 2.0 * (0.5 * f64::from(photo.camera.width) / photo.camera.fl_x).atan());
         let page = json!({ "camera_angle_x": angle, "aabb": bounds, "frames": frames });
         let path = folder.join(format!("transforms_{split}.json"));
-        std::fs::write(&path, format!("{page:#}\n")).map_err(|source| SceneError::Io { path, source })?;
+        std::fs::write(&path, format!("{page:#}\n"))
+            .map_err(|source| SceneError::Io { path, source })?;
     }
     Ok(())
 }
@@ -48,7 +54,13 @@ fn frame(split: &str, photo: &Photo) -> Value {
         "near": camera.near, "far": camera.far,
     });
     let bent = camera.distortion;
-    for (name, value) in [("k1", bent.k1), ("k2", bent.k2), ("k3", bent.k3), ("p1", bent.p1), ("p2", bent.p2)] {
+    for (name, value) in [
+        ("k1", bent.k1),
+        ("k2", bent.k2),
+        ("k3", bent.k3),
+        ("p1", bent.p1),
+        ("p2", bent.p2),
+    ] {
         if value != 0.0 {
             frame[name] = json!(value);
         }
@@ -62,7 +74,14 @@ fn write_photo(path: &Path, photo: &Photo) -> Result<(), SceneError> {
     let image = RgbaImage::from_fn(width, height, |x, y| {
         let i = y as usize * width as usize + x as usize;
         let [r, g, b] = [0, 1, 2].map(|channel| byte(photo.rgb[3 * i + channel]));
-        Rgba([r, g, b, photo.alpha.as_ref().map_or(255, |alpha| byte(alpha[i]))])
+        Rgba([
+            r,
+            g,
+            b,
+            photo.alpha.as_ref().map_or(255, |alpha| byte(alpha[i])),
+        ])
     });
-    image.save(path).map_err(|error| SceneError::content(path, "the photo", error.to_string()))
+    image
+        .save(path)
+        .map_err(|error| SceneError::content(path, "the photo", error.to_string()))
 }

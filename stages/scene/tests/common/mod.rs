@@ -12,7 +12,11 @@ pub const SIZE: (u32, u32) = (24, 18);
 /// Cameras around a point, of one lens that bends.
 pub fn known_cameras(bent: Distortion) -> Vec<Camera> {
     let target = DVec3::new(1.0, 2.0, -20.0);
-    let positions = [DVec3::new(-2.0, 2.5, 1.0), DVec3::new(1.0, 1.5, 0.0), DVec3::new(4.0, 2.2, 0.5)];
+    let positions = [
+        DVec3::new(-2.0, 2.5, 1.0),
+        DVec3::new(1.0, 1.5, 0.0),
+        DVec3::new(4.0, 2.2, 0.5),
+    ];
     let camera = |position| Camera {
         width: SIZE.0,
         height: SIZE.1,
@@ -29,7 +33,13 @@ pub fn known_cameras(bent: Distortion) -> Vec<Camera> {
 }
 
 /// A lens of the size that phones have.
-pub const BENT: Distortion = Distortion { k1: 0.06, k2: -0.08, k3: 0.0, p1: -0.001, p2: 0.0002 };
+pub const BENT: Distortion = Distortion {
+    k1: 0.06,
+    k2: -0.08,
+    k3: 0.0,
+    p1: -0.001,
+    p2: 0.0002,
+};
 
 /// Photos with 8-bit values, as files hold them; `transparent` ones have a coverage of their own.
 pub fn photos(cameras: &[Camera], transparent: bool) -> Vec<Photo> {
@@ -49,12 +59,16 @@ pub fn photos(cameras: &[Camera], transparent: bool) -> Vec<Photo> {
 /// Writes a photo of one colour.
 pub fn write_photo(path: &Path, (width, height): (u32, u32), red: u8) {
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    image::RgbImage::from_pixel(width, height, image::Rgb([red, 10, 20])).save(path).unwrap();
+    image::RgbImage::from_pixel(width, height, image::Rgb([red, 10, 20]))
+        .save(path)
+        .unwrap();
 }
 
 /// The error's words, with the scene's folder left out.
 pub fn words(error: SceneError, folder: &Path) -> String {
-    error.to_string().replace(&format!("{}", folder.display()), "SCENE")
+    error
+        .to_string()
+        .replace(&format!("{}", folder.display()), "SCENE")
 }
 
 /// What is wrong with bytes: cut off, overwritten, or with something between them.
@@ -72,7 +86,11 @@ impl Damage {
             Damage::Cut(at) => bytes.truncate(at.index(bytes.len().max(1))),
             Damage::Overwrite(at, with) => {
                 let at = at.index(bytes.len().max(1));
-                bytes.iter_mut().skip(at).zip(with).for_each(|(byte, new)| *byte = *new);
+                bytes
+                    .iter_mut()
+                    .skip(at)
+                    .zip(with)
+                    .for_each(|(byte, new)| *byte = *new);
             }
             Damage::Insert(at, what) => {
                 let at = at.index(bytes.len().max(1));
@@ -89,7 +107,8 @@ pub fn any_damage() -> impl proptest::strategy::Strategy<Value = Damage> {
     let bytes = || prop::collection::vec(prop_oneof![any::<u8>(), Just(255), b'0'..=b'9'], 1..9);
     prop_oneof![
         any::<prop::sample::Index>().prop_map(Damage::Cut),
-        (any::<prop::sample::Index>(), bytes()).prop_map(|(at, bytes)| Damage::Overwrite(at, bytes)),
+        (any::<prop::sample::Index>(), bytes())
+            .prop_map(|(at, bytes)| Damage::Overwrite(at, bytes)),
         (any::<prop::sample::Index>(), bytes()).prop_map(|(at, bytes)| Damage::Insert(at, bytes)),
     ]
 }

@@ -16,7 +16,10 @@ impl Ratio {
     /// `over / under`; `None` beyond [`LARGEST`].
     pub fn new(over: usize, under: usize) -> Option<Self> {
         let divisor = greatest_common_divisor(over, under);
-        let ratio = Self { over: over.checked_div(divisor)?, under: under.checked_div(divisor)? };
+        let ratio = Self {
+            over: over.checked_div(divisor)?,
+            under: under.checked_div(divisor)?,
+        };
         (over > 0 && under > 0 && ratio.over <= LARGEST && ratio.under <= LARGEST).then_some(ratio)
     }
 
@@ -42,7 +45,11 @@ impl Ratio {
 
 /// The largest number that divides both.
 pub fn greatest_common_divisor(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+    if b == 0 {
+        a
+    } else {
+        greatest_common_divisor(b, a % b)
+    }
 }
 
 /// A value of the graph.
@@ -50,7 +57,11 @@ pub fn greatest_common_divisor(a: usize, b: usize) -> usize {
 pub enum Blob {
     /// Images: how many channels they have, their side over the input's, and how far away, in pixels of the input, an
     /// input may be that changes them.
-    Images { channels: usize, ratio: Ratio, reach: f64 },
+    Images {
+        channels: usize,
+        ratio: Ratio,
+        reach: f64,
+    },
     /// A number for each channel, which is known.
     Constant(Vec<f32>),
 }

@@ -60,7 +60,11 @@ pub fn build(layers: &[Layer], weights: &mut Weights) -> Result<Graph, Upsampler
 
 impl Builder {
     fn layer(&mut self, layer: &Layer, weights: &mut Weights) -> Result<(), UpsamplerError> {
-        let taken = layer.inputs.iter().map(|name| self.take(layer, name)).collect::<Result<Vec<_>, _>>()?;
+        let taken = layer
+            .inputs
+            .iter()
+            .map(|name| self.take(layer, name))
+            .collect::<Result<Vec<_>, _>>()?;
         let mut parameters = Parameters::of(layer);
         match layer.kind.as_str() {
             "Input" => {
@@ -71,7 +75,16 @@ impl Builder {
                 parameters.count(0, 0)?;
                 parameters.count(1, 0)?;
                 parameters.must_be(2, "number of channels", 3)?;
-                self.name(layer, name, 0, Blob::Images { channels: 3, ratio: Ratio::ONE, reach: 0.0 })?;
+                self.name(
+                    layer,
+                    name,
+                    0,
+                    Blob::Images {
+                        channels: 3,
+                        ratio: Ratio::ONE,
+                        reach: 0.0,
+                    },
+                )?;
             }
             "MemoryData" => {
                 let ([], [name]) = (&taken[..], &layer.outputs[..]) else {
@@ -84,16 +97,25 @@ impl Builder {
                 self.name(layer, name, 0, Blob::Constant(values))?;
             }
             "Split" => {
-                let [(value, blob)] = &taken[..] else { return Err(layer.wrong("takes one blob")) };
+                let [(value, blob)] = &taken[..] else {
+                    return Err(layer.wrong("takes one blob"));
+                };
                 for name in &layer.outputs {
                     self.name(layer, name, *value, blob.clone())?;
                 }
             }
             _ => {
-                let [name] = &layer.outputs[..] else { return Err(layer.wrong("gives one blob")) };
+                let [name] = &layer.outputs[..] else {
+                    return Err(layer.wrong("gives one blob"));
+                };
                 let (operation, blob) = self.operation(layer, &taken, &mut parameters, weights)?;
-                let images = taken.iter().filter(|(_, blob)| matches!(blob, Blob::Images { .. }));
-                self.steps.push(Step { operation, inputs: images.map(|(value, _)| *value).collect() });
+                let images = taken
+                    .iter()
+                    .filter(|(_, blob)| matches!(blob, Blob::Images { .. }));
+                self.steps.push(Step {
+                    operation,
+                    inputs: images.map(|(value, _)| *value).collect(),
+                });
                 self.name(layer, name, self.steps.len(), blob)?;
             }
         }
@@ -106,14 +128,26 @@ impl Builder {
         found.ok_or_else(|| layer.wrong(format!("takes `{name}`, which no layer before it gives")))
     }
 
-    fn name(&mut self, layer: &Layer, name: &str, value: usize, blob: Blob) -> Result<(), UpsamplerError> {
-        if let Blob::Images { channels, ratio, .. } = &blob {
+    fn name(
+        &mut self,
+        layer: &Layer,
+        name: &str,
+        value: usize,
+        blob: Blob,
+    ) -> Result<(), UpsamplerError> {
+        if let Blob::Images {
+            channels, ratio, ..
+        } = &blob
+        {
             if *channels == 0 || *channels > CHANNELS {
                 return Err(layer.wrong(format!("gives {channels} channels")));
             }
             self.width = self.width.max(*channels);
-            self.largest = self.largest.max(*channels as f64 * ratio.value() * ratio.value());
-            self.grain = self.grain / greatest_common_divisor(self.grain, ratio.under) * ratio.under;
+            self.largest = self
+                .largest
+                .max(*channels as f64 * ratio.value() * ratio.value());
+            self.grain =
+                self.grain / greatest_common_divisor(self.grain, ratio.under) * ratio.under;
             if self.grain > FACTOR {
                 return Err(layer.wrong("makes images too small to be enlarged"));
             }
@@ -142,56 +176,123 @@ impl Builder {
                 let images = all_images(layer, &blobs)?;
                 let channels = images.iter().map(|(channels, ..)| channels).sum();
                 let reach = images.iter().map(|(.., reach)| *reach).fold(0.0, f64::max);
-                Ok((Operation::Concat, Blob::Images { channels, ratio: images[0].1, reach }))
+                Ok((
+                    Operation::Concat,
+                    Blob::Images {
+                        channels,
+                        ratio: images[0].1,
+                        reach,
+                    },
+                ))
             }
-            (_, &[&Blob::Images { channels, ratio, reach }]) => {
-                let same = |operation| Ok((operation, Blob::Images { channels, ratio, reach }));
+            (
+                _,
+                &[
+                    &Blob::Images {
+                        channels,
+                        ratio,
+                        reach,
+                    },
+                ],
+            ) => {
+                let same = |operation| {
+                    Ok((
+                        operation,
+                        Blob::Images {
+                            channels,
+                            ratio,
+                            reach,
+                        },
+                    ))
+                };
                 match layer.kind.as_str() {
                     "Convolution" => {
-                        let (operation, outputs, side) = convolution(layer, channels, parameters, weights)?;
+                        let (operation, outputs, side) =
+                            convolution(layer, channels, parameters, weights)?;
                         self.convolutions += 1;
                         let reach = reach + (side / 2) as f64 / ratio.value();
-                        Ok((operation, Blob::Images { channels: outputs, ratio, reach }))
+                        Ok((
+                            operation,
+                            Blob::Images {
+                                channels: outputs,
+                                ratio,
+                                reach,
+                            },
+                        ))
                     }
-                    "ReLU" => same(Operation::Function(Function::Leaky(parameters.number(0, 0.0)? as f32))),
+                    "ReLU" => same(Operation::Function(Function::Leaky(
+                        parameters.number(0, 0.0)? as f32,
+                    ))),
                     "Sigmoid" => same(Operation::Function(Function::Sigmoid)),
                     "Swish" => same(Operation::Function(Function::Swish)),
                     "Clip" => {
-                        let [low, high] =
-                            [parameters.number(0, f64::from(f32::MIN))?, parameters.number(1, f64::from(f32::MAX))?];
+                        let [low, high] = [
+                            parameters.number(0, f64::from(f32::MIN))?,
+                            parameters.number(1, f64::from(f32::MAX))?,
+                        ];
                         if low > high {
-                            return Err(layer.wrong(format!("leaves nothing between {low} and {high}")));
+                            return Err(
+                                layer.wrong(format!("leaves nothing between {low} and {high}"))
+                            );
                         }
-                        same(Operation::Function(Function::Clamp(low as f32, high as f32)))
+                        same(Operation::Function(Function::Clamp(
+                            low as f32,
+                            high as f32,
+                        )))
                     }
                     "PReLU" => match parameters.count(0, 0)? {
                         1 => {
                             let slope = weights.plain(layer, &[1])?.to_vec()[0];
                             same(Operation::Function(Function::Leaky(slope)))
                         }
-                        count if count == channels => same(Operation::Prelu(weights.plain(layer, &[count])?)),
-                        count => Err(layer.wrong(format!("has {count} slopes for {channels} channels"))),
+                        count if count == channels => {
+                            same(Operation::Prelu(weights.plain(layer, &[count])?))
+                        }
+                        count => {
+                            Err(layer.wrong(format!("has {count} slopes for {channels} channels")))
+                        }
                     },
                     "PixelShuffle" => {
                         let factor = parameters.count(0, 1)?;
                         parameters.must_be(1, "mode", 0)?;
-                        let whole = (1..=FACTOR).contains(&factor) && channels % (factor * factor) == 0;
+                        let whole =
+                            (1..=FACTOR).contains(&factor) && channels % (factor * factor) == 0;
                         let larger = Ratio::new(factor, 1).and_then(|factor| ratio.times(factor));
                         let (true, Some(ratio)) = (whole, larger) else {
-                            return Err(layer.wrong(format!("shuffles {channels} channels by {factor}")));
+                            return Err(
+                                layer.wrong(format!("shuffles {channels} channels by {factor}"))
+                            );
                         };
                         let channels = channels / (factor * factor);
-                        Ok((Operation::Shuffle(factor), Blob::Images { channels, ratio, reach }))
+                        Ok((
+                            Operation::Shuffle(factor),
+                            Blob::Images {
+                                channels,
+                                ratio,
+                                reach,
+                            },
+                        ))
                     }
                     "Reorg" => {
                         let factor = parameters.count(0, 1)?;
                         parameters.must_be(1, "mode", 0)?;
                         let smaller = Ratio::new(1, factor).and_then(|factor| ratio.times(factor));
-                        let (true, Some(smaller)) = ((1..=FACTOR).contains(&factor), smaller) else {
+                        let (true, Some(smaller)) = ((1..=FACTOR).contains(&factor), smaller)
+                        else {
                             return Err(layer.wrong(format!("reorders by {factor}")));
                         };
-                        let (channels, reach) = (channels * factor * factor, reach + factor as f64 / ratio.value());
-                        Ok((Operation::Unshuffle(factor), Blob::Images { channels, ratio: smaller, reach }))
+                        let (channels, reach) = (
+                            channels * factor * factor,
+                            reach + factor as f64 / ratio.value(),
+                        );
+                        Ok((
+                            Operation::Unshuffle(factor),
+                            Blob::Images {
+                                channels,
+                                ratio: smaller,
+                                reach,
+                            },
+                        ))
                     }
                     "Interp" => interp(layer, [channels as f64, reach], ratio, parameters),
                     _ => Err(unknown(layer)),
@@ -204,15 +305,25 @@ impl Builder {
     fn finish(self, last: &Layer) -> Result<Graph, UpsamplerError> {
         let [output] = &self.loose[..] else {
             let names = self.loose.join("`, `");
-            return Err(last.wrong(format!("is the last, and nothing takes `{names}`; supported is one result")));
+            return Err(last.wrong(format!(
+                "is the last, and nothing takes `{names}`; supported is one result"
+            )));
         };
         let scale = match self.blobs.get(output) {
-            Some((value, Blob::Images { channels: 3, ratio: Ratio { over, under: 1 }, .. }))
-                if *value == self.steps.len() && *value > 0 =>
-            {
-                *over
-            }
-            Some((_, Blob::Images { channels, ratio, .. })) => {
+            Some((
+                value,
+                Blob::Images {
+                    channels: 3,
+                    ratio: Ratio { over, under: 1 },
+                    ..
+                },
+            )) if *value == self.steps.len() && *value > 0 => *over,
+            Some((
+                _,
+                Blob::Images {
+                    channels, ratio, ..
+                },
+            )) => {
                 let Ratio { over, under } = ratio;
                 let problem = format!(
                     "gives the result, {channels} channels of {over}/{under} times the side; expected are 3, enlarged by a whole number"

@@ -24,9 +24,15 @@ impl Graph {
     pub fn new(steps: Vec<Step>, facts: Facts) -> Self {
         let mut last_use = vec![None; steps.len() + 1];
         for (i, step) in steps.iter().enumerate() {
-            step.inputs.iter().for_each(|&input| last_use[input] = Some(i));
+            step.inputs
+                .iter()
+                .for_each(|&input| last_use[input] = Some(i));
         }
-        Self { steps, last_use, facts }
+        Self {
+            steps,
+            last_use,
+            facts,
+        }
     }
 }
 
@@ -34,7 +40,11 @@ impl Network for Graph {
     fn forward(&self, x: &Array) -> Array {
         let mut values: Vec<Option<Array>> = vec![Some(x.clone())];
         for (i, step) in self.steps.iter().enumerate() {
-            let inputs: Vec<&Array> = step.inputs.iter().filter_map(|&input| values[input].as_ref()).collect();
+            let inputs: Vec<&Array> = step
+                .inputs
+                .iter()
+                .filter_map(|&input| values[input].as_ref())
+                .collect();
             let result = step.operation.apply(&inputs);
             for &input in &step.inputs {
                 if self.last_use[input] == Some(i) {

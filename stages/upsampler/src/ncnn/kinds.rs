@@ -12,17 +12,29 @@ use crate::error::UpsamplerError;
 
 /// The error about a layer of a kind that is not known here, or that is not for what it takes.
 pub fn unknown(layer: &Layer) -> UpsamplerError {
-    layer.wrong(format!("with {} inputs is of a kind that is not known here", layer.inputs.len()))
+    layer.wrong(format!(
+        "with {} inputs is of a kind that is not known here",
+        layer.inputs.len()
+    ))
 }
 
 /// The facts of all inputs, which are images of one size.
-pub fn all_images(layer: &Layer, blobs: &[&Blob]) -> Result<Vec<(usize, Ratio, f64)>, UpsamplerError> {
+pub fn all_images(
+    layer: &Layer,
+    blobs: &[&Blob],
+) -> Result<Vec<(usize, Ratio, f64)>, UpsamplerError> {
     let facts = |blob: &&Blob| match blob {
-        Blob::Images { channels, ratio, reach } => Ok((*channels, *ratio, *reach)),
+        Blob::Images {
+            channels,
+            ratio,
+            reach,
+        } => Ok((*channels, *ratio, *reach)),
         Blob::Constant(_) => Err(layer.wrong("takes a constant where it should take images")),
     };
     let images = blobs.iter().map(facts).collect::<Result<Vec<_>, _>>()?;
-    let [(_, ratio, _), ..] = &images[..] else { return Err(layer.wrong("takes nothing")) };
+    let [(_, ratio, _), ..] = &images[..] else {
+        return Err(layer.wrong("takes nothing"));
+    };
     if images.iter().any(|(_, other, _)| other != ratio) {
         return Err(layer.wrong("takes images of different sizes"));
     }
@@ -36,7 +48,11 @@ fn alike(layer: &Layer, blobs: &[&Blob]) -> Result<Blob, UpsamplerError> {
     if let Some((other, ..)) = images.iter().find(|(other, ..)| *other != channels) {
         return Err(layer.wrong(format!("takes {channels} channels and {other}")));
     }
-    Ok(Blob::Images { channels, ratio, reach: images.iter().map(|(.., reach)| *reach).fold(0.0, f64::max) })
+    Ok(Blob::Images {
+        channels,
+        ratio,
+        reach: images.iter().map(|(.., reach)| *reach).fold(0.0, f64::max),
+    })
 }
 
 /// A convolution as it is computed, its channels and its kernel's side.
@@ -48,7 +64,9 @@ pub fn convolution(
 ) -> Result<(Operation, usize, usize), UpsamplerError> {
     let (outputs, side) = (parameters.count(0, 0)?, parameters.count(1, 0)?);
     if side % 2 == 0 || side > 15 {
-        return Err(layer.wrong(format!("has a kernel of side {side}; supported are odd ones up to 15")));
+        return Err(layer.wrong(format!(
+            "has a kernel of side {side}; supported are odd ones up to 15"
+        )));
     }
     for (id, what, value) in [
         (11, "kernel's height", side),
@@ -67,9 +85,10 @@ pub fn convolution(
         parameters.must_be(id, "padding", left)?;
     }
     if left != side / 2 || parameters.number(18, 0.0)? != 0.0 {
-        return Err(
-            layer.wrong(format!("pads {left} pixels around a kernel of {side}; supported are {} zeros", side / 2))
-        );
+        return Err(layer.wrong(format!(
+            "pads {left} pixels around a kernel of {side}; supported are {} zeros",
+            side / 2
+        )));
     }
     let (bias, size) = (parameters.count(5, 0)?, parameters.count(6, 0)?);
     let expected = outputs.checked_mul(inputs * side * side);
@@ -85,11 +104,23 @@ pub fn convolution(
         (2, [slope]) => Function::Leaky(*slope as f32),
         (3, [low, high]) if low <= high => Function::Clamp(*low as f32, *high as f32),
         (4, []) => Function::Sigmoid,
-        _ => return Err(layer.wrong(format!("has the activation {function} with {list:?}, which is not known here"))),
+        _ => {
+            return Err(layer.wrong(format!(
+                "has the activation {function} with {list:?}, which is not known here"
+            )));
+        }
     };
     let weight = weights.marked(layer, &[outputs, inputs, side, side])?;
-    let bias = if bias == 1 { Some(weights.plain(layer, &[outputs])?) } else { None };
-    Ok((Operation::Convolution(Convolution::new(weight, bias), function), outputs, side))
+    let bias = if bias == 1 {
+        Some(weights.plain(layer, &[outputs])?)
+    } else {
+        None
+    };
+    Ok((
+        Operation::Convolution(Convolution::new(weight, bias), function),
+        outputs,
+        side,
+    ))
 }
 
 /// A function of two values, or of one and a number.
@@ -100,8 +131,11 @@ pub fn binary(
 ) -> Result<(Operation, Blob), UpsamplerError> {
     let kind = parameters.count(0, 0)?;
     let (with_number, number) = (parameters.count(1, 0)?, parameters.number(2, 0.0)? as f32);
-    let unsupported =
-        || layer.wrong(format!("computes the function {kind}, which is not known here for what it takes"));
+    let unsupported = || {
+        layer.wrong(format!(
+            "computes the function {kind}, which is not known here for what it takes"
+        ))
+    };
     match (with_number, blobs) {
         (1, [blob @ Blob::Images { .. }]) => {
             let function = match kind {
@@ -113,13 +147,18 @@ pub fn binary(
             };
             Ok((Operation::Function(function), (*blob).clone()))
         }
-        (0, [blob @ Blob::Images { channels, .. }, Blob::Constant(values)]) if *channels == values.len() => {
+        (0, [blob @ Blob::Images { channels, .. }, Blob::Constant(values)])
+            if *channels == values.len() =>
+        {
             let sign = match kind {
                 0 => 1.0,
                 1 => -1.0,
                 _ => return Err(unsupported()),
             };
-            Ok((Operation::Shift(values.iter().map(|value| sign * value).collect()), (*blob).clone()))
+            Ok((
+                Operation::Shift(values.iter().map(|value| sign * value).collect()),
+                (*blob).clone(),
+            ))
         }
         (0, [_, _]) => {
             let operation = match kind {
@@ -144,8 +183,14 @@ pub fn eltwise(
     let operation = match kind {
         0 if factors.is_empty() => Operation::Product,
         1 if factors.is_empty() => Operation::Sum(vec![1.0; blobs.len()]),
-        1 if factors.len() == blobs.len() => Operation::Sum(factors.iter().map(|&factor| factor as f32).collect()),
-        _ => return Err(layer.wrong(format!("computes the function {kind} with {factors:?}, which is not known here"))),
+        1 if factors.len() == blobs.len() => {
+            Operation::Sum(factors.iter().map(|&factor| factor as f32).collect())
+        }
+        _ => {
+            return Err(layer.wrong(format!(
+                "computes the function {kind} with {factors:?}, which is not known here"
+            )));
+        }
     };
     Ok((operation, alike(layer, blobs)?))
 }
@@ -157,16 +202,25 @@ pub fn interp(
     ratio: Ratio,
     parameters: &mut Parameters,
 ) -> Result<(Operation, Blob), UpsamplerError> {
-    let (kind, down, across) = (parameters.count(0, 0)?, parameters.number(1, 1.0)?, parameters.number(2, 1.0)?);
-    for (id, what) in
-        [(3, "height"), (4, "width"), (5, "mark of a size that is computed"), (6, "mark of aligned corners")]
-    {
+    let (kind, down, across) = (
+        parameters.count(0, 0)?,
+        parameters.number(1, 1.0)?,
+        parameters.number(2, 1.0)?,
+    );
+    for (id, what) in [
+        (3, "height"),
+        (4, "width"),
+        (5, "mark of a size that is computed"),
+        (6, "mark of aligned corners"),
+    ] {
         parameters.must_be(id, what, 0)?;
     }
     let factor = Ratio::of(down).filter(|_| down == across);
     let result = factor.and_then(|factor| Some((factor, ratio.times(factor)?)));
     let Some((factor, larger)) = result else {
-        return Err(layer.wrong(format!("resizes by {down} and {across}; supported are equal ones of small numbers")));
+        return Err(layer.wrong(format!(
+            "resizes by {down} and {across}; supported are equal ones of small numbers"
+        )));
     };
     let (operation, pixels) = match (kind, factor.under) {
         (1, 1) => (Operation::Nearest(factor.over), 0.0),
@@ -176,5 +230,12 @@ pub fn interp(
         _ => return Err(layer.wrong(format!("resizes in the way {kind}; known are 1, 2 and 3"))),
     };
     let reach = reach + pixels / ratio.value();
-    Ok((operation, Blob::Images { channels: channels as usize, ratio: larger, reach }))
+    Ok((
+        operation,
+        Blob::Images {
+            channels: channels as usize,
+            ratio: larger,
+            reach,
+        },
+    ))
 }

@@ -60,17 +60,32 @@ impl Operation {
             Self::Convolution(convolution, function) => function.apply(&convolution.apply(x)),
             Self::Function(function) => function.apply(x),
             Self::Prelu(slopes) => prelu(x, slopes),
-            Self::Sum(factors) if factors.iter().all(|&factor| factor == 1.0) && inputs.len() == 2 => add(x, last),
-            Self::Sum(factors) => scaled_sum(&factors.iter().copied().zip(inputs.iter().copied()).collect::<Vec<_>>()),
+            Self::Sum(factors)
+                if factors.iter().all(|&factor| factor == 1.0) && inputs.len() == 2 =>
+            {
+                add(x, last)
+            }
+            Self::Sum(factors) => scaled_sum(
+                &factors
+                    .iter()
+                    .copied()
+                    .zip(inputs.iter().copied())
+                    .collect::<Vec<_>>(),
+            ),
             Self::Difference => sub(x, last),
-            Self::Product => inputs[1..].iter().fold(x.clone(), |product, factor| mul(&product, factor)),
-            Self::Shift(numbers) => add_channels(x, &for_each_image(x.device(), numbers, x.shape()[0])),
+            Self::Product => inputs[1..]
+                .iter()
+                .fold(x.clone(), |product, factor| mul(&product, factor)),
+            Self::Shift(numbers) => {
+                add_channels(x, &for_each_image(x.device(), numbers, x.shape()[0]))
+            }
             Self::Concat => concat(inputs, 1),
             Self::Shuffle(factor) => pixel_shuffle(x, *factor),
             Self::Unshuffle(factor) => pixel_unshuffle(x, *factor),
             Self::Nearest(factor) => upsample_nearest(x, *factor),
             Self::Resize(filter, ratio) => {
-                let [height, width] = [x.shape()[2], x.shape()[3]].map(|side| side * ratio.over / ratio.under);
+                let [height, width] =
+                    [x.shape()[2], x.shape()[3]].map(|side| side * ratio.over / ratio.under);
                 resize(x, height, width, *filter, false)
             }
         }

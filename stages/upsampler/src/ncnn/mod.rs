@@ -23,7 +23,11 @@ use crate::source::SourceFile;
 type Read = (Box<dyn Network>, BTreeMap<String, usize>, usize);
 
 /// The network of a graph and its weights, which must be used up.
-pub fn read(graph: &SourceFile, weights: &SourceFile, device: &Device) -> Result<Read, UpsamplerError> {
+pub fn read(
+    graph: &SourceFile,
+    weights: &SourceFile,
+    device: &Device,
+) -> Result<Read, UpsamplerError> {
     let layers = param::parse(graph)?;
     let mut weights = weights::Weights::new(weights, device);
     let network = build::build(&layers, &mut weights)?;

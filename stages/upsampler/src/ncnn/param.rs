@@ -39,22 +39,38 @@ impl Layer {
 pub fn parse(file: &SourceFile) -> Result<Vec<Layer>, UpsamplerError> {
     let wrong = |problem: String| UpsamplerError::file(&file.name, problem);
     let Ok(text) = std::str::from_utf8(file.content()) else {
-        return Err(wrong("is no text; ncnn's .param files are read as text, not as .param.bin".to_owned()));
+        return Err(wrong(
+            "is no text; ncnn's .param files are read as text, not as .param.bin".to_owned(),
+        ));
     };
-    let lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.split_whitespace().collect::<Vec<_>>()));
+    let lines = text
+        .lines()
+        .enumerate()
+        .map(|(i, line)| (i + 1, line.split_whitespace().collect::<Vec<_>>()));
     let mut lines = lines.filter(|(_, words)| !words.is_empty());
     match lines.next() {
         Some((_, words)) if words == [MAGIC] => (),
-        _ => return Err(wrong(format!("does not begin with {MAGIC}, as ncnn's graphs do"))),
+        _ => {
+            return Err(wrong(format!(
+                "does not begin with {MAGIC}, as ncnn's graphs do"
+            )));
+        }
     }
     let count = match lines.next().as_ref().map(|(_, words)| &words[..]) {
         Some([layers, _]) => layers.parse::<usize>().ok(),
         _ => None,
     };
-    let count = count.ok_or_else(|| wrong("line 2: expected are the numbers of layers and of blobs".to_owned()))?;
-    let layers = lines.map(|(line, words)| layer(file, line, &words)).collect::<Result<Vec<_>, _>>()?;
+    let count = count.ok_or_else(|| {
+        wrong("line 2: expected are the numbers of layers and of blobs".to_owned())
+    })?;
+    let layers = lines
+        .map(|(line, words)| layer(file, line, &words))
+        .collect::<Result<Vec<_>, _>>()?;
     if layers.len() != count {
-        return Err(wrong(format!("holds {} layers; its second line says {count}", layers.len())));
+        return Err(wrong(format!(
+            "holds {} layers; its second line says {count}",
+            layers.len()
+        )));
     }
     if layers.is_empty() {
         return Err(wrong("holds no layers".to_owned()));
@@ -64,18 +80,33 @@ pub fn parse(file: &SourceFile) -> Result<Vec<Layer>, UpsamplerError> {
 
 /// One line: kind, name, how many blobs are taken and given, their names, and parameters.
 fn layer(file: &SourceFile, line: usize, words: &[&str]) -> Result<Layer, UpsamplerError> {
-    let wrong = |problem: String| UpsamplerError::file(&file.name, format!("line {line}: {problem}"));
+    let wrong =
+        |problem: String| UpsamplerError::file(&file.name, format!("line {line}: {problem}"));
     let &[kind, name, inputs, outputs, ref rest @ ..] = words else {
-        return Err(wrong("expected are a layer's kind, name, and numbers of inputs and outputs".to_owned()));
+        return Err(wrong(
+            "expected are a layer's kind, name, and numbers of inputs and outputs".to_owned(),
+        ));
     };
     let [inputs, outputs] = [inputs, outputs].map(str::parse::<usize>);
     let (Ok(inputs), Ok(outputs)) = (inputs, outputs) else {
-        return Err(wrong(format!("layer `{name}`: the numbers of inputs and outputs are no numbers")));
+        return Err(wrong(format!(
+            "layer `{name}`: the numbers of inputs and outputs are no numbers"
+        )));
     };
-    let Some((blobs, parameters)) = inputs.checked_add(outputs).and_then(|count| rest.split_at_checked(count)) else {
-        return Err(wrong(format!("layer `{name}` names fewer blobs than {inputs} and {outputs}")));
+    let Some((blobs, parameters)) = inputs
+        .checked_add(outputs)
+        .and_then(|count| rest.split_at_checked(count))
+    else {
+        return Err(wrong(format!(
+            "layer `{name}` names fewer blobs than {inputs} and {outputs}"
+        )));
     };
-    let names = |blobs: &[&str]| blobs.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+    let names = |blobs: &[&str]| {
+        blobs
+            .iter()
+            .map(|&name| name.to_owned())
+            .collect::<Vec<_>>()
+    };
     let mut layer = Layer {
         file: file.name.clone(),
         line,
@@ -87,7 +118,9 @@ fn layer(file: &SourceFile, line: usize, words: &[&str]) -> Result<Layer, Upsamp
     };
     for &word in parameters {
         let Some((number, values)) = parameter(word) else {
-            return Err(layer.wrong(format!("has the parameter {word:?}; expected is number=value")));
+            return Err(layer.wrong(format!(
+                "has the parameter {word:?}; expected is number=value"
+            )));
         };
         if layer.parameters.insert(number, values).is_some() {
             return Err(layer.wrong(format!("gives the parameter {number} twice")));
@@ -100,7 +133,11 @@ fn layer(file: &SourceFile, line: usize, words: &[&str]) -> Result<Layer, Upsamp
 fn parameter(word: &str) -> Option<(u32, Vec<f64>)> {
     let (number, text) = word.split_once('=')?;
     let number: i64 = number.parse().ok()?;
-    let values = text.split(',').map(str::parse::<f64>).collect::<Result<Vec<_>, _>>().ok()?;
+    let values = text
+        .split(',')
+        .map(str::parse::<f64>)
+        .collect::<Result<Vec<_>, _>>()
+        .ok()?;
     let finite = values.iter().all(|value| value.is_finite());
     match (&values[..], number) {
         _ if !finite => None,

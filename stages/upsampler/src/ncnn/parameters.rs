@@ -14,7 +14,10 @@ pub struct Parameters<'a> {
 impl<'a> Parameters<'a> {
     /// All parameters of a layer.
     pub fn of(layer: &'a Layer) -> Self {
-        Self { layer, left: layer.parameters.clone() }
+        Self {
+            layer,
+            left: layer.parameters.clone(),
+        }
     }
 
     /// A number, or what it is where it is not given.
@@ -22,7 +25,9 @@ impl<'a> Parameters<'a> {
         match self.left.remove(&id).as_deref() {
             None => Ok(default),
             Some(&[value]) => Ok(value),
-            Some(_) => Err(self.layer.wrong(format!("has a list as its parameter {id}"))),
+            Some(_) => Err(self
+                .layer
+                .wrong(format!("has a list as its parameter {id}"))),
         }
     }
 
@@ -30,7 +35,13 @@ impl<'a> Parameters<'a> {
     pub fn count(&mut self, id: u32, default: usize) -> Result<usize, UpsamplerError> {
         let value = self.number(id, default as f64)?;
         let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value);
-        if whole { Ok(value as usize) } else { Err(self.layer.wrong(format!("has {value} as its parameter {id}"))) }
+        if whole {
+            Ok(value as usize)
+        } else {
+            Err(self
+                .layer
+                .wrong(format!("has {value} as its parameter {id}")))
+        }
     }
 
     /// A list, or a single number as one; empty where it is not given.
@@ -44,15 +55,21 @@ impl<'a> Parameters<'a> {
         if given == value as f64 {
             return Ok(());
         }
-        Err(self.layer.wrong(format!("has {given} as its {what} (parameter {id}); supported is {value}")))
+        Err(self.layer.wrong(format!(
+            "has {given} as its {what} (parameter {id}); supported is {value}"
+        )))
     }
 
     /// Refuses parameters that nothing has looked at, unless they are 0 and so, in ncnn, as if they were not there.
     pub fn finish(self) -> Result<(), UpsamplerError> {
-        match self.left.iter().find(|(_, values)| values.iter().any(|&value| value != 0.0)) {
-            Some((id, values)) => {
-                Err(self.layer.wrong(format!("has the parameter {id}={values:?}, which is not known here")))
-            }
+        match self
+            .left
+            .iter()
+            .find(|(_, values)| values.iter().any(|&value| value != 0.0))
+        {
+            Some((id, values)) => Err(self.layer.wrong(format!(
+                "has the parameter {id}={values:?}, which is not known here"
+            ))),
             None => Ok(()),
         }
     }

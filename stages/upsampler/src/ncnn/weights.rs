@@ -25,12 +25,22 @@ pub struct Weights<'a> {
 impl<'a> Weights<'a> {
     /// The arrays of a file.
     pub fn new(file: &'a SourceFile, device: &'a Device) -> Self {
-        Self { file, device, at: 0, types: BTreeMap::new(), count: 0 }
+        Self {
+            file,
+            device,
+            at: 0,
+            types: BTreeMap::new(),
+            count: 0,
+        }
     }
 
     /// The next array, which has a mark.
     pub fn marked(&mut self, layer: &Layer, shape: &[usize]) -> Result<Array, UpsamplerError> {
-        let mark = self.file.content().get(self.at..).and_then(|rest| rest.first_chunk::<4>());
+        let mark = self
+            .file
+            .content()
+            .get(self.at..)
+            .and_then(|rest| rest.first_chunk::<4>());
         let mark = u32::from_le_bytes(*mark.ok_or_else(|| self.short(layer, shape))?);
         self.at += 4;
         match mark {
@@ -57,32 +67,52 @@ impl<'a> Weights<'a> {
     pub fn finish(self) -> Result<(BTreeMap<String, usize>, usize), UpsamplerError> {
         let left = self.file.content().len().saturating_sub(self.at);
         if left > 0 {
-            let problem =
-                format!("has {left} bytes more than the layers of its .param take; the two do not belong together");
+            let problem = format!(
+                "has {left} bytes more than the layers of its .param take; the two do not belong together"
+            );
             return Err(UpsamplerError::file(&self.file.name, problem));
         }
         Ok((self.types, self.count))
     }
 
-    fn numbers(&mut self, layer: &Layer, shape: &[usize], format: Format) -> Result<Array, UpsamplerError> {
-        let count = shape.iter().try_fold(1usize, |product, &extent| product.checked_mul(extent));
+    fn numbers(
+        &mut self,
+        layer: &Layer,
+        shape: &[usize],
+        format: Format,
+    ) -> Result<Array, UpsamplerError> {
+        let count = shape
+            .iter()
+            .try_fold(1usize, |product, &extent| product.checked_mul(extent));
         let end = count.and_then(|count| count.checked_mul(format.width())?.checked_add(self.at));
         let held = self.file.content().len();
         let (Some(count), Some(end)) = (count, end.filter(|&end| end <= held)) else {
             return Err(self.short(layer, shape));
         };
-        let weight = Weight::from_bytes(self.device, shape, format, self.file.bytes.clone(), self.at..end);
+        let weight = Weight::from_bytes(
+            self.device,
+            shape,
+            format,
+            self.file.bytes.clone(),
+            self.at..end,
+        );
         self.at = end;
         if let Some((index, value)) = weight.first_not_finite() {
             return Err(layer.wrong(format!("has the weight {value} at element {index}")));
         }
         self.count += 1;
-        *self.types.entry(format!("{format:?}").to_uppercase()).or_default() += count;
+        *self
+            .types
+            .entry(format!("{format:?}").to_uppercase())
+            .or_default() += count;
         Ok(weight.to_array())
     }
 
     fn short(&self, layer: &Layer, shape: &[usize]) -> UpsamplerError {
         let (name, held) = (&self.file.name, self.file.content().len());
-        layer.wrong(format!("needs weights of shape {shape:?} at byte {} of {name}, which has {held}", self.at))
+        layer.wrong(format!(
+            "needs weights of shape {shape:?} at byte {} of {name}, which has {held}",
+            self.at
+        ))
     }
 }

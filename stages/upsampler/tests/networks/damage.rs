@@ -7,7 +7,11 @@ use upsampler::{SourceFile, Upsampler};
 use crate::support::bytes;
 
 /// Bytes with some of them changed, and cut off or not.
-fn damaged(mut bytes: Vec<u8>, changes: &[(prop::sample::Index, u8)], cut: Option<prop::sample::Index>) -> Vec<u8> {
+fn damaged(
+    mut bytes: Vec<u8>,
+    changes: &[(prop::sample::Index, u8)],
+    cut: Option<prop::sample::Index>,
+) -> Vec<u8> {
     for (at, value) in changes {
         let at = at.index(bytes.len());
         bytes[at] = *value;
@@ -20,7 +24,10 @@ fn damaged(mut bytes: Vec<u8>, changes: &[(prop::sample::Index, u8)], cut: Optio
 
 fn changes() -> impl Strategy<Value = Vec<(prop::sample::Index, u8)>> {
     // Bytes that mean something in the grammars are likely.
-    let byte = prop_oneof![any::<u8>(), prop::sample::select(b"0123456789=-., \n{}[]\"".to_vec())];
+    let byte = prop_oneof![
+        any::<u8>(),
+        prop::sample::select(b"0123456789=-., \n{}[]\"".to_vec())
+    ];
     prop::collection::vec((any::<prop::sample::Index>(), byte), 0..6)
 }
 

@@ -29,7 +29,11 @@ fn agree(device: &Device) {
     for (name, family, scale) in CASES {
         let network = load(name, device);
         let about = network.inventory();
-        assert_eq!((about.family, about.scale, network.scale()), (family, scale, scale), "{name}");
+        assert_eq!(
+            (about.family, about.scale, network.scale()),
+            (family, scale, scale),
+            "{name}"
+        );
         let [sample, expected] = asked(name, device);
         let error = furthest(&network.enlarge(&sample, Options::default()), &expected);
         assert!(error < TOLERANCE, "{name}: {error:.1e} from PyTorch's");
@@ -47,7 +51,10 @@ fn on_a_gpu_they_are_the_same() {
     agree(&gpu);
     let cpu = Upsampler::load(&UpsamplerSource::Embedded, &Device::cpu()).unwrap();
     let other = Upsampler::load(&UpsamplerSource::Embedded, &gpu).unwrap();
-    let options = Options { tile: 128, ensemble: false };
+    let options = Options {
+        tile: 128,
+        ensemble: false,
+    };
     let expected = cpu.enlarge(&picture(40, 150, &Device::cpu()), options);
     let got = other.enlarge(&picture(40, 150, &gpu), options);
     assert!(got.device().is_gpu() && furthest(&got, &expected) < TOLERANCE);
@@ -56,10 +63,16 @@ fn on_a_gpu_they_are_the_same() {
 #[test]
 fn what_a_network_is_made_of_is_told() {
     let about = load("span-x4.safetensors", &Device::cpu()).inventory();
-    assert_eq!((about.width, &about.depth[..], about.reach, about.margin), (6, "6 blocks", 21, 24));
+    assert_eq!(
+        (about.width, &about.depth[..], about.reach, about.margin),
+        (6, "6 blocks", 21, 24)
+    );
     assert_eq!(about.types.keys().collect::<Vec<_>>(), ["F16", "F32"]);
     let graph = load("ncnn-span-f16.param", &Device::cpu()).inventory();
-    assert_eq!((graph.width, &graph.depth[..], graph.reach), (48, "22 convolutions", 21));
+    assert_eq!(
+        (graph.width, &graph.depth[..], graph.reach),
+        (48, "22 convolutions", 21)
+    );
     let halves = graph.types["F16"];
     // Twenty 3x3 convolutions of the width, the first, the one of single pixels, and the last.
     assert_eq!(halves, 19 * 6 * 6 * 9 + 6 * 3 * 9 + 6 * 24 + 48 * 6 * 9);

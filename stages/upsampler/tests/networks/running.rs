@@ -6,8 +6,14 @@ use upsampler::{Options, Upsampler, UpsamplerSource};
 
 use crate::support::{furthest, load, picture};
 
-const WHOLE: Options = Options { tile: 4096, ensemble: false };
-const TILED: Options = Options { tile: 128, ensemble: false };
+const WHOLE: Options = Options {
+    tile: 4096,
+    ensemble: false,
+};
+const TILED: Options = Options {
+    tile: 128,
+    ensemble: false,
+};
 
 #[test]
 fn tiles_give_what_the_whole_image_gives() {
@@ -21,7 +27,10 @@ fn tiles_give_what_the_whole_image_gives() {
         ("rrdb-x2.safetensors", 1e-4),
     ] {
         let (network, image) = (load(name, &device), picture(137, 301, &device));
-        let (whole, tiled) = (network.enlarge(&image, WHOLE), network.enlarge(&image, TILED));
+        let (whole, tiled) = (
+            network.enlarge(&image, WHOLE),
+            network.enlarge(&image, TILED),
+        );
         let error = furthest(&whole, &tiled);
         assert!(error < tolerance, "{name}: tiles are {error:.1e} off");
     }
@@ -30,17 +39,30 @@ fn tiles_give_what_the_whole_image_gives() {
 #[test]
 fn an_image_of_one_tile_is_not_tiled() {
     let device = Device::cpu();
-    let (network, image) = (load("compact-x4.safetensors", &device), picture(128, 100, &device));
-    assert_eq!(network.enlarge(&image, TILED).to_vec(), network.enlarge(&image, WHOLE).to_vec());
+    let (network, image) = (
+        load("compact-x4.safetensors", &device),
+        picture(128, 100, &device),
+    );
+    assert_eq!(
+        network.enlarge(&image, TILED).to_vec(),
+        network.enlarge(&image, WHOLE).to_vec()
+    );
 }
 
 #[test]
 fn images_of_a_pixel_are_enlarged() {
-    for name in ["rrdb-x1.safetensors", "residual-x4.safetensors", "span-x2.safetensors"] {
+    for name in [
+        "rrdb-x1.safetensors",
+        "residual-x4.safetensors",
+        "span-x2.safetensors",
+    ] {
         let network = load(name, &Device::cpu());
         for (h, w) in [(1, 1), (1, 5), (3, 2)] {
             let enlarged = network.enlarge(&picture(h, w, &Device::cpu()), TILED);
-            assert_eq!(enlarged.shape(), [1, 3, h * network.scale(), w * network.scale()]);
+            assert_eq!(
+                enlarged.shape(),
+                [1, 3, h * network.scale(), w * network.scale()]
+            );
         }
     }
 }
@@ -48,8 +70,14 @@ fn images_of_a_pixel_are_enlarged() {
 #[test]
 fn the_ensemble_treats_all_ways_alike() {
     let device = Device::cpu();
-    let (network, image) = (load("residual-x4.safetensors", &device), picture(20, 20, &device));
-    let options = Options { ensemble: true, ..WHOLE };
+    let (network, image) = (
+        load("residual-x4.safetensors", &device),
+        picture(20, 20, &device),
+    );
+    let options = Options {
+        ensemble: true,
+        ..WHOLE
+    };
     let reversed = |x: &Array| {
         let mut values = x.to_vec();
         let row = x.shape()[3];
@@ -57,8 +85,14 @@ fn the_ensemble_treats_all_ways_alike() {
         device.array(x.shape(), values)
     };
     let plain = network.enlarge(&image, WHOLE);
-    let (mean, mirrored) = (network.enlarge(&image, options), network.enlarge(&reversed(&image), options));
-    assert!(furthest(&reversed(&mirrored), &mean) < 1e-5, "mirrored images give mirrored results");
+    let (mean, mirrored) = (
+        network.enlarge(&image, options),
+        network.enlarge(&reversed(&image), options),
+    );
+    assert!(
+        furthest(&reversed(&mirrored), &mean) < 1e-5,
+        "mirrored images give mirrored results"
+    );
     assert!(furthest(&plain, &mean) > 1e-3, "which one pass does not");
 }
 
@@ -66,10 +100,21 @@ fn the_ensemble_treats_all_ways_alike() {
 fn the_bits_are_the_same_for_any_number_of_threads() {
     let image = picture(70, 150, &Device::cpu());
     let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| {
             let network = Upsampler::load(&UpsamplerSource::Embedded, &Device::cpu()).unwrap();
-            network.enlarge(&image, Options { ensemble: true, ..TILED }).to_vec()
+            network
+                .enlarge(
+                    &image,
+                    Options {
+                        ensemble: true,
+                        ..TILED
+                    },
+                )
+                .to_vec()
         })
     };
     let one = run(1);
@@ -87,7 +132,13 @@ fn the_embedded_network_is_nearer_to_the_picture_than_bicubic() {
     let picture = device.array(&[1, 3, 160, 240], (0..3 * 160 * 240).map(value).collect());
     let small = resize(&picture, 40, 60, Filter::BicubicTorch, true);
     let network = Upsampler::load(&UpsamplerSource::Embedded, &device).unwrap();
-    let error = |x: &Array| -> f32 { x.to_vec().iter().zip(picture.to_vec()).map(|(a, b)| (a - b).powi(2)).sum() };
+    let error = |x: &Array| -> f32 {
+        x.to_vec()
+            .iter()
+            .zip(picture.to_vec())
+            .map(|(a, b)| (a - b).powi(2))
+            .sum()
+    };
     let learned = error(&network.enlarge(&small, Options::default()));
     let bicubic = error(&resize(&small, 160, 240, Filter::BicubicTorch, false));
     assert!(learned < 0.9 * bicubic, "{learned} against {bicubic}");

@@ -38,7 +38,8 @@ impl Gpu {
         if bytes > self.largest {
             too_large(bytes, self.largest);
         }
-        self.pool.take(bytes, self.largest, writer, |size| self.create(size))
+        self.pool
+            .take(bytes, self.largest, writer, |size| self.create(size))
     }
 
     /// New memory; if there is none left, after giving back what is idle.
@@ -75,7 +76,11 @@ impl Gpu {
 
     /// The first `len` numbers of an array, once all commands before are done.
     pub fn read(&self, buffer: &Buffer, len: usize) -> Vec<f32> {
-        if len == 0 { Vec::new() } else { self.receive(self.request(buffer, len)) }
+        if len == 0 {
+            Vec::new()
+        } else {
+            self.receive(self.request(buffer, len))
+        }
     }
 
     /// Asks for the first `len` numbers of an array (at least one) as they are after all commands so far. Later
@@ -89,20 +94,35 @@ impl Gpu {
             mapped_at_creation: false,
         });
         let mut work = lock(&self.work);
-        work.recorder.copy(&self.device, buffer.raw(), &staging, bytes);
+        work.recorder
+            .copy(&self.device, buffer.raw(), &staging, bytes);
         let submission = self.hand_over(&mut work);
         work.counts.read_backs += 1;
         drop(work);
         staging.map_async(wgpu::MapMode::Read, .., |_| ());
-        Requested { staging, submission }
+        Requested {
+            staging,
+            submission,
+        }
     }
 
     /// The numbers that were asked for. Waits for the commands before the request, not for those after it.
-    pub fn receive(&self, Requested { staging, submission }: Requested) -> Vec<f32> {
+    pub fn receive(
+        &self,
+        Requested {
+            staging,
+            submission,
+        }: Requested,
+    ) -> Vec<f32> {
         self.wait_for(submission);
         let mapped = staging.get_mapped_range(..);
         let mapped = mapped.unwrap_or_else(|error| self.fail(GpuError::Lost(error.to_string())));
-        let values = mapped.as_chunks().0.iter().map(|bytes| f32::from_ne_bytes(*bytes)).collect();
+        let values = mapped
+            .as_chunks()
+            .0
+            .iter()
+            .map(|bytes| f32::from_ne_bytes(*bytes))
+            .collect();
         drop(mapped);
         values
     }

@@ -7,15 +7,22 @@ use compute::rng::Rng;
 
 /// A dense, a hashed and a flat grid, with random entries and positions.
 fn example(extent: [f32; 3]) -> (Vec<Level>, Vec<Entry>, Positions) {
-    let config =
-        FieldConfig { levels: 4, log2_table: 10, finest_resolution: 64, base_resolution: 4, ..Default::default() };
+    let config = FieldConfig {
+        levels: 4,
+        log2_table: 10,
+        finest_resolution: 64,
+        base_resolution: 4,
+        ..Default::default()
+    };
     let levels = config.levels(extent);
     let rng = Rng::new(3, "hash test");
     let table = (0..levels.iter().map(|l| l.entries).sum::<usize>() as u64)
         .map(|i| [rng.normal(0, 2 * i), rng.normal(0, 2 * i + 1)].map(f16::from_f32))
         .collect();
     let mut positions = Positions::default();
-    (0..30).for_each(|i| positions.push([0, 1, 2].map(|a| rng.uniform(1, 3 * i + a) * extent[a as usize])));
+    (0..30).for_each(|i| {
+        positions.push([0, 1, 2].map(|a| rng.uniform(1, 3 * i + a) * extent[a as usize]))
+    });
     positions.pad();
     (levels, table, positions)
 }
@@ -46,13 +53,22 @@ fn backward_is_the_adjoint_of_encode() {
             let table = &table[level.offset..level.offset + level.entries];
             let mut out = vec![[0.0; 2]; positions.len()];
             encode(level, table, positions.since(0), &mut out);
-            let d: Vec<[f32; 2]> = (0..positions.len() as u64).map(|i| [rng.normal(0, i), rng.normal(1, i)]).collect();
+            let d: Vec<[f32; 2]> = (0..positions.len() as u64)
+                .map(|i| [rng.normal(0, i), rng.normal(1, i)])
+                .collect();
             let mut d_table = vec![[0.0; 2]; level.entries];
             encode_backward(level, positions.since(0), &d, &mut d_table);
             let dot = |a: &[f32; 2], b: &[f32]| f64::from(a[0] * b[0]) + f64::from(a[1] * b[1]);
             let left: f64 = d.iter().zip(&out).map(|(d, out)| dot(d, out)).sum();
-            let right: f64 = d_table.iter().zip(table).map(|(d, t)| dot(d, &t.map(f32::from))).sum();
-            assert!((left - right).abs() < 1e-4 * left.abs().max(1.0), "level {l}: {left} {right}");
+            let right: f64 = d_table
+                .iter()
+                .zip(table)
+                .map(|(d, t)| dot(d, &t.map(f32::from)))
+                .sum();
+            assert!(
+                (left - right).abs() < 1e-4 * left.abs().max(1.0),
+                "level {l}: {left} {right}"
+            );
         }
     }
 }
@@ -88,8 +104,12 @@ fn gathers_give_the_same_bits_as_single_look_ups() {
         for level in &levels {
             let table = &table[level.offset..level.offset + level.entries];
             for group in [0, 1].map(|group| lanes(positions.since(0), group)) {
-                assert_eq!(avx512.look_up(level, table, group), Portable.look_up(level, table, group));
-                let (wide, portable) = (avx512.corners(level, group), Portable.corners(level, group));
+                assert_eq!(
+                    avx512.look_up(level, table, group),
+                    Portable.look_up(level, table, group)
+                );
+                let (wide, portable) =
+                    (avx512.corners(level, group), Portable.corners(level, group));
                 assert_eq!((wide.entry, wide.weight), (portable.entry, portable.weight));
             }
         }

@@ -14,11 +14,23 @@ fn a_product_is_the_sum_over_the_inner_index() {
         let (a, b) = (random(rows * inner, "a"), random(inner * columns, "b"));
         let mut c = vec![0.0; rows * columns];
         let [left, right] = [Matrix::new(&a, inner), Matrix::new(&b, columns)];
-        product(&mut c, left, right, [inner, columns], Prologue::Zero, Epilogue::Keep);
+        product(
+            &mut c,
+            left,
+            right,
+            [inner, columns],
+            Prologue::Zero,
+            Epilogue::Keep,
+        );
         for (i, &got) in c.iter().enumerate() {
             let (row, column) = (i / columns, i % columns);
-            let fused = (0..inner).fold(0f32, |sum, k| a[row * inner + k].mul_add(b[k * columns + column], sum));
-            assert_eq!(got, fused, "the order of the sum does not depend on the machine");
+            let fused = (0..inner).fold(0f32, |sum, k| {
+                a[row * inner + k].mul_add(b[k * columns + column], sum)
+            });
+            assert_eq!(
+                got, fused,
+                "the order of the sum does not depend on the machine"
+            );
         }
     }
 }
@@ -30,7 +42,9 @@ fn a_product_of_a_part_of_longer_rows_adds_to_what_is_there() {
     let [left, right] = [Matrix::new(&a, 24), Matrix::new(&b, 48)];
     product(&mut c, left, right, [3, 32], Prologue::Add, Epilogue::Keep);
     for (i, &got) in c.iter().enumerate() {
-        let fused = (0..3).fold(0.25f32, |sum, k| a[i / 32 * 24 + k].mul_add(b[k * 48 + i % 32], sum));
+        let fused = (0..3).fold(0.25f32, |sum, k| {
+            a[i / 32 * 24 + k].mul_add(b[k * 48 + i % 32], sum)
+        });
         assert_eq!(got, fused);
     }
 }
@@ -42,7 +56,14 @@ fn relu_and_its_backward_pass_cut_the_same_elements() {
     let [a, b] = [Matrix::new(&a, 4), Matrix::new(&b, 16)];
     product(&mut plain, a, b, [4, 16], Prologue::Zero, Epilogue::Keep);
     product(&mut relu, a, b, [4, 16], Prologue::Zero, Epilogue::Relu);
-    product(&mut backward, a, b, [4, 16], Prologue::Zero, Epilogue::ReluBackward(&relu));
+    product(
+        &mut backward,
+        a,
+        b,
+        [4, 16],
+        Prologue::Zero,
+        Epilogue::ReluBackward(&relu),
+    );
     for i in 0..128 {
         assert_eq!(relu[i], plain[i].max(0.0));
         assert_eq!(backward[i], if plain[i] > 0.0 { plain[i] } else { 0.0 });
@@ -55,10 +76,17 @@ fn a_transposed_product_adds_the_sum_over_rows() {
     let (a, b) = (random(rows * width, "a"), random(rows * columns, "b"));
     for inner in [32, 4] {
         let mut c = vec![1.0; inner * columns];
-        add_transposed_product(&mut c, Matrix::new(&a, width), Matrix::new(&b, columns), [inner, columns]);
+        add_transposed_product(
+            &mut c,
+            Matrix::new(&a, width),
+            Matrix::new(&b, columns),
+            [inner, columns],
+        );
         for (i, &got) in c.iter().enumerate() {
             let (k, column) = (i / columns, i % columns);
-            let want = (0..rows).fold(1f32, |sum, row| a[row * width + k].mul_add(b[row * columns + column], sum));
+            let want = (0..rows).fold(1f32, |sum, row| {
+                a[row * width + k].mul_add(b[row * columns + column], sum)
+            });
             assert_eq!(got, want);
         }
     }
@@ -68,11 +96,26 @@ fn a_transposed_product_adds_the_sum_over_rows() {
 /// Both kernels with the vectors of one instruction set.
 fn both<S: Simd>(simd: S) -> [Vec<f32>; 2] {
     let (rows, inner, columns) = (72, 32, 64);
-    let (a, b, g) = (random(rows * inner, "a"), random(inner * columns, "b"), random(rows * columns, "g"));
+    let (a, b, g) = (
+        random(rows * inner, "a"),
+        random(inner * columns, "b"),
+        random(rows * columns, "g"),
+    );
     let (mut c, mut d) = (vec![0.0; rows * columns], vec![0.0; inner * columns]);
-    let [a, b, g] = [Matrix::new(&a, inner), Matrix::new(&b, columns), Matrix::new(&g, columns)];
+    let [a, b, g] = [
+        Matrix::new(&a, inner),
+        Matrix::new(&b, columns),
+        Matrix::new(&g, columns),
+    ];
     let (shape, prologue, epilogue) = ([inner, columns], Prologue::Zero, Epilogue::Relu);
-    simd.vectorize(Product { c: &mut c, a, b, shape, prologue, epilogue });
+    simd.vectorize(Product {
+        c: &mut c,
+        a,
+        b,
+        shape,
+        prologue,
+        epilogue,
+    });
     simd.vectorize(TransposedProduct { c: &mut d, a, b: g });
     [c, d]
 }
