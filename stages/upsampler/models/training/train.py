@@ -34,6 +34,7 @@ def arguments():
     parser.add_argument("--minutes", type=float, default=60, help="all time spent, earlier runs with it")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--bf16", action="store_true", help="convolutions in bfloat16: twice as fast on a Zen 4 or a GPU")
     parser.add_argument("--width", type=int, default=64)
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--batch", type=int, default=6)
@@ -93,7 +94,8 @@ class Training:
         fall = 1 if done < hold else (1 - done) / (1 - hold)
         for optimizer, rate in zip(self.optimizers, self.rates):
             optimizer.param_groups[0]["lr"] = rate * min(1, (self.step + 1) / 100) * (fall + 0.002)
-        error = self.network(low) - high
+        with torch.autocast(self.options.device, torch.bfloat16, enabled=self.options.bf16):
+            error = self.network(low) - high
         loss = error.abs().mean() if done < 0.6 else error.square().mean() * 6
         for optimizer in self.optimizers:
             optimizer.zero_grad()
