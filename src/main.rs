@@ -10,6 +10,7 @@ mod explain;
 mod export;
 mod extension;
 mod key;
+mod kinds;
 mod pipeline;
 mod plan;
 mod progress;

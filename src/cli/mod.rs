@@ -9,6 +9,7 @@ mod export_ply;
 mod export_transforms;
 mod gc;
 mod inspect;
+mod kinds;
 mod metrics;
 mod model;
 mod model_check;
@@ -55,6 +56,8 @@ enum Command {
     Explain(explain::Explain),
     /// Say what is in a file, or in a stage's outputs
     Inspect(inspect::Inspect),
+    /// Print the reference of stage kinds: inputs, outputs, parameters, defaults, ranges
+    Kinds(kinds::Kinds),
     /// Print the metrics of the last run
     Metrics(metrics::Metrics),
     /// Write a pipeline down as jobs for Snakemake or Slurm, or results for other programs
@@ -89,6 +92,7 @@ impl Cli {
             Command::Plan(plan) => plan.run(self.json),
             Command::Explain(explain) => explain.run(self.json),
             Command::Inspect(inspect) => inspect.run(self.json),
+            Command::Kinds(kinds) => kinds.run(self.json),
             Command::Metrics(metrics) => metrics.run(self.json),
             Command::Export(export) => export.run(self.json),
             Command::Diff(diff) => diff.run(self.json),

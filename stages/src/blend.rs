@@ -1,10 +1,11 @@
-//! `Blend`: one image of a network's enlargement and a field's render, by adding up their detail. Knows nothing of how
-//! either was made.
+//! `Blend`: one image of a network's enlargement and a field's render, by adding up their detail.
+//! Knows nothing of how either was made.
 
 use artifacts_schema::{ArtifactKind, ImageSet, View};
 use compute::elementwise::{scaled_sum, sub};
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::back_projection::back_project;
@@ -12,12 +13,14 @@ use crate::convert;
 use crate::error::StageError;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 
-/// Adds up the detail that an enlargement and a render of the same view have beyond the low-resolution photo.
+/// Adds up the detail that an enlargement and a render of the same view have beyond the
+/// low-resolution photo.
 ///
-/// The network has its detail from other pictures, the field from the other photos: their errors have little in common.
-/// A mean of the two would halve what only one of them knows. The result is the sum of both, in the shares that leave
-/// the least squared error; they follow from the images themselves.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// The network has its detail from other pictures, the field from the other photos: their errors
+/// have little in common. A mean of the two would halve what only one of them knows. The result is
+/// the sum of both, in the shares that leave the least squared error; they follow from the images
+/// themselves.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Blend {
     /// The enlarged photos. Where they have alpha, so has the result.
@@ -26,15 +29,18 @@ pub struct Blend {
     pub own: Input,
     /// The low-resolution photos.
     pub low: Input,
-    /// By how much there is more detail than the field shows, where it shows some: a field is less sharp than what it
-    /// knows. 1 would be an estimate without bias.
+    /// By how much there is more detail than the field shows, where it shows some: a field is less
+    /// sharp than what it knows. 1 would be an estimate without bias.
+    #[schemars(range(min = 0, max = 10))]
     pub own_gain: f64,
     /// Rounds of back-projection onto the low-resolution photos, of both images and of the result.
+    #[schemars(range(min = 0, max = 1000))]
     pub back_projection: u32,
 }
 
 impl Default for Blend {
-    /// Measured against the truth, `own_gain` is 1.4 on fern and 1.8 on the still life; `docs/results.md`.
+    /// Measured against the truth, `own_gain` is 1.4 on fern and 1.8 on the still life;
+    /// `docs/results.md`.
     fn default() -> Self {
         let none = Input::default;
         Self {
@@ -80,10 +86,12 @@ impl Moments {
         }
     }
 
-    /// The shares (a, b) for which a n + b o is nearest the true detail t in the mean square, without knowing t.
+    /// The shares (a, b) for which a n + b o is nearest the true detail t in the mean square,
+    /// without knowing t.
     ///
-    /// They solve the normal equations [nn no; no oo] (a, b) = (nt, ot). A network trained by squared error gives a
-    /// conditional mean, whose product with the truth is its own square: nt = nn. For the field, ot = gain oo.
+    /// They solve the normal equations [nn no; no oo] (a, b) = (nt, ot). A network trained by
+    /// squared error gives a conditional mean, whose product with the truth is its own square: nt =
+    /// nn. For the field, ot = gain oo.
     fn shares(&self, gain: f64) -> Shares {
         let Self {
             images_images: nn,
@@ -191,7 +199,8 @@ struct Views<'a> {
 /// Refuses two images of one view that differ in size.
 fn check_sizes(images: &View, own: &View) -> Result<(), StageError> {
     let size = |view: &View| (view.camera.width, view.camera.height);
-    let (images_size, own_size) = (size(images), size(own));
+    let images_size = size(images);
+    let own_size = size(own);
     if images_size == own_size {
         return Ok(());
     }
@@ -250,7 +259,8 @@ impl Stage for Blend {
             check_sizes(images, own)?;
             sets.push(Views { images, own, low });
         }
-        // Details are made twice rather than kept: a scene of hundreds of photos would not fit into memory.
+        // Details are made twice rather than kept: a scene of hundreds of photos would not fit into
+        // memory.
         let mut moments = Moments::default();
         for (done, views) in sets.iter().enumerate() {
             moments.add(&self.colours(views, io.device).0);

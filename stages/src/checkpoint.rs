@@ -1,7 +1,8 @@
 //! A stage's private state on disk: what lets a stage that was cut off go on with the same bits.
 //!
-//! Knows nothing of what a state means. The file: `MAGIC`, the BLAKE3 digest of all that follows, the length of a JSON
-//! header in 8 bytes, the header, and the tensors' values in its order, everything little-endian.
+//! Knows nothing of what a state means. The file: `MAGIC`, the BLAKE3 digest of all that follows,
+//! the length of a JSON header in 8 bytes, the header, and the tensors' values in its order,
+//! everything little-endian.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -69,7 +70,8 @@ impl Checkpoint {
         Ok(body)
     }
 
-    /// Reads a file; `None` where there is none. Nothing of it is believed before its digest is right.
+    /// Reads a file; `None` where there is none. Nothing of it is believed before its digest is
+    /// right.
     pub fn read(path: &Path) -> io::Result<Option<Self>> {
         let bytes = match fs::read(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

@@ -26,11 +26,9 @@ pub fn color(value: f32) -> [f32; 3] {
 /// The matrices are Ottosson's; what lies outside sRGB is clipped.
 fn oklab_to_srgb([l, a, b]: [f32; 3]) -> [f32; 3] {
     let cone = |a_part: f32, b_part: f32| (l + a_part * a + b_part * b).powi(3);
-    let (l, m, s) = (
-        cone(0.396_337_78, 0.215_803_76),
-        cone(-0.105_561_346, -0.063_854_17),
-        cone(-0.089_484_18, -1.291_485_5),
-    );
+    let l = cone(0.396_337_78, 0.215_803_76);
+    let m = cone(-0.105_561_346, -0.063_854_17);
+    let s = cone(-0.089_484_18, -1.291_485_5);
     let linear = [
         4.076_741_7 * l - 3.307_711_6 * m + 0.230_969_94 * s,
         -1.268_438 * l + 2.609_757_4 * m - 0.341_319_4 * s,

@@ -1,4 +1,5 @@
-//! Image sets as a scene on disk that other programs train on. Knows nothing of how they came about.
+//! Image sets as a scene on disk that other programs train on. Knows nothing of how they came
+//! about.
 
 use std::path::Path;
 
@@ -8,8 +9,8 @@ use scene::Photo;
 use crate::convert;
 use crate::error::StageError;
 
-/// Writes image sets in the layout of NeRF-synthetic (see [`scene::write_transforms`]); the training set's box is the
-/// scene's.
+/// Writes image sets in the layout of NeRF-synthetic (see [`scene::write_transforms`]); the
+/// training set's box is the scene's.
 ///
 /// # Errors
 /// If the file system says no.

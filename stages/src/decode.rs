@@ -6,6 +6,7 @@ use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Residuals, V
 use compute::Array;
 use compute::elementwise::{add, clamp, sub};
 use diffusion::Prior;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::back_projection::back_project;
@@ -15,7 +16,7 @@ use crate::model::Model;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Decodes refined latents z + h by the prior's VAE, D.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Decode {
     /// The refined latents, z + h.
@@ -24,22 +25,24 @@ pub struct Decode {
     pub mode: Mode,
     /// For `Residual`: the residual latents, h.
     pub residuals: Input,
-    /// For `Residual`: the images that were encoded, x. Where there are any, their alpha is that of the result: the
-    /// prior knows colours only, and sees them before black.
+    /// For `Residual`: the images that were encoded, x. Where there are any, their alpha is that of
+    /// the result: the prior knows colours only, and sees them before black.
     pub images: Input,
-    /// Rounds of back-projection onto the low-resolution views: each adds the enlarged difference between them and the
-    /// reduced image. 0 turns it off.
+    /// Rounds of back-projection onto the low-resolution views: each adds the enlarged difference
+    /// between them and the reduced image. 0 turns it off.
+    #[schemars(range(min = 0, max = 1000))]
     pub back_projection: u32,
     /// For back-projection: the low-resolution views.
     pub low: Input,
     /// The prior.
     pub model: Model,
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
+    #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
 }
 
 /// How an image is made of refined latents.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Mode {
     /// D(z + h), as in the paper (algorithm 2).
     Plain,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -10,8 +11,9 @@ use crate::error::StageError;
 use crate::model::Model;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
-/// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper section 2.1).
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper
+/// section 2.1).
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Encode {
     /// The images.
@@ -19,6 +21,7 @@ pub struct Encode {
     /// The prior.
     pub model: Model,
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
+    #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
 }
 

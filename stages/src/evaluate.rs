@@ -1,5 +1,5 @@
-//! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing of how they came
-//! about.
+//! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing
+//! of how they came about.
 
 use std::collections::BTreeMap;
 
@@ -7,20 +7,22 @@ use artifacts_schema::{ArtifactKind, Figures, ImageSet, Metrics, Picture, Row, V
 use compute::resize::{Filter, resize};
 use metrics::{Image, Panel};
 use nerf::Field;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 
-/// Measures a field on views that no other stage saw, beside two baselines of the low-resolution field.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// Measures a field on views that no other stage saw, beside two baselines of the low-resolution
+/// field.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Evaluate {
     /// The super-resolved field: row `sr_nerf`.
     pub field: Input,
-    /// The low-resolution field: rendered at high resolution (row `lr_nerf`), and at low resolution and then enlarged
-    /// (row `bicubic`).
+    /// The low-resolution field: rendered at high resolution (row `lr_nerf`), and at low resolution
+    /// and then enlarged (row `bicubic`).
     pub baseline: Input,
     /// The held-out photos at high resolution.
     pub truth: Input,
@@ -29,8 +31,10 @@ pub struct Evaluate {
     /// The low-resolution training photos: row `lr_nerf_on_training_views`.
     pub train: Input,
     /// Rays per pixel and axis.
+    #[schemars(range(min = 1, max = 16))]
     pub supersample: u32,
     /// For how many views to draw a comparison.
+    #[schemars(range(min = 0, max = 1000))]
     pub figures: u32,
 }
 
@@ -49,8 +53,8 @@ impl Default for Evaluate {
     }
 }
 
-/// What is behind a truth with alpha, and behind the fields that are measured against it: white, as NeRF-synthetic has
-/// it.
+/// What is behind a truth with alpha, and behind the fields that are measured against it: white, as
+/// NeRF-synthetic has it.
 const BEHIND: f32 = 1.0;
 
 /// An image in sRGB-encoded values, interleaved.
@@ -100,7 +104,8 @@ impl Evaluate {
             .flat_map(|c| small.rgb.iter().skip(c).step_by(3).copied())
             .collect();
         let array = io.device.array(&[1, 3, small.height, small.width], planes);
-        let (height, width) = (truth.camera.height as usize, truth.camera.width as usize);
+        let height = truth.camera.height as usize;
+        let width = truth.camera.width as usize;
         let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
         Picked {
             width,
@@ -149,7 +154,9 @@ fn add(rows: &mut Rows, name: &str, view: &View, values: BTreeMap<String, f64>) 
 
 /// The figures of one image against the truth.
 fn measure(image: &Picked, truth: &Picked, low: &Picked) -> BTreeMap<String, f64> {
-    let (image, truth, low) = (image.image(), truth.image(), low.image());
+    let image = image.image();
+    let truth = truth.image();
+    let low = low.image();
     let values = [
         ("psnr_hr", Some(metrics::psnr(truth, image))),
         ("ssim_hr", metrics::ssim(truth, image)),
@@ -243,8 +250,9 @@ impl Stage for Evaluate {
             convert::field(io.read("field")?)?,
             convert::field(io.read("baseline")?)?,
         );
-        let (truths, lows, train): (ImageSet, ImageSet, ImageSet) =
-            (io.read("truth")?, io.read("low")?, io.read("train")?);
+        let truths: ImageSet = io.read("truth")?;
+        let lows: ImageSet = io.read("low")?;
+        let train: ImageSet = io.read("train")?;
         let mut rows = Rows::new();
         let mut figures = Figures {
             images: BTreeMap::new(),

@@ -11,7 +11,8 @@ pub fn tree(folder: &Path) -> Option<Vec<PathBuf>> {
     let mut next = 0;
     while let Some(path) = found.get(next).cloned() {
         next += 1;
-        // A link to a folder further up would never end; one to a file is followed by whoever reads it.
+        // A link to a folder further up would never end; one to a file is followed by whoever reads
+        // it.
         let is_folder =
             std::fs::symlink_metadata(&path).ok()?.is_dir() || (next == 1 && path.is_dir());
         if is_folder {

@@ -1,10 +1,12 @@
-//! `Film`: images as pictures that any viewer shows, and as animations. Knows nothing of where the images come from.
+//! `Film`: images as pictures that any viewer shows, and as animations. Knows nothing of where the
+//! images come from.
 
 use std::collections::BTreeMap;
 
 use artifacts_schema::{ArtifactKind, Figures, Film as Clips, ImageSet, Picture, View};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
@@ -13,20 +15,24 @@ use crate::{colormap, convert};
 
 /// The colour quantiser's effort, from 1 (best) to 30 (fastest).
 const GIF_SPEED: i32 = 10;
-/// Depths below and above these parts of all do not widen the range: stray samples would flatten the rest.
+/// Depths below and above these parts of all do not widen the range: stray samples would flatten
+/// the rest.
 const RANGE: [f64; 2] = [0.01, 0.99];
 /// Pixels of less opacity have no depth worth a colour.
 const OPAQUE: f32 = 0.5;
 
-/// Makes PNG pictures of all images, of their depth and opacity if they have any, and an animated GIF of each.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// Makes PNG pictures of all images, of their depth and opacity if they have any, and an animated
+/// GIF of each.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Film {
     /// The images, shown in the order of their names.
     pub images: Input,
     /// Images per second.
+    #[schemars(range(min = 0.1, max = 100))]
     pub rate: f64,
     /// The grey behind transparent images, sRGB from 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
     pub background: f64,
 }
 
@@ -106,7 +112,8 @@ fn mapped(view: &View, values: &[f32], [low, high]: [f32; 2], what: &str) -> Pic
     picture(view, scaled.flat_map(colormap::color), &legend)
 }
 
-/// The opaque pixels' depths with what strays left out: one range for all images, so that colours keep their meaning.
+/// The opaque pixels' depths with what strays left out: one range for all images, so that colours
+/// keep their meaning.
 fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
     let of_view = |view: &View| -> Vec<f32> {
         let alpha = |i: usize| view.alpha.as_ref().map_or(1.0, |alpha| alpha[i]);

@@ -2,6 +2,7 @@
 
 use artifacts_schema::{ArtifactKind, ImageSet};
 use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -10,23 +11,29 @@ use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes,
 use crate::training;
 
 /// Fits a hash-grid field to posed photos.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Fit {
     /// The photos.
     pub images: Input,
     /// Training steps.
+    #[schemars(range(min = 1, max = 10_000_000))]
     pub steps: u32,
     /// Samples along rays per step.
+    #[schemars(range(min = 256, max = 16_777_216))]
     pub samples: u32,
     /// Learning rate at its highest.
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub rate: f64,
-    /// Learning rate of the last step, as a part of `rate`; it falls over the second half of the steps. At 1 it does not
-    /// fall, and a finished result can be extended.
+    /// Learning rate of the last step, as a part of `rate`; it falls over the second half of the
+    /// steps. At 1 it does not fall, and a finished result can be extended.
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub final_rate: f64,
     /// Sub-rays per pixel and axis: a pixel is the mean over its area.
+    #[schemars(range(min = 1, max = 16))]
     pub supersample: u32,
-    /// How the field's space follows from the scene. `Auto` takes a perspective for what is photographed from one side.
+    /// How the field's space follows from the scene. `Auto` takes a perspective for what is
+    /// photographed from one side.
     pub space: SpaceKind,
     /// The shape of the field.
     pub field: FieldConfig,

@@ -44,8 +44,8 @@ impl<'a> Keeper<'a> {
         }
     }
 
-    /// Goes on from an interrupted run, or from a finished result of fewer steps, if there is one that `rebuild` can
-    /// make something of. What cannot be used is named and set aside.
+    /// Goes on from an interrupted run, or from a finished result of fewer steps, if there is one
+    /// that `rebuild` can make something of. What cannot be used is named and set aside.
     pub fn resume<T>(
         &mut self,
         mut rebuild: impl FnMut(&Checkpoint) -> Result<T, String>,
@@ -72,7 +72,8 @@ impl<'a> Keeper<'a> {
         Ok(None)
     }
 
-    /// Removes what was being written when an earlier run was killed. What cannot be removed is in nobody's way.
+    /// Removes what was being written when an earlier run was killed. What cannot be removed is in
+    /// nobody's way.
     fn sweep(&self) {
         let entries = fs::read_dir(&self.io.scratch)
             .into_iter()
@@ -113,8 +114,8 @@ impl<'a> Keeper<'a> {
         fs::rename(path, path.with_file_name(DAMAGED)).map_err(file)
     }
 
-    /// After a step: reports progress, and keeps a checkpoint if it is time to. An error when the run is being stopped;
-    /// then the checkpoint is of this step.
+    /// After a step: reports progress, and keeps a checkpoint if it is time to. An error when the
+    /// run is being stopped; then the checkpoint is of this step.
     pub fn after(
         &mut self,
         step: u64,
@@ -246,7 +247,8 @@ mod tests {
     #[test]
     fn a_finished_result_is_extended_but_never_shortened() {
         let folder = tempfile::tempdir().unwrap();
-        let (earlier, scratch) = (folder.path().join("earlier"), folder.path().join("scratch"));
+        let earlier = folder.path().join("earlier");
+        let scratch = folder.path().join("scratch");
         checkpoint(5).write(&earlier).unwrap();
         for (total, found) in [(5, Some(5)), (9, Some(5)), (4, None)] {
             with_io(&scratch, Some(earlier.clone()), false, |io| {

@@ -6,6 +6,7 @@ use artifacts_schema::Digest;
 use compute::elementwise::clamp;
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use upsampler::{Options, Upsampler, UpsamplerSource};
 
@@ -14,19 +15,21 @@ use crate::error::StageError;
 use crate::stage::Source;
 
 /// A network as a filter.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Learned {
     /// The network.
     pub model: Network,
-    /// Whether the result is the mean over eight ways to turn and mirror the image; takes eight times as long.
+    /// Whether the result is the mean over eight ways to turn and mirror the image; takes eight
+    /// times as long.
     pub ensemble: bool,
     /// Side of the tiles in pixels of the image; an image that fits in one is not tiled.
+    #[schemars(range(min = 128, max = 8192))]
     pub tile: u32,
 }
 
 /// Which network.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Network {
     /// The small one that the binary carries.
     #[default]
@@ -45,8 +48,8 @@ impl Default for Learned {
     }
 }
 
-/// Bytes that a network's layers take for each pixel of a tile, roughly: small ones at the image's size, and large ones
-/// that also work at the result's.
+/// Bytes that a network's layers take for each pixel of a tile, roughly: small ones at the image's
+/// size, and large ones that also work at the result's.
 const SMALL: u64 = 4 << 10;
 const LARGE: u64 = 14 << 10;
 
@@ -61,8 +64,8 @@ impl Learned {
         Ok(Upsampler::load(&self.source(), device)?)
     }
 
-    /// `image [1, 3, H, W]`, from 0 to 1, at another size: enlarged by the network as often as it takes, at least once,
-    /// and resized if that is not the size yet.
+    /// `image [1, 3, H, W]`, from 0 to 1, at another size: enlarged by the network as often as it
+    /// takes, at least once, and resized if that is not the size yet.
     pub fn resize(&self, network: &Upsampler, image: &Array, [height, width]: [usize; 2]) -> Array {
         let options = Options {
             tile: self.tile as usize,
@@ -96,7 +99,8 @@ impl Learned {
         self.source().paths()
     }
 
-    /// Bytes of memory for its weights and for one tile, and seconds for so many bytes of images, roughly.
+    /// Bytes of memory for its weights and for one tile, and seconds for so many bytes of images,
+    /// roughly.
     pub fn cost(&self, images: u64) -> (u64, f64) {
         let weights = |path: &PathBuf| path.metadata().map_or(0, |file| file.len());
         let bytes = self.files().iter().map(weights).sum::<u64>().max(1 << 20);
@@ -133,7 +137,8 @@ mod tests {
 
     #[test]
     fn any_size_is_reached() {
-        let (learned, image) = (Learned::default(), image());
+        let learned = Learned::default();
+        let image = image();
         let network = learned.load(&Device::cpu()).unwrap();
         for size in [[36, 48], [18, 24], [9, 12], [5, 6], [37, 50], [150, 200]] {
             let resized = learned.resize(&network, &image, size);
@@ -144,7 +149,8 @@ mod tests {
 
     #[test]
     fn back_projection_brings_the_result_in_line_with_the_image() {
-        let (learned, image) = (Learned::default(), image());
+        let learned = Learned::default();
+        let image = image();
         let large = learned.resize(&learned.load(&Device::cpu()).unwrap(), &image, [36, 48]);
         let error = |large: &Array| {
             let reduced = resize(large, 9, 12, Filter::BicubicPil, true);

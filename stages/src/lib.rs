@@ -1,4 +1,5 @@
-//! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the runner.
+//! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the
+//! runner.
 
 pub mod back_projection;
 pub mod checkpoint;

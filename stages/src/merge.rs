@@ -1,5 +1,5 @@
-//! `Merge`: joins what the shards of a stage left into what the whole stage would leave. Knows nothing of what they
-//! computed.
+//! `Merge`: joins what the shards of a stage left into what the whole stage would leave. Knows
+//! nothing of what they computed.
 //!
 //! No pipeline names it: it takes the place of a stage with `shards`, when loops are unrolled.
 
@@ -57,8 +57,8 @@ impl Merge {
     }
 }
 
-/// `images.2` for the second shard's images. There are as many such names as the largest merge has inputs, and they are
-/// kept.
+/// `images.2` for the second shard's images. There are as many such names as the largest merge has
+/// inputs, and they are kept.
 fn input(output: &str, shard: usize) -> &'static str {
     static NAMES: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
     let name = format!("{output}.{}", shard + 1);

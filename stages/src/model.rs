@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use artifacts_schema::Digest;
 use compute::Precision;
 use diffusion::{ModelSource, Prior};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
@@ -12,7 +13,7 @@ use crate::files;
 use crate::stage::{Io, Source};
 
 /// Which diffusion prior a stage uses.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Model {
     /// The small prior that the binary carries, `tiny-x4`.
     #[default]
@@ -22,7 +23,7 @@ pub enum Model {
 }
 
 /// To what the UNet rounds the factors of its products; it sums them in `f32` always.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Factors {
     /// Not at all.
     #[default]

@@ -1,4 +1,5 @@
-//! `Optimize`: residual latents by score distillation (paper section 2.2, algorithm 1). Knows nothing of images.
+//! `Optimize`: residual latents by score distillation (paper section 2.2, algorithm 1). Knows
+//! nothing of images.
 
 use std::path::PathBuf;
 
@@ -9,6 +10,7 @@ use diffusion::guidance::{Guidance, Loss, Timesteps};
 use diffusion::optimize::{
     Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents,
 };
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -20,7 +22,7 @@ use crate::shard::{self, Shard};
 use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Refines latents: one residual latent per view, guided by the prior.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Optimize {
     /// The latents, z.
@@ -34,16 +36,20 @@ pub struct Optimize {
     /// The rule to follow, with its own options.
     pub guidance: Guidance,
     /// Guidance steps in all.
+    #[schemars(range(min = 1))]
     pub steps: u32,
     /// Views in each step.
+    #[schemars(range(min = 1))]
     pub batch: u32,
     /// How a residual descends its gradient.
     pub optimizer: Optimizer,
     /// How the direction becomes a gradient.
     pub loss: Loss,
     /// Scale of classifier-free guidance; at 1 the negative prompt is not asked.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub guidance_scale: f64,
     /// Height and width of the crops that a step looks at, in latent pixels.
+    #[schemars(range(min = 1))]
     pub crop: u32,
     /// The timestep to which the low-resolution photo is noised.
     pub noise_level: u32,
@@ -51,8 +57,9 @@ pub struct Optimize {
     pub prompt: String,
     /// What they should not be.
     pub negative_prompt: String,
-    /// In how many parts the views are refined, each a stage of its own with a LoRA of its own and its share of the
-    /// steps. One part, in which all views share a LoRA, is the paper's method.
+    /// In how many parts the views are refined, each a stage of its own with a LoRA of its own and
+    /// its share of the steps. One part, in which all views share a LoRA, is the paper's method.
+    #[schemars(range(min = 1))]
     pub shards: u32,
     /// Which of the parts this is, from 1; 0 for all views.
     pub shard: u32,
@@ -224,7 +231,8 @@ impl Stage for Optimize {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let (mut latents, low): (Latents, ImageSet) = (io.read("latents")?, io.read("low")?);
+        let mut latents: Latents = io.read("latents")?;
+        let low: ImageSet = io.read("low")?;
         let mut options = self.options();
         let all = latents.views.len();
         latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
@@ -266,7 +274,8 @@ impl Stage for Optimize {
     }
 }
 
-/// The steps that move each of `part` views as often as those of the options move each of `all` views.
+/// The steps that move each of `part` views as often as those of the options move each of `all`
+/// views.
 fn share(options: &Options, all: usize, part: usize) -> u32 {
     let batch = |views: usize| u64::from(options.batch).min(views as u64).max(1);
     let moves = u64::from(options.steps) * batch(all) * part as u64;

@@ -1,4 +1,5 @@
-//! Writes a surface as a binary PLY file, as MeshLab, Blender and Open3D read it. Knows nothing of fields.
+//! Writes a surface as a binary PLY file, as MeshLab, Blender and Open3D read it. Knows nothing of
+//! fields.
 //!
 //! Format: Greg Turk, "The PLY polygon file format", 1994.
 
@@ -6,7 +7,8 @@ use std::io::{self, Write};
 
 use crate::surface::Surface;
 
-/// Writes the vertices with normals and 8-bit colours, and the triangles unless only `points` are wanted.
+/// Writes the vertices with normals and 8-bit colours, and the triangles unless only `points` are
+/// wanted.
 ///
 /// # Errors
 /// If `out` takes no more.

@@ -1,4 +1,5 @@
-//! Every stage kind there is. A new kind is one file beside this one and one line in the list below.
+//! Every stage kind there is. A new kind is one file beside this one and one line in the list
+//! below.
 
 use serde::de::VariantAccess;
 use serde::{Deserialize, Serialize};
@@ -26,12 +27,22 @@ macro_rules! registry {
                 match self { $(Self::$Kind(stage) => Box::new(stage)),* }
             }
 
+            /// The JSON Schema of a kind's fields, with defaults and ranges; `None` for a name that is
+            /// no kind.
+            pub fn schema(kind: &str) -> Option<schemars::Schema> {
+                match kind {
+                    $(stringify!($Kind) => Some(schemars::schema_for!(crate::$module::$Kind)),)*
+                    _ => None,
+                }
+            }
+
             /// The stage itself, with access to its fields as text: what `--set` edits.
             pub fn parameters(&self) -> serde_json::Result<serde_json::Value> {
                 match self { $(Self::$Kind(stage) => serde_json::to_value(stage)),* }
             }
 
-            /// The other way: a stage of this kind from fields as text. The error names the field's path.
+            /// The other way: a stage of this kind from fields as text. The error names the field's
+            /// path.
             pub fn from_parameters(
                 kind: &str,
                 value: serde_json::Value,
@@ -116,5 +127,52 @@ mod tests {
             wrong.err().map(|error| error.path().to_string()).as_deref(),
             Some("guidance.Vsd.lora_every")
         );
+    }
+
+    /// What a schema says of a number's range is what `check` says.
+    #[test]
+    fn documented_ranges_are_those_that_are_checked() {
+        let mut tried = 0;
+        for kind in KINDS {
+            let schema = AnyStage::schema(kind).unwrap().to_value();
+            for (field, schema) in schema["properties"].as_object().unwrap() {
+                let bound = |name: &str| schema.get(name).and_then(serde_json::Value::as_f64);
+                let whole = schema["type"] == "integer";
+                let check = |value: f64| {
+                    let value = if whole {
+                        json!(value as i64)
+                    } else {
+                        json!(value)
+                    };
+                    let stage = AnyStage::from_parameters(kind, json!({ field: value }));
+                    stage.is_ok_and(|stage| stage.stage().check().is_ok())
+                };
+                let step = if whole { 1.0 } else { 0.01 };
+                if let Some(low) = bound("minimum") {
+                    assert!(check(low), "{kind}.{field} may be {low}");
+                    assert!(
+                        !check(low - step),
+                        "{kind}.{field} may not be {low} - {step}"
+                    );
+                    tried += 1;
+                }
+                if let Some(low) = bound("exclusiveMinimum") {
+                    assert!(
+                        !check(low) && check(low + step),
+                        "{kind}.{field} is above {low}"
+                    );
+                    tried += 1;
+                }
+                if let Some(high) = bound("maximum") {
+                    assert!(check(high), "{kind}.{field} may be {high}");
+                    assert!(
+                        !check(high + step),
+                        "{kind}.{field} may not be {high} + {step}"
+                    );
+                    tried += 1;
+                }
+            }
+        }
+        assert!(tried > 40, "{tried} bounds");
     }
 }

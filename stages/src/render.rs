@@ -1,10 +1,11 @@
-//! `Render`: images of a field from given cameras or along a path, with depth and opacity. Knows nothing of how the
-//! field was trained.
+//! `Render`: images of a field from given cameras or along a path, with depth and opacity. Knows
+//! nothing of how the field was trained.
 
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, Field, ImageSet};
 use scene::Camera;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -13,9 +14,9 @@ use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
-/// Renders a field from the cameras of an image set. Where the images that the cameras come from have alpha, or along a
-/// path, the renders have it too.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// Renders a field from the cameras of an image set. Where the images that the cameras come from
+/// have alpha, or along a path, the renders have it too.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Render {
     /// The field.
@@ -25,31 +26,39 @@ pub struct Render {
     /// A path among these cameras to render instead: frames `frame_0000`, `frame_0001` …
     pub path: Option<CameraPath>,
     /// Size of the images over the size of the cameras' own images.
+    #[schemars(range(max = 64), extend("exclusiveMinimum" = 0))]
     pub scale: f64,
     /// Rays per pixel and axis, averaged.
+    #[schemars(range(min = 1, max = 16))]
     pub supersample: u32,
-    /// In how many parts the views are rendered, each a stage of its own; the images are the same for any number.
+    /// In how many parts the views are rendered, each a stage of its own; the images are the same
+    /// for any number.
+    #[schemars(range(min = 1))]
     pub shards: u32,
     /// Which of the parts this is, from 1; 0 for all views.
     pub shard: u32,
 }
 
 /// A path for a camera to fly.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub enum CameraPath {
-    /// About the average camera, as wide as the cameras stand apart: for scenes photographed from one side.
+    /// About the average camera, as wide as the cameras stand apart: for scenes photographed from
+    /// one side.
     Spiral {
         /// Images in all.
         #[serde(default = "default_frames")]
+        #[schemars(range(min = 1, max = 100_000))]
         frames: u32,
         /// Turns in all.
         #[serde(default = "default_turns")]
+        #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
         turns: f64,
     },
     /// Once around what all cameras look at: for objects photographed from all around.
     Circle {
         /// Images in all.
         #[serde(default = "default_frames")]
+        #[schemars(range(min = 1, max = 100_000))]
         frames: u32,
     },
     /// The poses of a `transforms.json`, in its order, in the scene's own coordinates.
@@ -200,7 +209,8 @@ impl Stage for Render {
             supersample: self.supersample,
             ..Default::default()
         };
-        // Renders of an opaque scene's own views are opaque; a path may lead the camera past what the scene has.
+        // Renders of an opaque scene's own views are opaque; a path may lead the camera past what
+        // the scene has.
         let alpha = self.path.is_some() || cameras.views.iter().any(|view| view.alpha.is_some());
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         let renderer = nerf::Renderer::new(io.device, &field);

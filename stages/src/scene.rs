@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
 use scene::{Photo, Reduction, SceneData, TransformsOptions};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -12,22 +13,24 @@ use crate::files;
 use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
     /// Where the photos come from.
     pub source: Origin,
     /// Size of the full-resolution photos over the size of the low-resolution ones.
+    #[schemars(range(min = 1, max = 64))]
     pub downscale: u32,
     /// The filter that makes the low-resolution photos.
     pub filter: Reducer,
-    /// Every so many photos, in the order of their names, one is held out: numbers 0, 8, 16 … for 8. A source that sets
-    /// photos aside by itself has the last word.
+    /// Every so many photos, in the order of their names, one is held out: numbers 0, 8, 16 …
+    /// for 8. A source that sets photos aside by itself has the last word.
+    #[schemars(range(min = 2, max = 1_000_000))]
     pub holdout: u32,
 }
 
 /// Where photos come from.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub enum Origin {
     /// A world that the program draws itself, so that the full-resolution truth is known.
     Procedural {
@@ -36,27 +39,31 @@ pub enum Origin {
         world: String,
         /// How many cameras.
         #[serde(default = "default_views")]
+        #[schemars(range(min = 2, max = 10_000))]
         views: u32,
         /// Width and height of the full-resolution photos.
         #[serde(default = "default_size")]
         size: (u32, u32),
         /// Rays per pixel and axis.
         #[serde(default = "default_samples")]
+        #[schemars(range(min = 1, max = 64))]
         samples: u32,
     },
-    /// Cameras in `transforms.json`, or in `transforms_train.json` and `transforms_test.json`: NeRF-synthetic,
-    /// instant-ngp, nerfstudio.
+    /// Cameras in `transforms.json`, or in `transforms_train.json` and `transforms_test.json`:
+    /// NeRF-synthetic, instant-ngp, nerfstudio.
     Transforms {
         /// The folder, or the file itself.
         path: PathBuf,
         /// Width and height of the full-resolution photos; by default those of the files.
         #[serde(default)]
         size: Option<(u32, u32)>,
-        /// The scene box in the file's coordinates; by default what the file says, or instant-ngp's.
+        /// The scene box in the file's coordinates; by default what the file says, or
+        /// instant-ngp's.
         #[serde(default)]
         bounds: Option<[[f64; 3]; 2]>,
         /// Only every so many of the photos that the source sets aside for testing.
         #[serde(default = "one")]
+        #[schemars(range(min = 1, max = 1_000_000))]
         test_every: u32,
     },
     /// A folder with a COLMAP reconstruction, `sparse/0`, beside a folder of images.
@@ -74,7 +81,8 @@ pub enum Origin {
     Llff {
         /// The folder.
         path: PathBuf,
-        /// The images' folder inside it (`images_4`); by default the smallest that has the size asked for.
+        /// The images' folder inside it (`images_4`); by default the smallest that has the size
+        /// asked for.
         #[serde(default)]
         images: Option<String>,
         /// Width and height of the full-resolution photos; by default those of the files.
@@ -84,7 +92,7 @@ pub enum Origin {
 }
 
 /// The filter that makes low-resolution photos.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Reducer {
     /// Antialiased cubic convolution with a = -0.5, as PIL's.
     Bicubic,

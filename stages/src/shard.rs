@@ -1,4 +1,5 @@
-//! Shards: a stage that works view by view, computed in parts that do not see each other's views. Knows no stage.
+//! Shards: a stage that works view by view, computed in parts that do not see each other's views.
+//! Knows no stage.
 
 use crate::convert::in_range;
 use crate::error::StageError;
@@ -7,8 +8,8 @@ use crate::registry::AnyStage;
 /// More parts than this are taken for a mistake.
 const MOST: u32 = 1024;
 
-/// Some of a stage's views: of each row of `of` views, the one at `index`. So every part sees the scene from all
-/// around.
+/// Some of a stage's views: of each row of `of` views, the one at `index`. So every part sees the
+/// scene from all around.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Which part, from 0.
@@ -53,7 +54,8 @@ pub fn check(shards: u32, shard: u32) -> Result<(), StageError> {
     in_range("shard", shard, 0, shards)
 }
 
-/// The stages that compute the parts; none where the stage is computed as a whole, or is a part itself.
+/// The stages that compute the parts; none where the stage is computed as a whole, or is a part
+/// itself.
 pub fn parts(shards: u32, shard: u32, part: impl Fn(u32) -> AnyStage) -> Vec<AnyStage> {
     if shards > 1 && shard == 0 {
         (1..=shards).map(part).collect()

@@ -1,4 +1,5 @@
-//! What a stage is: a pure function from parameters, input artifacts and a seed to output artifacts.
+//! What a stage is: a pure function from parameters, input artifacts and a seed to output
+//! artifacts.
 //!
 //! Knows nothing of the runner: not of keys, the store, other stages or the terminal.
 
@@ -8,14 +9,17 @@ use std::time::Duration;
 
 use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
 use compute::Device;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
 use crate::registry::AnyStage;
 
-/// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for what a loop
-/// carries.
-#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+/// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for
+/// what a loop carries.
+#[derive(
+    Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(transparent)]
 pub struct Input(pub String);
 
@@ -28,7 +32,8 @@ pub struct InputPort<'a> {
     pub reference: &'a Input,
     /// The artifact type that it takes.
     pub kind: ArtifactKind,
-    /// Whether the parameters make use of it. Where not, it may stay unconnected, and what it says changes nothing.
+    /// Whether the parameters make use of it. Where not, it may stay unconnected, and what it says
+    /// changes nothing.
     pub used: bool,
 }
 
@@ -49,7 +54,8 @@ impl<'a> InputPort<'a> {
     }
 }
 
-/// One output that a stage declares. The first one is meant where a reference names the stage alone.
+/// One output that a stage declares. The first one is meant where a reference names the stage
+/// alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputPort {
     /// The output's name.
@@ -58,7 +64,8 @@ pub struct OutputPort {
     pub kind: ArtifactKind,
 }
 
-/// Something that a stage reads beside its inputs, photos or model weights: it belongs to the stage's key.
+/// Something that a stage reads beside its inputs, photos or model weights: it belongs to the
+/// stage's key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
     /// What it is, in words that `explain` prints (never a path: moving a folder changes nothing).
@@ -84,11 +91,13 @@ pub enum Extension {
     None,
     /// They may: step n does not depend on the number of steps, which this parameter says.
     Possible(&'static str),
-    /// They may not: what a step does depends on their number, which this parameter says, in the way told.
+    /// They may not: what a step does depends on their number, which this parameter says, in the
+    /// way told.
     Impossible(&'static str, &'static str),
 }
 
-/// What a stage will take, roughly: enough to choose what runs beside what, and what to ask of a cluster.
+/// What a stage will take, roughly: enough to choose what runs beside what, and what to ask of a
+/// cluster.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Bytes of main memory at the worst moment.
@@ -123,8 +132,8 @@ impl Estimate {
 /// Bytes of input artifacts by input name, as far as they are known.
 pub type Sizes<'a> = BTreeMap<&'a str, u64>;
 
-/// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters, with its defaults in
-/// `Default`.
+/// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters,
+/// with its defaults in `Default`.
 pub trait Stage: Send + Sync {
     /// The kind's name in pipeline files.
     fn kind(&self) -> &'static str;
@@ -136,8 +145,9 @@ pub trait Stage: Send + Sync {
     fn inputs(&self) -> Vec<InputPort<'_>>;
     /// The outputs, in a fixed order.
     fn outputs(&self) -> Vec<OutputPort>;
-    /// Parameters that say where something lies, not what it is, as paths in which variant names are left out
-    /// (`source.path`): they stay out of the key, since [`Stage::sources`] covers the content.
+    /// Parameters that say where something lies, not what it is, as paths in which variant names
+    /// are left out (`source.path`): they stay out of the key, since [`Stage::sources`] covers the
+    /// content.
     fn locations(&self) -> &'static [&'static str] {
         &[]
     }
@@ -145,8 +155,8 @@ pub trait Stage: Send + Sync {
     fn sources(&self) -> Result<Vec<Source>, StageError> {
         Ok(Vec::new())
     }
-    /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its answer stands. `None`
-    /// where that cannot be said.
+    /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its
+    /// answer stands. `None` where that cannot be said.
     fn source_files(&self) -> Option<Vec<PathBuf>> {
         self.locations().is_empty().then(Vec::new)
     }
@@ -154,7 +164,8 @@ pub trait Stage: Send + Sync {
     fn determinism(&self) -> Determinism {
         Determinism::PerDeviceKind
     }
-    /// Whether it computes on the device that the user chose. All others compute on the CPU whatever was chosen.
+    /// Whether it computes on the device that the user chose. All others compute on the CPU
+    /// whatever was chosen.
     fn uses_device(&self) -> bool {
         false
     }
@@ -162,13 +173,13 @@ pub trait Stage: Send + Sync {
     fn extension(&self) -> Extension {
         Extension::None
     }
-    /// Memory and time that it will take. By default those of a stage that reads all of its inputs and does little with
-    /// them.
+    /// Memory and time that it will take. By default those of a stage that reads all of its inputs
+    /// and does little with them.
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs)
     }
-    /// The stages that compute it part by part, each some of the views; none where it is computed as a whole.
-    /// [`crate::Merge`] joins what they leave.
+    /// The stages that compute it part by part, each some of the views; none where it is computed
+    /// as a whole. [`crate::Merge`] joins what they leave.
     fn shards(&self) -> Vec<AnyStage> {
         Vec::new()
     }
@@ -195,7 +206,8 @@ pub enum Message {
         step: u64,
         /// Steps in all.
         total: u64,
-        /// Whether these steps are a finished result's, which is extended; else they are an interrupted run's.
+        /// Whether these steps are a finished result's, which is extended; else they are an
+        /// interrupted run's.
         finished: bool,
     },
     /// A result worth a line of its own.
@@ -219,11 +231,14 @@ pub struct Io<'a> {
     pub inputs: BTreeMap<String, PathBuf>,
     /// The folder under which each output gets a folder of its name.
     pub outputs: PathBuf,
-    /// Private to this stage's key and kept until its result is committed: the place for checkpoints.
+    /// Private to this stage's key and kept until its result is committed: the place for
+    /// checkpoints.
     pub scratch: PathBuf,
-    /// How long to go on between two checkpoints; zero for one after every step. No result depends on it.
+    /// How long to go on between two checkpoints; zero for one after every step. No result depends
+    /// on it.
     pub checkpoint_every: Duration,
-    /// The last state of a finished result that differs from this one in having fewer steps, if there is any.
+    /// The last state of a finished result that differs from this one in having fewer steps, if
+    /// there is any.
     pub earlier: Option<PathBuf>,
     /// What the artifacts say of their origin.
     pub provenance: Provenance,

@@ -1,6 +1,7 @@
-//! The surface of a field at one density, as a mesh, by surface nets (Gibson 1998): each cell that the surface crosses
-//! has one vertex, the mean of the crossings of its edges, and each crossed edge joins the vertices of the four cells
-//! around it. Unlike marching cubes that needs no table of cases, and leaves no slivers. Knows nothing of files.
+//! The surface of a field at one density, as a mesh, by surface nets (Gibson 1998): each cell that
+//! the surface crosses has one vertex, the mean of the crossings of its edges, and each crossed
+//! edge joins the vertices of the four cells around it. Unlike marching cubes that needs no table
+//! of cases, and leaves no slivers. Knows nothing of files.
 
 use std::f32::consts::LN_2;
 
@@ -27,7 +28,8 @@ pub struct Vertex {
     pub color: [f32; 3],
 }
 
-/// The corners of a cell and the pairs of them that are its edges: bit 0 is x, bit 1 is y, bit 2 is z.
+/// The corners of a cell and the pairs of them that are its edges: bit 0 is x, bit 1 is y, bit 2 is
+/// z.
 const EDGES: [(usize, usize); 12] = [
     (0, 1),
     (2, 3),
@@ -86,8 +88,9 @@ fn longest_side(field: &Field) -> f32 {
         .fold(0.0, f32::max)
 }
 
-/// The surface on which the field's density is `level` (per world length), on a grid with `resolution` cells along the
-/// box's longest side. The same field gives the same surface for any number of threads.
+/// The surface on which the field's density is `level` (per world length), on a grid with
+/// `resolution` cells along the box's longest side. The same field gives the same surface for any
+/// number of threads.
 pub fn surface(field: &Field, resolution: u32, level: f32) -> Surface {
     let grid = sample(field, resolution, level);
     let (places, owners) = vertices(&grid);
@@ -114,8 +117,8 @@ pub fn surface(field: &Field, resolution: u32, level: f32) -> Surface {
     }
 }
 
-/// Logarithms of the density over the level: positive inside. They change more evenly through a surface than densities
-/// do. A rim of nothing around the box closes what the box cuts.
+/// Logarithms of the density over the level: positive inside. They change more evenly through a
+/// surface than densities do. A rim of nothing around the box closes what the box cuts.
 fn sample(field: &Field, resolution: u32, level: f32) -> Grid {
     let [low, high] = field.bounds();
     let step = longest_side(field) / resolution as f32;
@@ -169,7 +172,8 @@ fn vertices(grid: &Grid) -> Vertices {
 
 /// The mean of the points at which the edges of a cell are crossed, in the cell; `None` if none is.
 fn crossing(corners: &[f32; 8]) -> Option<[f32; 3]> {
-    let (mut sum, mut count) = ([0.0; 3], 0);
+    let mut sum = [0.0; 3];
+    let mut count = 0;
     for (a, b) in EDGES {
         if (corners[a] > 0.0) != (corners[b] > 0.0) {
             let part = corners[a] / (corners[a] - corners[b]);
@@ -205,7 +209,8 @@ fn outwards(corners: &[f32; 8]) -> [f32; 3] {
     }
 }
 
-/// Two triangles for each crossed edge of the grid, between the vertices of the four cells around it.
+/// Two triangles for each crossed edge of the grid, between the vertices of the four cells around
+/// it.
 fn triangles(grid: &Grid, owners: &[u32]) -> Vec<[u32; 3]> {
     let strides = [1, grid.size[0], grid.size[0] * grid.size[1]];
     let mut triangles = Vec::new();
@@ -216,17 +221,16 @@ fn triangles(grid: &Grid, owners: &[u32]) -> Vec<[u32; 3]> {
             if place[axis] + 1 == grid.size[axis] || place[u] == 0 || place[v] == 0 {
                 continue;
             }
-            let (here, there) = (
-                grid.values[index] > 0.0,
-                grid.values[index + strides[axis]] > 0.0,
-            );
+            let here = grid.values[index] > 0.0;
+            let there = grid.values[index + strides[axis]] > 0.0;
             let around = [0, strides[u], strides[u] + strides[v], strides[v]]
                 .map(|back| owners[index - back]);
             if here == there || around.contains(&u32::MAX) {
                 continue;
             }
             let [a, b, c, d] = around;
-            // As seen from the end of the axis the cells run a, b, c, d counter-clockwise: outside if inside is here.
+            // As seen from the end of the axis the cells run a, b, c, d counter-clockwise: outside
+            // if inside is here.
             let faces = if here {
                 [[a, b, c], [a, c, d]]
             } else {
@@ -274,7 +278,8 @@ mod tests {
                 "{position:?} {normal:?}"
             );
         }
-        // By the divergence theorem: the volume is the sum of a . (b x c) / 6 over triangles that face outwards.
+        // By the divergence theorem: the volume is the sum of a . (b x c) / 6 over triangles that
+        // face outwards.
         let corner = |i: u32| vertices[i as usize].0;
         let volume: f32 = triangles(&grid, &owners)
             .iter()

@@ -1,8 +1,9 @@
-//! `Sync`: brings a field in line with enlarged views (I3DS, paper algorithm 2). Knows nothing of how they were
-//! enlarged.
+//! `Sync`: brings a field in line with enlarged views (I3DS, paper algorithm 2). Knows nothing of
+//! how they were enlarged.
 
 use artifacts_schema::{ArtifactKind, ImageSet};
 use nerf::TrainOptions;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
@@ -10,8 +11,9 @@ use crate::error::StageError;
 use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
 use crate::training;
 
-/// Trains a field on enlarged views, and on the low-resolution photos so that rounds cannot drift from them.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// Trains a field on enlarged views, and on the low-resolution photos so that rounds cannot drift
+/// from them.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sync {
     /// The field.
@@ -21,17 +23,23 @@ pub struct Sync {
     /// The low-resolution photos, seen as area means of the rendered detail.
     pub low: Input,
     /// How much a low-resolution photo's pixel counts beside an enlarged view's; 0 leaves them out.
+    #[schemars(range(min = 0, max = 1000))]
     pub low_weight: f64,
     /// Sub-rays per pixel and axis of a low-resolution photo.
+    #[schemars(range(min = 1, max = 16))]
     pub low_supersample: u32,
     /// Training steps.
+    #[schemars(range(min = 1, max = 10_000_000))]
     pub steps: u32,
     /// Samples along rays per step.
+    #[schemars(range(min = 256, max = 16_777_216))]
     pub samples: u32,
     /// Learning rate at its highest.
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub rate: f64,
-    /// Learning rate of the last step, as a part of `rate`; it falls over the second half of the steps. At 1 it does not
-    /// fall, and a finished result can be extended.
+    /// Learning rate of the last step, as a part of `rate`; it falls over the second half of the
+    /// steps. At 1 it does not fall, and a finished result can be extended.
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub final_rate: f64,
 }
 

@@ -1,4 +1,5 @@
-//! What `Fit` and `Sync` share: the training loop with its log. Knows nothing of where the views come from.
+//! What `Fit` and `Sync` share: the training loop with its log. Knows nothing of where the views
+//! come from.
 
 use artifacts_schema::Log;
 use compute::Counts;
@@ -30,7 +31,8 @@ pub fn check(steps: u32, samples: u32, rate: f64, final_rate: f64) -> Result<(),
     Ok(())
 }
 
-/// Whether more steps may go on from fewer: only where the learning rate does not fall over all of them.
+/// Whether more steps may go on from fewer: only where the learning rate does not fall over all of
+/// them.
 pub fn extension(final_rate: f64) -> Extension {
     if final_rate == 1.0 {
         return Extension::Possible("steps");
@@ -41,14 +43,15 @@ pub fn extension(final_rate: f64) -> Extension {
     )
 }
 
-/// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments and a checkpoint
-/// multiply.
+/// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments
+/// and a checkpoint multiply.
 pub fn estimate(inputs: &Sizes, table: u64, steps: u32, samples: u32) -> Estimate {
     let seconds = f64::from(steps) * f64::from(samples) * 6e-7;
     Estimate::reading(inputs).computing(8 * table + 1024 * u64::from(samples), seconds)
 }
 
-/// Trains `field` on `views` and writes the outputs `field` and `log`. Goes on from a checkpoint where there is one.
+/// Trains `field` on `views` and writes the outputs `field` and `log`. Goes on from a checkpoint
+/// where there is one.
 pub fn train(
     field: Field,
     views: Vec<TrainView>,
@@ -56,7 +59,8 @@ pub fn train(
     io: &Io,
 ) -> Result<(), StageError> {
     let mut keeper = Keeper::new(io, options.steps.into());
-    let (config, bounds) = (field.config().clone(), field.bounds());
+    let config = field.config().clone();
+    let bounds = field.bounds();
     let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
         let training = Training::from_state(
@@ -76,7 +80,8 @@ pub fn train(
             Diary::default(),
         )
     });
-    let (begun, before) = (training.steps_taken(), io.device.counts());
+    let begun = training.steps_taken();
+    let before = io.device.counts();
     while training.steps_taken() < options.steps {
         let stats = training.step();
         let step = u64::from(training.steps_taken());

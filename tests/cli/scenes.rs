@@ -28,10 +28,12 @@ fn film(space: &Space, source: &str, path: &str) {
     .unwrap();
 }
 
-/// Draws a scene and exports it as others would bring it.
-fn exported(space: &Space, world: &str) {
+/// Draws a scene of square photos, `side` pixels wide, and exports their halves as others would
+/// bring them.
+pub fn exported(space: &Space, world: &str, side: u32) {
+    let size = format!("({side}, {side})");
     let world = format!(
-        "--set=scene.source=Procedural(world: \"{world}\", views: 4, size: (32, 32), samples: 1)"
+        "--set=scene.source=Procedural(world: \"{world}\", views: 4, size: {size}, samples: 1)"
     );
     space.ok(&["run", "tiny.ron", &world, "--target=scene"]);
     let said = space.ok(&[
@@ -48,7 +50,7 @@ fn exported(space: &Space, world: &str) {
 #[test]
 fn a_scene_in_transforms_json_is_fitted_filmed_and_exported() {
     let space = Space::new();
-    exported(&space, "object");
+    exported(&space, "object", 32);
     film(&space, "Transforms(path: \"mine\")", "Circle(frames: 3)");
     let said = space.ok(&["run", "film.ron"]);
     let is_gif = |path: &Path| path.extension() == Some(OsStr::new("gif"));
@@ -112,8 +114,9 @@ fn a_scene_in_transforms_json_is_fitted_filmed_and_exported() {
     );
 }
 
-/// A reconstruction in text of the cameras in `mine/transforms_train.json`.
-fn as_colmap(space: &Space) {
+/// A COLMAP scene in `photos`: a reconstruction in text of the cameras in
+/// `mine/transforms_train.json`, which [`exported`] leaves.
+pub fn as_colmap(space: &Space) {
     let page: Value =
         serde_json::from_slice(&fs::read(space.path("mine/transforms_train.json")).unwrap())
             .unwrap();
@@ -150,7 +153,7 @@ fn as_colmap(space: &Space) {
 #[test]
 fn a_colmap_scene_is_fitted_and_filmed() {
     let space = Space::new();
-    exported(&space, "object");
+    exported(&space, "object", 32);
     as_colmap(&space);
     film(&space, "Colmap(path: \"photos\")", "Spiral(frames: 2)");
     let first = space.ok(&["run", "film.ron", "--json"]);

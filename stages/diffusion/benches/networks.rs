@@ -1,5 +1,5 @@
-//! Prints the time of whole networks of tiny-x4: `networks.py` beside this file puts them, and the upscaler's, beside
-//! PyTorch.
+//! Prints the time of whole networks of tiny-x4: `networks.py` beside this file puts them, and the
+//! upscaler's, beside PyTorch.
 
 use std::time::Instant;
 
@@ -26,11 +26,10 @@ fn median(mut run: impl FnMut()) -> f64 {
 fn main() -> Result<(), ModelError> {
     let device = Device::cpu();
     let prior = Prior::load(&ModelSource::Embedded, &device)?;
-    let (unet, rng) = (&prior.unet, Rng::new(0, "timing"));
-    let (lora, text) = (
-        unet.new_lora(4, 4.0, 0),
-        unet.text(&prior.text(&["high resolution, 4K, photo"])),
-    );
+    let unet = &prior.unet;
+    let rng = Rng::new(0, "timing");
+    let lora = unet.new_lora(4, 4.0, 0);
+    let text = unet.text(&prior.text(&["high resolution, 4K, photo"]));
     let sample = rng.normals(0, &[BATCH, 19, 32, 32], &device);
     let frozen = Input {
         sample: &sample,

@@ -1,10 +1,12 @@
-//! One photo, one round: how far RSD, SDS or VSD come from bicubic interpolation, with the embedded prior.
+//! One photo, one round: how far RSD, SDS or VSD come from bicubic interpolation, with the embedded
+//! prior.
 //!
-//! `cargo run --release -p diffusion --example one_view -- photo.png 256x192 '{"guidance": {"Rsd": {}}, "steps": 100}'
-//! ..`
+//! `cargo run --release -p diffusion --example one_view -- photo.png 256x192 '{"guidance": {"Rsd":
+//! {}}, "steps": 100}' ..`
 //!
-//! The photo's centre is shrunk to a quarter and brought back. Every quarter of the steps it prints PSNR to the photo,
-//! in brackets that of the shrunk result to the shrunk photo, and the same after three rounds of back-projection.
+//! The photo's centre is shrunk to a quarter and brought back. Every quarter of the steps it prints
+//! PSNR to the photo, in brackets that of the shrunk result to the shrunk photo, and the same after
+//! three rounds of back-projection.
 
 use std::error::Error;
 use std::path::Path;
@@ -28,7 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A photo, what is left of it at a quarter of its size, and that brought back; `[1, 3, H, W]` in [-1, 1].
+/// A photo, what is left of it at a quarter of its size, and that brought back; `[1, 3, H, W]` in
+/// [-1, 1].
 struct Trial {
     prior: Prior,
     photo: Array,
@@ -86,7 +89,8 @@ impl Trial {
         }
     }
 
-    /// Residual decoding: what the residual adds to the decoded latent is added to the interpolated photo.
+    /// Residual decoding: what the residual adds to the decoded latent is added to the interpolated
+    /// photo.
     fn upscaled(&self, residual: &Residual) -> Array {
         let decode = |latent| {
             self.prior
@@ -125,7 +129,8 @@ fn centre(path: &Path, size: &str) -> Result<Array, Box<dyn Error>> {
     let (width, height) = size
         .split_once('x')
         .ok_or("the size must read like 256x192")?;
-    let (width, height): (u32, u32) = (width.parse()?, height.parse()?);
+    let width: u32 = width.parse()?;
+    let height: u32 = height.parse()?;
     let photo = image::open(path)?.to_rgb8();
     let at = |x: u32, y: u32| {
         photo.get_pixel(

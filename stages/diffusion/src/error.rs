@@ -23,7 +23,8 @@ pub enum ModelError {
         /// What is wrong: "is \"swish\"; supported is \"silu\"".
         problem: String,
     },
-    /// A tensor that is missing, of another shape or of another type than the configuration asks for.
+    /// A tensor that is missing, of another shape or of another type than the configuration asks
+    /// for.
     #[error("{file}: tensor `{tensor}` {problem}")]
     Tensor {
         /// The weight file.

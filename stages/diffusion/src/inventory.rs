@@ -29,15 +29,13 @@ pub struct PartReport {
     pub summary: String,
 }
 
-/// Reads a model whole, every weight of it. The error names the file, and the field or tensor in it, that cannot be
-/// used.
+/// Reads a model whole, every weight of it. The error names the file, and the field or tensor in
+/// it, that cannot be used.
 pub fn inspect(source: &ModelSource, device: &Device) -> Result<Vec<PartReport>, ModelError> {
     let prior = Prior::load(source, device)?;
-    let (unet, vae, text) = (
-        prior.unet.config(),
-        prior.vae.config(),
-        prior.text_encoder.config(),
-    );
+    let unet = prior.unet.config();
+    let vae = prior.vae.config();
+    let text = prior.text_encoder.config();
     let summaries = [
         format!(
             "{} to {} channels, blocks of {:?}",

@@ -1,5 +1,5 @@
-//! Low-rank adapters of the UNet's attention (Hu et al. 2021, equation 3) and the camera embedding that is trained with
-//! them.
+//! Low-rank adapters of the UNet's attention (Hu et al. 2021, equation 3) and the camera embedding
+//! that is trained with them.
 //!
 //! Holds tensors by name; knows neither the layers they belong to nor how they are trained.
 
@@ -12,20 +12,20 @@ use crate::error::ModelError;
 /// Numbers that describe a camera: a 4x4 matrix, row by row.
 pub const CAMERA_NUMBERS: usize = 16;
 
-/// The trainable part of a network: what a frozen UNet becomes another one with. A layer without an adapter stays as it
-/// is.
+/// The trainable part of a network: what a frozen UNet becomes another one with. A layer without an
+/// adapter stays as it is.
 #[derive(Clone, Debug)]
 pub struct LoraNetwork {
     /// What an adapter's product is multiplied by: alpha / r.
     pub scale: f32,
     /// The same for layers where it is another number, by the name of their matrix A.
     pub scales: BTreeMap<String, f32>,
-    /// `unet.<layer>.lora_A.weight` `[r, inputs]` and `unet.<layer>.lora_B.weight` `[outputs, r]`, named as PEFT names
-    /// them.
+    /// `unet.<layer>.lora_A.weight` `[r, inputs]` and `unet.<layer>.lora_B.weight` `[outputs, r]`,
+    /// named as PEFT names them.
     pub adapters: BTreeMap<String, Array>,
-    /// The camera embedding, 16 numbers -> D -> SiLU -> D, D the width of the time embedding to which it is added:
-    /// `camera_embedding.linear_1.weight` `[D, 16]`, `.bias` `[D]`, `camera_embedding.linear_2.weight` `[D, D]`,
-    /// `.bias` `[D]`.
+    /// The camera embedding, 16 numbers -> D -> SiLU -> D, D the width of the time embedding to
+    /// which it is added: `camera_embedding.linear_1.weight` `[D, 16]`, `.bias` `[D]`,
+    /// `camera_embedding.linear_2.weight` `[D, D]`, `.bias` `[D]`.
     pub camera: BTreeMap<String, Array>,
 }
 
@@ -67,8 +67,8 @@ pub(crate) const CAMERA_1: &str = "camera_embedding.linear_1";
 pub(crate) const CAMERA_2: &str = "camera_embedding.linear_2";
 
 impl LoraNetwork {
-    /// A network that computes exactly what the frozen one does: A is normal with standard deviation 1/r, B and the
-    /// camera embedding's last layer are zero.
+    /// A network that computes exactly what the frozen one does: A is normal with standard
+    /// deviation 1/r, B and the camera embedding's last layer are zero.
     pub(crate) fn new(
         sites: &[AdapterSite],
         width: usize,
@@ -106,8 +106,9 @@ impl LoraNetwork {
         Some((self.adapters.get(&site.down)?, self.adapters.get(&site.up)?))
     }
 
-    /// Fails if a tensor belongs to no layer, has another shape than its layer needs or lacks its partner; `file` is
-    /// where they came from. There may be no camera embedding; if there is one, it is whole.
+    /// Fails if a tensor belongs to no layer, has another shape than its layer needs or lacks its
+    /// partner; `file` is where they came from. There may be no camera embedding; if there is one,
+    /// it is whole.
     pub(crate) fn check(
         &self,
         sites: &[AdapterSite],
@@ -211,7 +212,8 @@ fn camera_shapes(width: usize) -> BTreeMap<String, Vec<usize>> {
     ])
 }
 
-/// The first layer uniform within 1/sqrt(16), as PyTorch initialises a linear layer; the second zero.
+/// The first layer uniform within 1/sqrt(16), as PyTorch initialises a linear layer; the second
+/// zero.
 fn camera_embedding(width: usize, seed: u64, device: &Device) -> BTreeMap<String, Array> {
     let rng = Rng::new(seed, "camera_embedding");
     let bound = 1.0 / (CAMERA_NUMBERS as f32).sqrt();

@@ -1,4 +1,5 @@
-//! LoRA files as diffusers and PEFT write them: whatever their names look like, one [`LoraNetwork`].
+//! LoRA files as diffusers and PEFT write them: whatever their names look like, one
+//! [`LoraNetwork`].
 //!
 //! Knows names and metadata, not the layers: [`Unet::check_lora`] says whether they fit.
 
@@ -18,7 +19,8 @@ use crate::unet::Unet;
 const METADATA: &str = "lora_adapter_metadata";
 const PEFT_CONFIG: &str = "adapter_config.json";
 
-/// The prefixes of a UNet's layers: in a pipeline's file, in PEFT's own, and in that of a UNet alone.
+/// The prefixes of a UNet's layers: in a pipeline's file, in PEFT's own, and in that of a UNet
+/// alone.
 const PREFIXES: [&str; 4] = ["base_model.model.unet.", "base_model.model.", "unet.", ""];
 
 /// The ways to write the two matrices, and the part of the layer's name that they replace.
@@ -42,11 +44,12 @@ pub struct LoraFile {
 }
 
 impl LoraFile {
-    /// Reads the LoRA at `path` for `unet`. Fails where a tensor is none of its attentions' or an option is not
-    /// supported.
+    /// Reads the LoRA at `path` for `unet`. Fails where a tensor is none of its attentions' or an
+    /// option is not supported.
     pub fn read(path: &Path, unet: &Unet, device: &Device) -> Result<Self, ModelError> {
         let file = TensorFile::open(path)?;
-        let (mut names, mut adapters) = (BTreeMap::new(), BTreeMap::new());
+        let mut names = BTreeMap::new();
+        let mut adapters = BTreeMap::new();
         for stored in file.names() {
             let name = canonical(stored)
                 .ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
@@ -123,7 +126,8 @@ impl Options {
         self.0.get(name).and_then(Value::as_bool).unwrap_or(false)
     }
 
-    /// What each product is multiplied by: alpha / r, alpha / sqrt(r) if rank-stabilised, 1 where nothing is said.
+    /// What each product is multiplied by: alpha / r, alpha / sqrt(r) if rank-stabilised, 1 where
+    /// nothing is said.
     fn scales(&self, adapters: &BTreeMap<String, Array>) -> BTreeMap<String, f32> {
         let scale = |(name, down): (&String, &Array)| {
             let layer = name.strip_prefix("unet.")?.strip_suffix(".lora_A.weight")?;

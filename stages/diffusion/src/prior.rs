@@ -27,7 +27,8 @@ pub struct Prior {
     pub tokenizer: Tokenizer,
     /// Ids to states.
     pub text_encoder: TextEncoder,
-    /// The highest noise level, as a timestep of `low_schedule`, that the low-resolution image was trained with.
+    /// The highest noise level, as a timestep of `low_schedule`, that the low-resolution image was
+    /// trained with.
     pub max_noise_level: u32,
 }
 
@@ -46,12 +47,14 @@ impl Default for ModelIndex {
 }
 
 impl Prior {
-    /// Reads a model onto `device`. The error names the file, and the field or tensor in it, that cannot be used.
+    /// Reads a model onto `device`. The error names the file, and the field or tensor in it, that
+    /// cannot be used.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         Self::load_in(source, device, Precision::F32)
     }
 
-    /// [`Prior::load`] with a UNet that multiplies in `precision`. The autoencoder and the text encoder stay in `f32`.
+    /// [`Prior::load`] with a UNet that multiplies in `precision`. The autoencoder and the text
+    /// encoder stay in `f32`.
     pub fn load_in(
         source: &ModelSource,
         device: &Device,

@@ -1,5 +1,6 @@
-//! The noise schedule: how much of a latent and how much noise there is at each timestep, and the conversions between
-//! what a network predicts and what it means. Knows no network and no guidance rule.
+//! The noise schedule: how much of a latent and how much noise there is at each timestep, and the
+//! conversions between what a network predicts and what it means. Knows no network and no guidance
+//! rule.
 
 use compute::Array;
 use compute::elementwise::scaled_sum;
@@ -32,10 +33,11 @@ pub enum Prediction {
     Noise,
 }
 
-/// `alpha_bar` by timestep. With a = sqrt(alpha_bar) and s = sqrt(1 - alpha_bar), the noised latent is z_t = a z + s
-/// eps.
+/// `alpha_bar` by timestep. With a = sqrt(alpha_bar) and s = sqrt(1 - alpha_bar), the noised latent
+/// is z_t = a z + s eps.
 ///
-/// The functions over arrays take batches `[N, ...]` and one timestep for each of the N, or a single one for all.
+/// The functions over arrays take batches `[N, ...]` and one timestep for each of the N, or a
+/// single one for all.
 #[derive(Clone, Debug)]
 pub struct Schedule {
     alpha_bar: Vec<f64>,
@@ -46,7 +48,8 @@ pub struct Schedule {
 const MAX_STEPS: u32 = 100_000;
 
 impl Schedule {
-    /// The schedule that a configuration describes; an error names the field of `file` that is not supported.
+    /// The schedule that a configuration describes; an error names the field of `file` that is not
+    /// supported.
     pub fn new(config: &SchedulerConfig, file: &str) -> Result<Self, ModelError> {
         if config.beta_schedule != "scaled_linear" {
             let problem = format!(
@@ -91,7 +94,8 @@ impl Schedule {
         self.alpha_bar.is_empty()
     }
 
-    /// The share of the clean latent's variance left at timestep `t`: the product of (1 - beta) up to it.
+    /// The share of the clean latent's variance left at timestep `t`: the product of (1 - beta) up
+    /// to it.
     pub fn alpha_bar(&self, t: u32) -> f64 {
         self.alpha_bar[t as usize]
     }
@@ -111,7 +115,8 @@ impl Schedule {
         combine(clean, noise, t, |t| [self.a(t), self.s(t)])
     }
 
-    /// The velocity a eps - s z that a perfect network would predict for this latent and this noise.
+    /// The velocity a eps - s z that a perfect network would predict for this latent and this
+    /// noise.
     pub fn velocity_target(&self, clean: &Array, noise: &Array, t: &[u32]) -> Array {
         combine(noise, clean, t, |t| [self.a(t), -self.s(t)])
     }
@@ -127,7 +132,8 @@ impl Schedule {
         }
     }
 
-    /// The gradient of a loss by a network's raw output, from the gradient by the velocity that it means.
+    /// The gradient of a loss by a network's raw output, from the gradient by the velocity that it
+    /// means.
     pub fn velocity_backward(&self, velocity_gradient: &Array, t: &[u32]) -> Array {
         match self.prediction {
             Prediction::Velocity => velocity_gradient.clone(),
@@ -162,7 +168,8 @@ impl Prediction {
 
 /// The cumulative product of 1 - beta, where sqrt(beta) grows linearly.
 fn alpha_bar(config: &SchedulerConfig) -> Vec<f64> {
-    let (start, end) = (config.beta_start.sqrt(), config.beta_end.sqrt());
+    let start = config.beta_start.sqrt();
+    let end = config.beta_end.sqrt();
     let last = (config.num_train_timesteps - 1).max(1) as f64;
     let beta = |t: u32| (start + (end - start) * f64::from(t) / last).powi(2);
     let mut product = 1.0;
@@ -194,7 +201,8 @@ pub(crate) fn scale(x: &Array, t: &[u32], factor: impl Fn(u32) -> f64) -> Array 
     })
 }
 
-/// One call for the whole batch where all timesteps are equal, else one for each sample, joined again.
+/// One call for the whole batch where all timesteps are equal, else one for each sample, joined
+/// again.
 fn per_sample(t: &[u32], batch: usize, f: impl Fn(Option<usize>, u32) -> Array) -> Array {
     assert!(
         t.len() == 1 || t.len() == batch,
@@ -263,7 +271,9 @@ mod tests {
     #[test]
     fn latent_noise_and_velocity_convert_into_each_other() {
         let schedule = Schedule::new(&config(), "scheduler_config.json").unwrap();
-        let (clean, noise, t) = (batch([0.7, -1.2]), batch([-0.4, 0.9]), [20, 500]);
+        let clean = batch([0.7, -1.2]);
+        let noise = batch([-0.4, 0.9]);
+        let t = [20, 500];
         let noisy = schedule.add_noise(&clean, &noise, &t);
         let velocity = schedule.velocity_target(&clean, &noise, &t);
         assert_close(&noisy, [0.678275, 0.045303]);
@@ -281,7 +291,9 @@ mod tests {
             "config",
         )
         .unwrap();
-        let (clean, noise, t) = (batch([0.7, -1.2]), batch([-0.4, 0.9]), [100, 100]);
+        let clean = batch([0.7, -1.2]);
+        let noise = batch([-0.4, 0.9]);
+        let t = [100, 100];
         let noisy = schedule.add_noise(&clean, &noise, &t);
         let expected = schedule.velocity_target(&clean, &noise, &t).to_vec();
         assert_close(

@@ -136,8 +136,8 @@ struct Index {
 }
 
 impl ModelSource {
-    /// Which of the files `there` of the model `name` make it up, weights in `variant` where there are such. Fails
-    /// where a network's weights are missing or pickled.
+    /// Which of the files `there` of the model `name` make it up, weights in `variant` where there
+    /// are such. Fails where a network's weights are missing or pickled.
     pub fn choose(
         name: &str,
         there: &BTreeSet<String>,
@@ -172,7 +172,8 @@ impl ModelSource {
         Ok(chosen)
     }
 
-    /// A digest of all files that decide what the model computes: the same for a folder and its embedded copy.
+    /// A digest of all files that decide what the model computes: the same for a folder and its
+    /// embedded copy.
     ///
     /// Fails where a weight file is missing or a file cannot be read.
     pub fn digest(&self) -> Result<[u8; 32], ModelError> {
@@ -225,7 +226,8 @@ impl ModelSource {
             .ok_or_else(|| ModelError::file(self.display(name), hint))
     }
 
-    /// The weight file whose name is `stem` and one of the endings that we read, or the shards of it.
+    /// The weight file whose name is `stem` and one of the endings that we read, or the shards of
+    /// it.
     pub(crate) fn weights(&self, stem: &str) -> Result<Vec<ModelFile>, ModelError> {
         for ending in WHOLE {
             if let Some(file) = self.find(&format!("{stem}{ending}"))? {
@@ -295,7 +297,8 @@ fn map(path: &Path) -> Result<Option<ModelFile>, ModelError> {
     if !file.metadata().map_err(unreadable)?.is_file() {
         return Err(ModelError::file(&name, "is not a file"));
     }
-    // SAFETY: the map is read-only and private to this process; model files are not rewritten while they are loaded.
+    // SAFETY: the map is read-only and private to this process; model files are not rewritten while
+    // they are loaded.
     let map = unsafe { Mmap::map(&file) }.map_err(unreadable)?;
     Ok(Some(ModelFile {
         name,

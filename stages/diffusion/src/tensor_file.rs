@@ -1,7 +1,7 @@
 //! One safetensors file: named tensors in a memory map, read when they are asked for.
 //!
-//! Knows names, shapes and number formats; not what a tensor is for. Nothing is allocated before the header has been
-//! checked against the file's size.
+//! Knows names, shapes and number formats; not what a tensor is for. Nothing is allocated before
+//! the header has been checked against the file's size.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -30,7 +30,8 @@ pub struct TensorFile {
 }
 
 impl TensorFile {
-    /// Opens the file at `path`. Fails where there is none, and where header and file do not fit together.
+    /// Opens the file at `path`. Fails where there is none, and where header and file do not fit
+    /// together.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         Self::new(ModelFile::open(path)?)
     }
@@ -86,8 +87,9 @@ impl TensorFile {
         self.metadata.get(key).map(String::as_str)
     }
 
-    /// The tensor of this name as it lies in the file, which stays mapped. Fails where there is none, where it holds
-    /// other numbers than F32, F16 or BF16, and where one of them is not finite.
+    /// The tensor of this name as it lies in the file, which stays mapped. Fails where there is
+    /// none, where it holds other numbers than F32, F16 or BF16, and where one of them is not
+    /// finite.
     pub fn weight(&self, name: &str, device: &Device) -> Result<Weight, ModelError> {
         let (entry, _) = self.find(name)?;
         let format = match entry.dtype {

@@ -1,4 +1,5 @@
-//! `CLIPTextModel` of transformers: token ids to the states that the UNet attends to. Inference only.
+//! `CLIPTextModel` of transformers: token ids to the states that the UNet attends to. Inference
+//! only.
 
 use compute::activation::{gelu, quick_gelu};
 use compute::attention::attention;
@@ -36,7 +37,8 @@ struct Layer {
 }
 
 impl TextEncoder {
-    /// Reads the text encoder of `source` onto `device`. The error names the file, and the field or tensor in it.
+    /// Reads the text encoder of `source` onto `device`. The error names the file, and the field or
+    /// tensor in it.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         let config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
         Self::read(
@@ -45,7 +47,8 @@ impl TextEncoder {
         )
     }
 
-    /// Reads the encoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
+    /// Reads the encoder. Fails if the file does not hold exactly the tensors that the
+    /// configuration asks for.
     fn read(config: TextConfig, weights: Weights) -> Result<Self, ModelError> {
         let root = weights.root();
         let nested = root.at("text_model");
@@ -54,7 +57,8 @@ impl TextEncoder {
         } else {
             root
         };
-        let (width, eps) = (config.hidden_size, config.layer_norm_eps);
+        let width = config.hidden_size;
+        let eps = config.layer_norm_eps;
         let layer = |i| Layer::read(&root.at(format!("encoder.layers.{i}")), &config);
         let encoder = Self {
             tokens: root.weight(
@@ -96,11 +100,9 @@ impl TextEncoder {
 
 impl Layer {
     fn read(scope: &Scope, config: &TextConfig) -> Result<Self, ModelError> {
-        let (width, wide, eps) = (
-            config.hidden_size,
-            config.intermediate_size,
-            config.layer_norm_eps,
-        );
+        let width = config.hidden_size;
+        let wide = config.intermediate_size;
+        let eps = config.layer_norm_eps;
         let projection = |name: &str| Linear::read(&scope.at("self_attn").at(name), width, width);
         Ok(Self {
             norm1: LayerNorm::read(&scope.at("layer_norm1"), width, eps)?,

@@ -1,7 +1,8 @@
-//! CLIP's tokenizer: byte-level byte-pair encoding (Sennrich et al. 2016) of cleaned-up, lower-cased text.
+//! CLIP's tokenizer: byte-level byte-pair encoding (Sennrich et al. 2016) of cleaned-up,
+//! lower-cased text.
 //!
-//! Gives the ids that `CLIPTokenizer(..., padding="max_length", truncation=True)` of transformers gives. Knows no
-//! model.
+//! Gives the ids that `CLIPTokenizer(..., padding="max_length", truncation=True)` of transformers
+//! gives. Knows no model.
 
 use std::collections::BTreeMap;
 
@@ -71,7 +72,8 @@ impl Special {
 }
 
 impl Tokenizer {
-    /// Reads the tokenizer of a text encoder. Fails where it gives ids that the encoder does not know.
+    /// Reads the tokenizer of a text encoder. Fails where it gives ids that the encoder does not
+    /// know.
     pub fn load(source: &ModelSource, text: &TextConfig) -> Result<Self, ModelError> {
         let tokenizer = Self::read(source, text.max_position_embeddings)?;
         let largest = tokenizer.vocabulary.values().copied().max().unwrap_or(0) as usize;
@@ -88,7 +90,8 @@ impl Tokenizer {
         ))
     }
 
-    /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder has.
+    /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder
+    /// has.
     fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
         let vocabulary_file = source.file("tokenizer/vocab.json")?;
         let vocabulary = serde_json::from_slice(&vocabulary_file).map_err(|e| {
@@ -174,7 +177,8 @@ impl Tokenizer {
         self.length
     }
 
-    /// The ids of `text` between those of its begin and end, cut or filled to [`Tokenizer::length`].
+    /// The ids of `text` between those of its begin and end, cut or filled to
+    /// [`Tokenizer::length`].
     pub fn encode(&self, text: &str) -> Vec<u32> {
         let mut ids = vec![self.begin];
         let mut rest = 0;
@@ -238,7 +242,8 @@ impl Tokenizer {
     }
 }
 
-/// The printable letter that stands for a byte: itself where it is one, else one from U+0100 on, in order.
+/// The printable letter that stands for a byte: itself where it is one, else one from U+0100 on, in
+/// order.
 fn letter(byte: u8) -> char {
     let printable = |b: &u8| matches!(b, 33..=126 | 161..=172 | 174..=255);
     if printable(&byte) {
@@ -265,7 +270,8 @@ mod tests {
     #[test]
     fn a_text_is_framed_cut_and_filled() {
         let tokenizer = Tokenizer::read(&ModelSource::Embedded, 8).unwrap();
-        let (begin, end) = (tokenizer.begin, tokenizer.end);
+        let begin = tokenizer.begin;
+        let end = tokenizer.end;
         assert_eq!(
             tokenizer.encode(""),
             [begin, end, end, end, end, end, end, end]

@@ -1,5 +1,5 @@
-//! A prior as the optimisation asks it: with two prompts, and the low-resolution image beside the latent. Knows no
-//! rule.
+//! A prior as the optimisation asks it: with two prompts, and the low-resolution image beside the
+//! latent. Knows no rule.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,8 @@ use crate::prior::Prior;
 use crate::schedule::Schedule;
 use crate::unet::{Input, TextContext};
 
-/// How many bytes of activations a LoRA step keeps beside the layers' inputs; the rest is computed again.
+/// How many bytes of activations a LoRA step keeps beside the layers' inputs; the rest is computed
+/// again.
 const KEPT: usize = 1 << 30;
 
 /// A latent upscaler and its two prompts, as its attentions see them.
@@ -53,8 +54,9 @@ impl Upscaler<'_> {
         target: &Array,
         lora: &LoraNetwork,
     ) -> (f64, LoraParameters) {
-        let (schedule, unet, labels) =
-            (&self.prior.schedule, &self.prior.unet, [query.noise_level]);
+        let schedule = &self.prior.schedule;
+        let unet = &self.prior.unet;
+        let labels = [query.noise_level];
         let sample = joined(query);
         let input = Input {
             lora: Some(lora),
@@ -95,7 +97,8 @@ impl Denoiser for Upscaler<'_> {
     }
 
     fn velocities(&self, query: &Query, prompts: &[Prompt]) -> Vec<Array> {
-        let (sample, labels) = (joined(query), vec![query.noise_level; query.t.len()]);
+        let sample = joined(query);
+        let labels = vec![query.noise_level; query.t.len()];
         let texts: Vec<&TextContext> = prompts.iter().map(|prompt| self.text(*prompt)).collect();
         let outputs = self
             .prior
@@ -113,7 +116,8 @@ impl Denoiser for Upscaler<'_> {
     }
 
     fn lora_velocity(&self, query: &Query, cameras: &Array, lora: &LoraParameters) -> Array {
-        let (sample, labels) = (joined(query), vec![query.noise_level; query.t.len()]);
+        let sample = joined(query);
+        let labels = vec![query.noise_level; query.t.len()];
         let lora = network(lora);
         let input = Input {
             lora: Some(&lora),
@@ -132,11 +136,14 @@ impl Denoiser for Upscaler<'_> {
         target: &Array,
         lora: &LoraParameters,
     ) -> (f64, LoraParameters) {
-        let (lora, share) = (network(lora), 1.0 / query.t.len() as f32);
-        let (mut loss, mut sum) = (0.0, LoraParameters::new());
+        let lora = network(lora);
+        let share = 1.0 / query.t.len() as f32;
+        let mut loss = 0.0;
+        let mut sum = LoraParameters::new();
         for i in 0..query.t.len() {
             let part = |x: &Array| slice(x, 0, i, 1);
-            let (noisy, low) = (part(query.noisy), part(query.low));
+            let noisy = part(query.noisy);
+            let low = part(query.low);
             let sample = Query {
                 noisy: &noisy,
                 low: &low,

@@ -1,7 +1,7 @@
 //! The weights of one network: tensors out of one file, or out of the shards of one.
 //!
-//! Hands out tensors by the place of their layer, each of exactly the shape that is asked for, and knows which nobody
-//! wanted.
+//! Hands out tensors by the place of their layer, each of exactly the shape that is asked for, and
+//! knows which nobody wanted.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,13 +24,13 @@ pub(crate) struct Weights {
     precision: Precision,
 }
 
-/// Weights of fewer bytes are widened when they are read; larger ones stay in the file's map and in its number format,
-/// and the operators widen them piece by piece.
+/// Weights of fewer bytes are widened when they are read; larger ones stay in the file's map and in
+/// its number format, and the operators widen them piece by piece.
 const WIDENED: usize = 64 << 20;
 
 impl Weights {
-    /// Reads the headers of `files`. Fails where a header and its file do not fit together, and where two hold one
-    /// tensor.
+    /// Reads the headers of `files`. Fails where a header and its file do not fit together, and
+    /// where two hold one tensor.
     pub fn open(files: Vec<ModelFile>, device: &Device) -> Result<Self, ModelError> {
         let files = files
             .into_iter()
@@ -78,7 +78,8 @@ impl Weights {
         self.unread = RefCell::new(self.places.keys().cloned().collect());
     }
 
-    /// Fails if there is a tensor that nothing has asked for, except those whose name ends with one of `ignored`.
+    /// Fails if there is a tensor that nothing has asked for, except those whose name ends with one
+    /// of `ignored`.
     pub fn finish(self, ignored: &[&str]) -> Result<(), ModelError> {
         let unread = self.unread.into_inner();
         match unread
@@ -140,7 +141,8 @@ pub(crate) fn memory(files: &[TensorFile]) -> usize {
     }
 }
 
-/// Attention of old files keeps its linear weights as 1x1 convolutions: `shape` where `stored` is one of that shape.
+/// Attention of old files keeps its linear weights as 1x1 convolutions: `shape` where `stored` is
+/// one of that shape.
 fn without_pixels<'a>(stored: &'a [usize], shape: &'a [usize]) -> &'a [usize] {
     match stored {
         [outputs, inputs, 1, 1] if shape == [*outputs, *inputs] => shape,
@@ -179,8 +181,8 @@ impl Scope<'_> {
         self.weights.places.contains_key(self.at(name).path())
     }
 
-    /// The tensor `name` below this place, of exactly this shape. Fails if it is missing, of another shape or not
-    /// finite.
+    /// The tensor `name` below this place, of exactly this shape. Fails if it is missing, of
+    /// another shape or not finite.
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Array, ModelError> {
         Ok(self.weight(name, shape)?.to_array())
     }

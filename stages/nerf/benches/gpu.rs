@@ -1,8 +1,9 @@
-//! Training steps of a field on a GPU: what each gives the device to do, kernel by kernel, and how long it takes beside
-//! the roofline, the time that the arithmetic or the memory would take alone.
+//! Training steps of a field on a GPU: what each gives the device to do, kernel by kernel, and how
+//! long it takes beside the roofline, the time that the arithmetic or the memory would take alone.
 //!
-//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`, as for the operators of the networks. With GPU=counts a few steps run on
-//! whatever adapter there is, be it one of software, and nothing is timed.
+//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`, as for the operators of the networks. With
+//! GPU=counts a few steps run on whatever adapter there is, be it one of software, and nothing is
+//! timed.
 
 use std::f64::consts::TAU;
 use std::time::Instant;
@@ -70,10 +71,8 @@ fn main() {
         });
     let peak = std::env::var("PEAK").unwrap_or_else(|_| "82600,1008".into());
     let mut peak = peak.split(',').filter_map(|figure| figure.parse().ok());
-    let (flops, bytes) = (
-        peak.next().unwrap_or(82_600.0),
-        peak.next().unwrap_or(1008.0),
-    );
+    let flops = peak.next().unwrap_or(82_600.0);
+    let bytes = peak.next().unwrap_or(1008.0);
     let roof = |work: &Work| 1e-3 * (work.operations as f64 / flops).max(work.bytes as f64 / bytes);
     let Some(mut trainer) = trainer(&device) else {
         return;

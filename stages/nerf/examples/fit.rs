@@ -1,5 +1,6 @@
-//! Fits a field to low-resolution photos and judges it on held-out photos at full resolution, for choosing defaults:
-//! `cargo run --release -p nerf --example fit -- still_life [name=value ...]`, or the folder of an LLFF scene.
+//! Fits a field to low-resolution photos and judges it on held-out photos at full resolution, for
+//! choosing defaults: `cargo run --release -p nerf --example fit -- still_life [name=value ...]`,
+//! or the folder of an LLFF scene.
 
 use compute::Device;
 use compute::resize::{Filter, resize};

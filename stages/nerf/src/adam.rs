@@ -1,5 +1,5 @@
-//! Adam for a field's parameters (Kingma and Ba 2015): every step for matrices, here, and only when touched for hash
-//! entries, in [`table`]. Knows nothing of what the gradients come from.
+//! Adam for a field's parameters (Kingma and Ba 2015): every step for matrices, here, and only when
+//! touched for hash entries, in [`table`]. Knows nothing of what the gradients come from.
 
 mod packed;
 pub mod table;
@@ -73,8 +73,8 @@ fn advance<S: Simd>(
     ]
 }
 
-/// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient. Their sizes are
-/// multiples of 16.
+/// Step number `step` (from 1) of matrices, with `l2` times the parameter added to its gradient.
+/// Their sizes are multiples of 16.
 pub fn update_dense(
     parameters: &mut [f32],
     gradient: &[f32],
@@ -110,7 +110,8 @@ impl WithSimd for UpdateDense<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (rate, l2) = (simd.splat_f32s(self.rate), simd.splat_f32s(self.l2));
+        let rate = simd.splat_f32s(self.rate);
+        let l2 = simd.splat_f32s(self.l2);
         let first = S::as_mut_simd_f32s(&mut self.moments.first).0.iter_mut();
         let moments = first.zip(S::as_mut_simd_f32s(&mut self.moments.second).0);
         let parameters = S::as_mut_simd_f32s(self.parameters)
@@ -131,7 +132,8 @@ mod tests {
 
     #[test]
     fn the_first_step_has_the_size_of_the_rate() {
-        let (mut parameters, mut gradient) = ([1.0; 16], [0.3; 16]);
+        let mut parameters = [1.0; 16];
+        let mut gradient = [0.3; 16];
         gradient[1] = -7.0;
         update_dense(
             &mut parameters,

@@ -1,4 +1,5 @@
-//! Which pixels a training step looks at, and what they should be. Knows photos and cameras, and nothing of the field.
+//! Which pixels a training step looks at, and what they should be. Knows photos and cameras, and
+//! nothing of the field.
 
 use compute::rng::Rng;
 use scene::Camera;
@@ -14,7 +15,8 @@ pub struct TrainView {
     pub alpha: Option<Vec<f32>>,
     /// Factor on the squared error of every pixel of this view.
     pub weight: f32,
-    /// Sub-rays per pixel and axis that are averaged to a pixel, one in each cell of an even grid; 1 is the centre.
+    /// Sub-rays per pixel and axis that are averaged to a pixel, one in each cell of an even grid;
+    /// 1 is the centre.
     pub supersample: u32,
 }
 
@@ -54,8 +56,8 @@ impl Sampler {
         }
     }
 
-    /// Pixel `element` of the `count` of a step. Each lies at a random place in its own equal share of all pixels, so
-    /// that every batch covers all views evenly.
+    /// Pixel `element` of the `count` of a step. Each lies at a random place in its own equal share
+    /// of all pixels, so that every batch covers all views evenly.
     pub fn pixel(&self, views: &[TrainView], step: u64, element: u64, count: u64) -> Pixel {
         let total = self.ends.last().copied().unwrap_or(0);
         let place = (element as f64 + f64::from(self.random(step, element, 0))) / count as f64;

@@ -1,7 +1,8 @@
-//! A block of rays through the field: from the features of their samples through the networks to what the rays see, and
-//! all the way back. Knows nothing of pixels, losses or optimisers.
+//! A block of rays through the field: from the features of their samples through the networks to
+//! what the rays see, and all the way back. Knows nothing of pixels, losses or optimisers.
 //!
-//! The arrays of a block fit into the second-level cache; one thread takes a block from the features to the gradients.
+//! The arrays of a block fit into the second-level cache; one thread takes a block from the
+//! features to the gradients.
 
 use crate::composite;
 use crate::config::FEATURES;
@@ -39,14 +40,15 @@ pub struct SeenGradient {
 pub struct Regularizer {
     /// Weight of the distortion loss, in fractions of the ray's range.
     pub distortion: f32,
-    /// Downward pull on raw densities in the first part of a ray's range, as instant-ngp's near-camera regulariser.
+    /// Downward pull on raw densities in the first part of a ray's range, as instant-ngp's
+    /// near-camera regulariser.
     pub fog: f32,
     /// That part, from 0 to 1.
     pub fog_range: f32,
 }
 
-/// What backward passes leave: the gradient to the networks' weights, and for the hash table positions with one
-/// gradient pair per level each.
+/// What backward passes leave: the gradient to the networks' weights, and for the hash table
+/// positions with one gradient pair per level each.
 #[derive(Default)]
 pub struct FieldGradient {
     /// Summed, in the layout of the networks' weights.
@@ -156,7 +158,8 @@ impl Block {
     }
 
     fn composite(&mut self, rays: &Rays<'_>) {
-        let (t, dt) = (&rays.samples.t[rays.span()], &rays.samples.dt[rays.span()]);
+        let t = &rays.samples.t[rays.span()];
+        let dt = &rays.samples.dt[rays.span()];
         self.weights.resize(t.len(), 0.0);
         self.seen.clear();
         for (_, ray) in rays.each() {
@@ -178,8 +181,9 @@ impl Block {
         }
     }
 
-    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks' weights, appends the one
-    /// to the hash features, and returns the distortion loss (unweighted, summed over rays).
+    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks'
+    /// weights, appends the one to the hash features, and returns the distortion loss (unweighted,
+    /// summed over rays).
     pub fn backward(
         &mut self,
         field: &Field,
@@ -192,6 +196,7 @@ impl Block {
         self.d_weights.clear();
         self.d_weights.resize(self.sigma.len(), 0.0);
         self.d_sigma.resize(self.sigma.len(), 0.0);
+        // Rows of padding must not bring the gradients of the block before.
         self.activations.color.fill(0.0);
         let mut distortion = 0.0;
         for (r, ((segment, ray), d)) in rays.each().zip(d_seen).enumerate() {
@@ -210,7 +215,8 @@ impl Block {
         distortion
     }
 
-    /// Gradients of one ray: to raw colours, and to raw densities in `d_sigma`. Returns the ray's distortion loss.
+    /// Gradients of one ray: to raw colours, and to raw densities in `d_sigma`. Returns the ray's
+    /// distortion loss.
     fn ray_backward(
         &mut self,
         rays: &Rays<'_>,
@@ -220,7 +226,8 @@ impl Block {
         d: &SeenGradient,
         regularizer: Regularizer,
     ) -> f32 {
-        let (weights, d_weights) = (&self.weights[ray.clone()], &mut self.d_weights[ray.clone()]);
+        let weights = &self.weights[ray.clone()];
+        let d_weights = &mut self.d_weights[ray.clone()];
         let raw = self.activations.color[ray.start * COLOR_OUTPUT..].chunks_exact_mut(COLOR_OUTPUT);
         for (((raw, color), weight), d_weight) in raw
             .zip(&self.colors[ray.clone()])
@@ -229,11 +236,13 @@ impl Block {
         {
             for ((raw, color), d_rgb) in raw.iter_mut().zip(color).zip(d.rgb) {
                 *d_weight += d_rgb * color;
+                // d rgb / d raw = w c (1 - c): the sigmoid's derivative from its own output.
                 *raw = d_rgb * weight * color * (1.0 - color);
             }
         }
         let samples = rays.samples.rays[rays.range.start + r].clone();
-        let (t, dt) = (&rays.samples.t[samples.clone()], &rays.samples.dt[samples]);
+        let t = &rays.samples.t[samples.clone()];
+        let dt = &rays.samples.dt[samples];
         let mut distortion = 0.0;
         if regularizer.distortion > 0.0 {
             let s: Vec<f32> = t.iter().map(|&t| segment.fraction(t)).collect();
@@ -259,6 +268,8 @@ impl Block {
             .zip(ray)
         {
             *d_sigma *= sigma_backward(*sigma);
+            // A constant pull on the raw density, before the exponential: it acts where density is
+            // nearly 0, too, and ends at exp(-10), where nothing can be seen.
             if segment.fraction(*t) < regularizer.fog_range
                 && self.activations.geometry[i * GEOMETRY] > -10.0
             {

@@ -1,17 +1,18 @@
-//! Emission and absorption along one ray: weights, their sums, and the way back. Knows nothing of what gave the
-//! densities.
+//! Emission and absorption along one ray: weights, their sums, and the way back. Knows nothing of
+//! what gave the densities.
 //!
-//! With alpha_i = 1 - exp(-sigma_i dt_i) and T_i the product of 1 - alpha_j over the samples before i, a sample's
-//! weight is w_i = T_i alpha_i, and what is behind the last sample shows with weight T_end (Max 1995; Mildenhall et al.
-//! 2020).
+//! With alpha_i = 1 - exp(-sigma_i dt_i) and T_i the product of 1 - alpha_j over the samples before
+//! i, a sample's weight is w_i = T_i alpha_i, and what is behind the last sample shows with weight
+//! T_end (Max 1995; Mildenhall et al. 2020).
 
 use crate::exponential::exp;
 
 /// A ray is cut where less than this of what lies behind would show.
 pub const CUT: f32 = 1e-4;
 
-/// How many of a ray's next samples come before its transmittance falls below [`CUT`]. `depths` are their sigma_i dt_i,
-/// and `optical_depth` is the sum over the samples before them, to which those that are seen are added.
+/// How many of a ray's next samples come before its transmittance falls below [`CUT`]. `depths` are
+/// their sigma_i dt_i, and `optical_depth` is the sum over the samples before them, to which those
+/// that are seen are added.
 pub fn visible(depths: impl Iterator<Item = f32>, optical_depth: &mut f32) -> usize {
     let limit = -CUT.ln();
     depths
@@ -27,6 +28,8 @@ pub fn visible(depths: impl Iterator<Item = f32>, optical_depth: &mut f32) -> us
 pub fn weights(sigma: &[f32], dt: &[f32], weights: &mut [f32]) -> f32 {
     let mut transmittance = 1.0;
     for ((weight, sigma), dt) in weights.iter_mut().zip(sigma).zip(dt) {
+        // A difference of transmittances, not T (1 - exp(-sigma dt)): so weights and T_end add up
+        // to 1 but for rounding.
         let next = transmittance * exp(-sigma * dt);
         *weight = transmittance - next;
         transmittance = next;
@@ -34,7 +37,8 @@ pub fn weights(sigma: &[f32], dt: &[f32], weights: &mut [f32]) -> f32 {
     transmittance
 }
 
-/// The backward pass of [`weights`]: from the gradients to the weights and to T_end, the gradients to sigma.
+/// The backward pass of [`weights`]: from the gradients to the weights and to T_end, the gradients
+/// to sigma.
 ///
 /// dL/dsigma_i = dt_i (T_{i+1} dL/dw_i - sum_{j>i} w_j dL/dw_j - T_end dL/dT_end).
 pub fn weights_backward(
@@ -46,7 +50,8 @@ pub fn weights_backward(
     d_sigma: &mut [f32],
 ) {
     // Both the transmittance and the sum over what lies behind are gathered from the back.
-    let (mut behind, mut transmittance) = (end * d_end, end);
+    let mut behind = end * d_end;
+    let mut transmittance = end;
     for i in (0..weights.len()).rev() {
         d_sigma[i] = dt[i] * (transmittance * d_weights[i] - behind);
         behind += weights[i] * d_weights[i];
@@ -55,8 +60,8 @@ pub fn weights_backward(
 }
 
 /// The distortion loss of Barron et al. 2022 (equation 15), which draws a ray's weights together:
-/// sum_ij w_i w_j |s_i - s_j| + sum_i w_i^2 ds_i / 3. Adds `scale` times its gradient to `d_weights`, returns the loss.
-/// `s` ascends.
+/// sum_ij w_i w_j |s_i - s_j| + sum_i w_i^2 ds_i / 3. Adds `scale` times its gradient to
+/// `d_weights`, returns the loss. `s` ascends.
 pub fn distortion(
     s: &[f32],
     ds: &[f32],
@@ -66,10 +71,15 @@ pub fn distortion(
 ) -> f32 {
     let total: f32 = weights.iter().sum();
     let moment: f32 = weights.iter().zip(s).map(|(w, s)| w * s).sum();
-    let (mut before, mut moment_before, mut loss) = (0.0, 0.0, 0.0);
+    let mut before = 0.0;
+    let mut moment_before = 0.0;
+    let mut loss = 0.0;
     for i in 0..weights.len() {
         let w = weights[i];
-        let (behind, moment_behind) = (total - before - w, moment - moment_before - w * s[i]);
+        // |s_i - s_j| is s_i - s_j for what is before i, s_j - s_i for what is behind: running sums
+        // make the double sum linear.
+        let behind = total - before - w;
+        let moment_behind = moment - moment_before - w * s[i];
         let distance = s[i] * (before - behind) - (moment_before - moment_behind);
         loss += w * distance + w * w * ds[i] / 3.0;
         d_weights[i] += scale * 2.0 * (distance + w * ds[i] / 3.0);
@@ -124,7 +134,8 @@ mod tests {
         #[test]
         fn the_gradient_to_sigma_matches_finite_differences(samples in samples(), g_end in -1.0..1.0f32) {
             let [sigma, dt, g] = unzip(&samples);
-            let (mut w, mut d_sigma) = (vec![0.0; sigma.len()], vec![0.0; sigma.len()]);
+            let mut w = vec![0.0; sigma.len()];
+            let mut d_sigma = vec![0.0; sigma.len()];
             let end = weights(&sigma, &dt, &mut w);
             weights_backward(&dt, &w, end, &g, g_end, &mut d_sigma);
             for i in 0..sigma.len() {

@@ -1,34 +1,45 @@
-//! The shape of a field: its hash levels, its grid of occupancy and its marching step. Knows nothing of values.
+//! The shape of a field: its hash levels, its grid of occupancy and its marching step. Knows
+//! nothing of values.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Features of one hash entry (F of Müller et al. 2022).
 pub const FEATURES: usize = 2;
 
-/// What fixes the tensors of a field and the steps of its rays. Lengths are in unit space (see [`crate::Space`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// What fixes the tensors of a field and the steps of its rays. Lengths are in unit space (see
+/// [`crate::Space`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FieldConfig {
     /// Hash levels (L).
+    #[schemars(range(min = 1, max = 32))]
     pub levels: u32,
     /// Binary logarithm of the entries a level has at most (T).
+    #[schemars(range(min = 4, max = 24))]
     pub log2_table: u32,
     /// Vertices along the box's longest side at the coarsest level (N_min).
+    #[schemars(range(min = 2, max = 4096))]
     pub base_resolution: u32,
     /// Vertices along the box's longest side at the finest level (N_max).
+    #[schemars(range(min = 2, max = 65536))]
     pub finest_resolution: u32,
     /// Occupancy cells along the box's longest side; cells are cubes.
+    #[schemars(range(min = 1, max = 512))]
     pub occupancy_resolution: u32,
     /// Marching steps along the longest side of unit space, at their shortest.
+    #[schemars(range(min = 8, max = 65536))]
     pub march_steps: u32,
-    /// Growth of the marching step with the distance from the camera in a box; 0 keeps it constant. In perspective it
-    /// is 0.
+    /// Growth of the marching step with the distance from the camera in a box; 0 keeps it constant.
+    /// In perspective it is 0.
+    #[schemars(range(min = 0, max = 0.25))]
     pub march_cone: f64,
 }
 
-/// Chosen by the held-out PSNR at full resolution of fields fitted to 60-pixel-wide photos (`examples/fit.rs`; LLFF
-/// fern and the procedural still life): finer levels and longer tables cost time and change nothing there, but the
-/// views that `Sync` brings later need them; shorter steps only buy fewer pixels per batch.
+/// Chosen by the held-out PSNR at full resolution of fields fitted to 60-pixel-wide photos
+/// (`examples/fit.rs`; LLFF fern and the procedural still life): finer levels and longer tables
+/// cost time and change nothing there, but the views that `Sync` brings later need them; shorter
+/// steps only buy fewer pixels per batch.
 impl Default for FieldConfig {
     fn default() -> Self {
         Self {
@@ -105,7 +116,8 @@ pub struct Level {
 
 impl Level {
     fn new(scale: f64, extent: [f32; 3], most_entries: usize, offset: usize) -> Self {
-        // N_min e^(l ln b) misses whole numbers by rounding; a vertex more for that would change the table's size.
+        // N_min e^(l ln b) misses whole numbers by rounding; a vertex more for that would change
+        // the table's size.
         let resolution =
             extent.map(|side| (scale * f64::from(side) - 1e-6).ceil().max(1.0) as u32 + 1);
         let vertices = resolution.iter().map(|&n| n as usize).product::<usize>();

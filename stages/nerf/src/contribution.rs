@@ -1,5 +1,5 @@
-//! What a batch of pixels adds to a training step: rays traced, compared with the photos, and gradients all the way
-//! back. Knows nothing of optimisers.
+//! What a batch of pixels adds to a training step: rays traced, compared with the photos, and
+//! gradients all the way back. Knows nothing of optimisers.
 
 use crate::batch::{Pixel, Sampler, TrainView};
 use crate::block::{Block, FieldGradient, Rays, Regularizer, Seen, SeenGradient};
@@ -75,8 +75,8 @@ impl Batch<'_> {
         look.start(samples);
     }
 
-    /// Ends a part for which everything has been looked up: what its rays see, compared with the photos, and all the
-    /// way back; `per_block` pixels at a time.
+    /// Ends a part for which everything has been looked up: what its rays see, compared with the
+    /// photos, and all the way back; `per_block` pixels at a time.
     pub fn learn(
         &self,
         features: &Features,
@@ -125,7 +125,8 @@ impl Batch<'_> {
     }
 
     fn pixel(&self, element: u32) -> Pixel {
-        let (step, count) = (u64::from(self.step), u64::from(self.pixels));
+        let step = u64::from(self.step);
+        let count = u64::from(self.pixels);
         let mut pixel = self
             .sampler
             .pixel(self.views, step, u64::from(element), count);
@@ -145,16 +146,19 @@ impl Batch<'_> {
         }
     }
 
-    /// Gradients to what every sub-ray sees, the summed loss and the summed squared error. A pixel is the mean of its
-    /// sub-rays.
+    /// Gradients to what every sub-ray sees, the summed loss and the summed squared error. A pixel
+    /// is the mean of its sub-rays.
     fn compare(&self, pixels: &[Pixel], seen: &[Seen]) -> (Vec<SeenGradient>, f64, f64) {
-        let (mut d_seen, mut loss, mut squared_error) = (Vec::with_capacity(seen.len()), 0.0, 0.0);
+        let mut d_seen = Vec::with_capacity(seen.len());
+        let mut loss = 0.0;
+        let mut squared_error = 0.0;
         let mut rest = seen;
         for pixel in pixels {
             let view = &self.views[pixel.view];
             let (rays, behind) = rest.split_at(view.rays_per_pixel());
             rest = behind;
-            let (target, share) = (view.target(pixel), 1.0 / rays.len() as f32);
+            let target = view.target(pixel);
+            let share = 1.0 / rays.len() as f32;
             let mut d = SeenGradient::default();
             for (c, target) in target.into_iter().enumerate() {
                 let color = |ray: &Seen| ray.rgb[c] + ray.transmittance * pixel.background[c];

@@ -1,7 +1,8 @@
-//! exp and the logistic function with the same bits on every machine. Knows nothing of what they are used for.
+//! exp and the logistic function with the same bits on every machine. Knows nothing of what they
+//! are used for.
 //!
-//! A C library's `expf` differs from one build to the next; this one uses only operations that IEEE 754 rounds exactly,
-//! and compilers turn loops over it into SIMD code.
+//! A C library's `expf` differs from one build to the next; this one uses only operations that IEEE
+//! 754 rounds exactly, and compilers turn loops over it into SIMD code.
 
 /// e^x to a relative error below 3e-7; the exponent is held to [-87, 88], where f32 ends.
 #[inline(always)]

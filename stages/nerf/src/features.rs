@@ -1,5 +1,5 @@
-//! What the hash grid holds at some positions, level by level, so that one level stays in the cache while all positions
-//! pass. Knows nothing of rays.
+//! What the hash grid holds at some positions, level by level, so that one level stays in the cache
+//! while all positions pass. Knows nothing of rays.
 
 use crate::config::{FEATURES, Level};
 use crate::field::Field;
@@ -46,7 +46,8 @@ impl Features {
         self.levels.iter_mut().for_each(Vec::clear);
     }
 
-    /// The look-ups that the positions added since the last call need, one for each level; each may run on any thread.
+    /// The look-ups that the positions added since the last call need, one for each level; each may
+    /// run on any thread.
     pub fn look_ups<'a>(&'a mut self, field: &'a Field) -> impl Iterator<Item = LookUp<'a>> {
         let positions = &self.positions;
         self.levels
@@ -63,7 +64,8 @@ impl Features {
             })
     }
 
-    /// Writes the features of some positions as rows of `width`, and rows of zeros until the kernels' tiles are whole.
+    /// Writes the features of some positions as rows of `width`, and rows of zeros until the
+    /// kernels' tiles are whole.
     pub fn rows(
         &self,
         positions: impl ExactSizeIterator<Item = usize>,

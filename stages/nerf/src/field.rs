@@ -1,4 +1,5 @@
-//! A radiance field: its space, hash table, networks and occupancy. Knows nothing of cameras, training or files.
+//! A radiance field: its space, hash table, networks and occupancy. Knows nothing of cameras,
+//! training or files.
 
 use crate::config::{FEATURES, FieldConfig, Level};
 use crate::features::{Features, LookUp};
@@ -12,7 +13,8 @@ use compute::rng::Rng;
 use half::f16;
 use std::ops::Range;
 
-/// Samples that pass through the density network together; their activations stay in the second-level cache.
+/// Samples that pass through the density network together; their activations stay in the
+/// second-level cache.
 const ROWS: usize = 256;
 
 /// A hash-grid radiance field (Müller et al. 2022).
@@ -27,7 +29,8 @@ pub struct Field {
 }
 
 impl Field {
-    /// A field that knows nothing yet: a nearly transparent haze. `bounds` is the scene box in world space.
+    /// A field that knows nothing yet: a nearly transparent haze. `bounds` is the scene box in
+    /// world space.
     ///
     /// Panics if [`FieldConfig::check`] refuses the configuration or the box has no volume.
     pub fn new(config: &FieldConfig, bounds: [[f32; 3]; 2], seed: u64) -> Self {
@@ -94,7 +97,8 @@ impl Field {
         features.look_ups(self).for_each(LookUp::run);
     }
 
-    /// Looks up the features at points in world space. Points outside the box are taken as they are.
+    /// Looks up the features at points in world space. Points outside the box are taken as they
+    /// are.
     pub(crate) fn look_up_in_world(&self, points: &[[f32; 3]]) -> Features {
         let mut features = Features::default();
         self.look_up(
@@ -129,7 +133,8 @@ impl Field {
         }
     }
 
-    /// Densities at points in world space, per world length. Points outside the box are taken as they are.
+    /// Densities at points in world space, per world length. Points outside the box are taken as
+    /// they are.
     pub fn densities(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut sigmas = Vec::with_capacity(points.len());
         let features = self.look_up_in_world(points);
@@ -153,7 +158,8 @@ pub(crate) fn sigma(raw: f32) -> f32 {
     crate::exponential::exp(raw - 1.0)
 }
 
-/// The derivative of [`sigma`] where it is `sigma`, held back where it would explode: above exp(15).
+/// The derivative of [`sigma`] where it is `sigma`, held back where it would explode: above
+/// exp(15).
 #[inline(always)]
 pub(crate) fn sigma_backward(sigma: f32) -> f32 {
     sigma.min(3_269_017.4)

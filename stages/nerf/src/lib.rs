@@ -1,11 +1,12 @@
 //! The hash-grid radiance field: occupancy, marching, compositing, training, rendering.
 //!
-//! A [`Field`] lives in unit space ([`Space`]); a [`Trainer`] fits it to [`TrainView`]s; [`render`] makes images of it.
-//! Gradients are written out by hand beside each forward pass. Results have the same bits for any number of threads and
-//! on any machine: sums have one order, and the kernels use the same fused operations whatever the vector width.
+//! A [`Field`] lives in unit space ([`Space`]); a [`Trainer`] fits it to [`TrainView`]s; [`render`]
+//! makes images of it. Gradients are written out by hand beside each forward pass. Results have the
+//! same bits for any number of threads and on any machine: sums have one order, and the kernels use
+//! the same fused operations whatever the vector width.
 //!
-//! [`Training`] and [`Renderer`] do the same on whatever device was chosen; on a GPU the same adapter and driver give
-//! the same bits.
+//! [`Training`] and [`Renderer`] do the same on whatever device was chosen; on a GPU the same
+//! adapter and driver give the same bits.
 
 mod adam;
 mod batch;

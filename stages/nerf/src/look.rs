@@ -1,5 +1,5 @@
-//! Which samples of some rays are seen: densities from front to back, until little of what lies behind would show.
-//! Knows nothing of colours or gradients.
+//! Which samples of some rays are seen: densities from front to back, until little of what lies
+//! behind would show. Knows nothing of colours or gradients.
 
 use crate::composite;
 use crate::features::{Features, LookUp};
@@ -9,14 +9,14 @@ use crate::positions::Positions;
 use crate::samples::Samples;
 use std::ops::Range;
 
-/// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to go far behind a
-/// surface.
+/// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to
+/// go far behind a surface.
 const WAVE: usize = 16;
 /// The row of a sample that is not seen.
 const NONE: u32 = u32::MAX;
 
-/// The search for the ends of some rays, wave by wave: [`Look::ask`] says which features it needs next, and
-/// [`Look::answer`] goes on once they are there.
+/// The search for the ends of some rays, wave by wave: [`Look::ask`] says which features it needs
+/// next, and [`Look::answer`] goes on once they are there.
 #[derive(Default)]
 pub struct Look {
     /// By sample that is seen: its place among the features.
@@ -24,8 +24,8 @@ pub struct Look {
     /// How many samples were looked at.
     pub looked: usize,
     open: Vec<Open>,
-    /// The next samples of the open rays and where they are; once asked for, the place of the first among the
-    /// features.
+    /// The next samples of the open rays and where they are; once asked for, the place of the first
+    /// among the features.
     wave: Vec<u32>,
     positions: Positions,
     first: usize,
@@ -66,7 +66,8 @@ impl Look {
         self.positions.pad();
     }
 
-    /// Adds the positions of the next samples of every open ray to `features`; whether there are any.
+    /// Adds the positions of the next samples of every open ray to `features`; whether there are
+    /// any.
     pub fn ask(&mut self, features: &mut Features) -> bool {
         self.first = features.positions.len();
         features
@@ -76,7 +77,8 @@ impl Look {
         !self.wave.is_empty()
     }
 
-    /// Notes which samples of the wave are seen, closes the rays that end, and goes on to the next wave.
+    /// Notes which samples of the wave are seen, closes the rays that end, and goes on to the next
+    /// wave.
     pub fn answer(
         &mut self,
         field: &Field,

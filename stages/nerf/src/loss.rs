@@ -1,7 +1,8 @@
-//! How far a colour is from the photo's, and in which direction. Knows nothing of where either comes from.
+//! How far a colour is from the photo's, and in which direction. Knows nothing of where either
+//! comes from.
 
-/// The smooth L1 loss of one residual: r^2 / (2 beta) below `beta`, |r| - beta / 2 above (Huber 1964). For colours in
-/// [0, 1] and beta = 1 that is exactly half the squared error.
+/// The smooth L1 loss of one residual: r^2 / (2 beta) below `beta`, |r| - beta / 2 above (Huber
+/// 1964). For colours in [0, 1] and beta = 1 that is exactly half the squared error.
 pub fn smooth_l1(residual: f32, beta: f32) -> f32 {
     let size = residual.abs();
     if size < beta {

@@ -1,4 +1,5 @@
-//! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or colours.
+//! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or
+//! colours.
 
 use crate::occupancy::OccupancyGrid;
 use crate::perspective::Perspective;
@@ -16,7 +17,8 @@ pub struct Segment {
     pub range: [f32; 2],
     /// Unit vector in world space, which colours depend on.
     pub view: [f32; 3],
-    /// How the world depth along the view axis follows from the unit-space distance t: (a + b t) / (1 + c t).
+    /// How the world depth along the view axis follows from the unit-space distance t: (a + b t) /
+    /// (1 + c t).
     pub depth: [f32; 3],
 }
 
@@ -55,12 +57,14 @@ impl Segment {
         let ends = perspective.behind_front(ray.origin, ray.direction, range);
         let at = |s: f32| [0, 1, 2].map(|axis| ray.origin[axis] + s * ray.direction[axis]);
         let [first, last] = ends.map(at);
-        let (origin, end) = (space.to_unit(first), space.to_unit(last));
+        let origin = space.to_unit(first);
+        let end = space.to_unit(last);
         let way: [f32; 3] = std::array::from_fn(|axis| end[axis] - origin[axis]);
         let length = way.iter().map(|x| x * x).sum::<f32>().sqrt();
         let nowhere = !(ends[0] < ends[1] && length > 0.0);
         let direction = way.map(|x| x / length);
-        // Linear in the distance are 1 over the depth before the front camera, and the depth before this one over that.
+        // Linear in the distance are 1 over the depth before the front camera, and the depth before
+        // this one over that.
         let growth = perspective.depth(first) / perspective.depth(last);
         let [near, far] = ends.map(|s| s / ray.distance_per_depth);
         let depth = [
@@ -113,13 +117,14 @@ impl Stride {
     /// The step at distance `t`.
     #[inline]
     pub fn at(&self, t: f32) -> f32 {
-        // Far from the origin a step must still be more than rounding, or the march would stand still.
+        // Far from the origin a step must still be more than rounding, or the march would stand
+        // still.
         (t * self.cone).max(self.shortest).max(t * 1e-6)
     }
 }
 
-/// Calls `visit` with the middle and the length of every step that ends up in an occupied cell, front to back. The
-/// first step starts `jitter` steps behind the segment's start.
+/// Calls `visit` with the middle and the length of every step that ends up in an occupied cell,
+/// front to back. The first step starts `jitter` steps behind the segment's start.
 #[inline]
 pub fn march(
     grid: &OccupancyGrid,
@@ -224,7 +229,8 @@ mod tests {
     }
 
     proptest! {
-        /// Skipping empty cells visits exactly the steps of a plain march whose middles are in occupied cells.
+        /// Skipping empty cells visits exactly the steps of a plain march whose middles are in
+        /// occupied cells.
         #[test]
         fn skipping_loses_nothing(
             direction in prop::array::uniform3(-1.0..1.0f32),
@@ -239,7 +245,8 @@ mod tests {
             let mut ray = segment([0.5; 3], direction, [0.0, 9.0]);
             ray.range = space.clip(ray.origin, ray.direction, ray.range);
             let stride = Stride { shortest: 0.01, cone };
-            let (mut plain, mut t) = (vec![], ray.range[0] + jitter * stride.at(ray.range[0]));
+            let mut plain = vec![];
+            let mut t = ray.range[0] + jitter * stride.at(ray.range[0]);
             while t < ray.range[1] {
                 let dt = stride.at(t);
                 if grid.occupied(grid.cell(ray.at(t + 0.5 * dt))) { plain.push((t + 0.5 * dt, dt)); }

@@ -1,8 +1,9 @@
-//! The two small networks behind the hash grid: density and colour, forward and backward. Knows rows of samples and the
-//! directions that they are seen along, and nothing of where they lie or how they are composited.
+//! The two small networks behind the hash grid: density and colour, forward and backward. Knows
+//! rows of samples and the directions that they are seen along, and nothing of where they lie or
+//! how they are composited.
 //!
-//! Matrices are kept as [inputs, outputs], padded with zero columns to whole vectors; [`crate::Field::tensors`] turns
-//! them into PyTorch's [outputs, inputs].
+//! Matrices are kept as [inputs, outputs], padded with zero columns to whole vectors;
+//! [`crate::Field::tensors`] turns them into PyTorch's [outputs, inputs].
 
 use crate::kernels::matrix::{
     COLUMNS, Epilogue, Matrix, Prologue, add_transposed_product, product,
@@ -14,7 +15,8 @@ use std::ops::Range;
 
 /// Width of the hidden layers.
 pub const HIDDEN: usize = 64;
-/// Outputs of the density network: the raw density, and it with 15 more as what the colour network sees.
+/// Outputs of the density network: the raw density, and it with 15 more as what the colour network
+/// sees.
 pub const GEOMETRY: usize = 16;
 /// Inputs of the colour network: geometry features and the spherical harmonics of the direction.
 pub const COLOR_INPUT: usize = GEOMETRY + COEFFICIENTS;
@@ -59,7 +61,8 @@ pub struct Activations {
     /// Hash features, and the gradient to them after the backward pass.
     pub encoding: Vec<f32>,
     density_hidden: Vec<f32>,
-    /// Outputs of the density network, and the gradient to them after the colour network's backward pass.
+    /// Outputs of the density network, and the gradient to them after the colour network's backward
+    /// pass.
     pub geometry: Vec<f32>,
     views: Views,
     color_hidden: [Vec<f32>; 2],
@@ -83,7 +86,8 @@ impl Transposed {
 }
 
 impl Network {
-    /// Xavier-uniform weights for an encoding of `features` columns of which `used` are not padding.
+    /// Xavier-uniform weights for an encoding of `features` columns of which `used` are not
+    /// padding.
     pub fn new(features: usize, used: usize, seed: u64) -> Self {
         let mut network = Self::zeros(features, used);
         let rng = Rng::new(seed, "network weights");
@@ -158,10 +162,8 @@ impl Network {
         epilogue: Epilogue<'_>,
     ) {
         let layer = &self.layers[l];
-        let (shape, input) = (
-            [layer.inputs, layer.outputs],
-            Matrix::new(input, layer.inputs),
-        );
+        let shape = [layer.inputs, layer.outputs];
+        let input = Matrix::new(input, layer.inputs);
         output.resize(input.rows() * layer.outputs, 0.0);
         product(
             output,
@@ -183,10 +185,8 @@ impl Network {
     pub fn color(&self, a: &mut Activations) {
         let [first, second] = &mut a.color_hidden;
         let (of_geometry, of_view) = self.matrix(2).split_at(GEOMETRY * HIDDEN);
-        let (geometry, of_geometry) = (
-            Matrix::new(&a.geometry, GEOMETRY),
-            Matrix::new(of_geometry, HIDDEN),
-        );
+        let geometry = Matrix::new(&a.geometry, GEOMETRY);
+        let of_geometry = Matrix::new(of_geometry, HIDDEN);
         first.resize(geometry.rows() * HIDDEN, 0.0);
         a.views.forward(of_view, first);
         product(
@@ -201,7 +201,8 @@ impl Network {
         self.forward_layer(4, second, &mut a.color, Epilogue::Keep);
     }
 
-    /// The gradients to a layer's weights (added to `d_weights`) and to its input (written to `d_input`).
+    /// The gradients to a layer's weights (added to `d_weights`) and to its input (written to
+    /// `d_input`).
     fn backward_layer(
         &self,
         l: usize,
@@ -246,7 +247,8 @@ impl Network {
         );
     }
 
-    /// The backward pass of [`Network::color`]: takes the gradient from `color`, leaves the one to `geometry` there.
+    /// The backward pass of [`Network::color`]: takes the gradient from `color`, leaves the one to
+    /// `geometry` there.
     pub fn color_backward(
         &self,
         transposed: &Transposed,
@@ -279,7 +281,8 @@ impl Network {
         let (of_geometry, of_view) =
             d_weights[self.layers[2].range()].split_at_mut(GEOMETRY * HIDDEN);
         a.views.backward(d_b, of_view);
-        let (geometry, d_first) = (Matrix::new(&a.geometry, GEOMETRY), Matrix::new(d_b, HIDDEN));
+        let geometry = Matrix::new(&a.geometry, GEOMETRY);
+        let d_first = Matrix::new(d_b, HIDDEN);
         add_transposed_product(of_geometry, geometry, d_first, [GEOMETRY, HIDDEN]);
         self.input_backward(
             2,
@@ -290,8 +293,8 @@ impl Network {
         );
     }
 
-    /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the one to `encoding`
-    /// there.
+    /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the
+    /// one to `encoding` there.
     pub fn density_backward(
         &self,
         transposed: &Transposed,
@@ -320,8 +323,8 @@ impl Network {
     }
 }
 
-/// The gradient to the weights of the last layer. It has so few outputs that vectors run along its inputs: it is summed
-/// as [outputs, inputs].
+/// The gradient to the weights of the last layer. It has so few outputs that vectors run along its
+/// inputs: it is summed as [outputs, inputs].
 fn add_narrow_gradient(d_weights: &mut [f32], input: Matrix<'_>, d_output: Matrix<'_>) {
     const OUTPUTS: usize = 4;
     let mut turned = [0.0; OUTPUTS * HIDDEN];

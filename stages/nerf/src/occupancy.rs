@@ -1,12 +1,13 @@
-//! A grid over the box that says where there may be something to see. Knows densities only as numbers it is handed.
+//! A grid over the box that says where there may be something to see. Knows densities only as
+//! numbers it is handed.
 
 use crate::space::Space;
 use rayon::prelude::*;
 
 /// What a cell keeps of its value when it is looked at again.
 const DECAY: f32 = 0.95;
-/// A cell is occupied from this optical depth per marching step on, or from half the mean if that is less: an even haze
-/// stays occupied.
+/// A cell is occupied from this optical depth per marching step on, or from half the mean if that
+/// is less: an even haze stays occupied.
 const THRESHOLD: f32 = 0.01;
 /// The value of a cell not looked at yet: occupied, and forgotten at the first update.
 const UNKNOWN: f32 = THRESHOLD;
@@ -15,8 +16,8 @@ const UNSEEN: f32 = -1.0;
 /// Cells that one task goes over; whole words of a set.
 const CHUNK: usize = 1 << 13;
 
-/// Cubic cells with a slowly forgetting maximum of the optical depth of one marching step (Müller et al. 2022,
-/// appendix C).
+/// Cubic cells with a slowly forgetting maximum of the optical depth of one marching step (Müller
+/// et al. 2022, appendix C).
 #[derive(Clone, Debug, PartialEq)]
 pub struct OccupancyGrid {
     /// Cells along x, y and z.
@@ -32,7 +33,8 @@ pub struct OccupancyGrid {
 }
 
 impl OccupancyGrid {
-    /// A grid in which everything may be occupied, with `resolution` cells along the box's longest side.
+    /// A grid in which everything may be occupied, with `resolution` cells along the box's longest
+    /// side.
     pub fn new(resolution: u32, space: &Space) -> Self {
         let size = space
             .extent
@@ -63,8 +65,8 @@ impl OccupancyGrid {
         std::array::from_fn(|axis| (cell[axis] as f32 + fraction[axis]) / self.resolution)
     }
 
-    /// Marks the cells that `seen` (by their index) refuses: they stay empty for good. A cell that was marked before
-    /// and is seen now starts anew as possibly occupied.
+    /// Marks the cells that `seen` (by their index) refuses: they stay empty for good. A cell that
+    /// was marked before and is seen now starts anew as possibly occupied.
     pub fn see(&mut self, seen: &[bool]) {
         for (value, &seen) in self.values.iter_mut().zip(seen) {
             *value = match (seen, *value < 0.0) {
@@ -95,8 +97,8 @@ impl OccupancyGrid {
         self.occupied = members(&self.values, THRESHOLD.min(0.5 * self.mean()));
     }
 
-    /// Mean over the cells that are seen; 0 if there are none. Summed in parts of fixed size: the same for any number
-    /// of threads.
+    /// Mean over the cells that are seen; 0 if there are none. Summed in parts of fixed size: the
+    /// same for any number of threads.
     fn mean(&self) -> f32 {
         let part = |values: &[f32]| {
             let seen = values.iter().filter(|&&v| v >= 0.0);

@@ -1,5 +1,5 @@
-//! How a field is trained: the numbers, and the learning rate that follows from them. Knows nothing of the training
-//! itself.
+//! How a field is trained: the numbers, and the learning rate that follows from them. Knows nothing
+//! of the training itself.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,8 @@ pub struct TrainOptions {
     pub samples: u32,
     /// Adam's learning rate at its highest.
     pub rate: f64,
-    /// The learning rate of the last step, as a part of `rate`; it falls exponentially over the second half of the steps.
+    /// The learning rate of the last step, as a part of `rate`; it falls exponentially over the
+    /// second half of the steps.
     pub final_rate: f64,
     /// Steps over which the learning rate rises to `rate`.
     pub warm_up: u32,
@@ -27,17 +28,17 @@ pub struct TrainOptions {
     pub fog: f64,
     /// The part of a ray's range that is near the camera in this sense.
     pub fog_range: f64,
-    /// Put a random colour behind every pixel, of the field and of a transparent photo alike: holes in an opaque photo
-    /// then cost as much as they let through. Otherwise the background is black.
+    /// Put a random colour behind every pixel, of the field and of a transparent photo alike: holes
+    /// in an opaque photo then cost as much as they let through. Otherwise the background is black.
     pub random_background: bool,
 }
 
 /// The part of the steps before the learning rate falls.
 const HOLD: f64 = 0.5;
 
-/// The rate was chosen by held-out PSNR (still life after 1500 steps: 24.46 dB at 0.01, 25.15 at 0.03, 24.57 at 0.04
-/// with a steeper fall; LLFF fern after 600: 23.29 at 0.01, 23.51 at 0.03); and so was its fall, which is in
-/// `docs/performance.md`.
+/// The rate was chosen by held-out PSNR (still life after 1500 steps: 24.46 dB at 0.01, 25.15 at
+/// 0.03, 24.57 at 0.04 with a steeper fall; LLFF fern after 600: 23.29 at 0.01, 23.51 at 0.03); and
+/// so was its fall, which is in `docs/performance.md`.
 impl Default for TrainOptions {
     fn default() -> Self {
         Self {

@@ -1,24 +1,28 @@
-//! From world space to the unit space of a scene that is photographed from one side: what a camera at its front sees,
-//! spread in depth by disparity. Knows nothing of what the field holds.
+//! From world space to the unit space of a scene that is photographed from one side: what a camera
+//! at its front sees, spread in depth by disparity. Knows nothing of what the field holds.
 
 use glam::{DMat4, DVec3, DVec4};
 use scene::Camera;
 
-/// The least cosine of the angle between the mean of all cameras' axes and anything that one of them sees: 66 degrees.
+/// The least cosine of the angle between the mean of all cameras' axes and anything that one of
+/// them sees: 66 degrees.
 const LEAST_COSINE: f64 = 0.4;
-/// How far cameras are taken to see, in their own near and far: readers know these from percentiles of sparse points,
-/// and here a wider range costs little. Its ends were chosen by held-out PSNR (fern: near alone is worth 0.2 dB).
+/// How far cameras are taken to see, in their own near and far: readers know these from percentiles
+/// of sparse points, and here a wider range costs little. Its ends were chosen by held-out PSNR
+/// (fern: near alone is worth 0.2 dB).
 const REACH: [f64; 2] = [0.75, 4.0];
-/// Nothing seen is nearer to the front camera than this part of the nearest near: it stands as far back as that takes.
+/// Nothing seen is nearer to the front camera than this part of the nearest near: it stands as far
+/// back as that takes.
 const LEAST_DEPTH: f64 = 0.5;
 
-/// A projective map, as a pinhole camera's in homogeneous coordinates (normalized device coordinates; Mildenhall et al.
-/// 2020, appendix C). Straight lines stay straight, so rays are marched in unit space as in a box. Equal steps are of
-/// equal disparity: as fine in depth as the photos tell, and a pixel covers as many cells near as far.
+/// A projective map, as a pinhole camera's in homogeneous coordinates (normalized device
+/// coordinates; Mildenhall et al. 2020, appendix C). Straight lines stay straight, so rays are
+/// marched in unit space as in a box. Equal steps are of equal disparity: as fine in depth as the
+/// photos tell, and a pixel covers as many cells near as far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Perspective {
-    /// World points to unit points, row by row; the last row is the depth before the front camera, which the others are
-    /// divided by.
+    /// World points to unit points, row by row; the last row is the depth before the front camera,
+    /// which the others are divided by.
     pub matrix: [[f32; 4]; 4],
     inverse: DMat4,
     /// Unit lengths along the front camera's axis per disparity.
@@ -31,8 +35,8 @@ pub fn reach(camera: &Camera) -> [f64; 2] {
 }
 
 impl Perspective {
-    /// The map of a scene that all cameras see from one side, and its extent: it holds all that they see within their
-    /// [`reach`]. `None` where they do not look the same way.
+    /// The map of a scene that all cameras see from one side, and its extent: it holds all that
+    /// they see within their [`reach`]. `None` where they do not look the same way.
     pub fn of(cameras: &[&Camera]) -> Option<(Self, [f32; 3])> {
         let rows = front(cameras)?;
         let flat = |corner: DVec3| {
@@ -44,7 +48,8 @@ impl Perspective {
             [low.min(at), high.max(at)]
         });
         let size = high - low;
-        let (across, deep) = (1.0 / size.x.max(size.y), 1.0 / size.z);
+        let across = 1.0 / size.x.max(size.y);
+        let deep = 1.0 / size.z;
         let [x, y, depth] = rows;
         let place = [
             across * (x - low.x * depth),
@@ -62,7 +67,8 @@ impl Perspective {
         let inverse = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3])
             .transpose()
             .inverse();
-        // The third row is `deep` times (a times the last less 1), whose direction is a unit vector.
+        // The third row is `deep` times (a times the last less 1), whose direction is a unit
+        // vector.
         let a = rows[2].truncate().dot(rows[3].truncate());
         Self {
             matrix,
@@ -76,7 +82,8 @@ impl Perspective {
         self.inverse.is_finite() && self.deep > 0.0
     }
 
-    /// A row of the matrix times a point, whose fourth number is 1, or a direction, whose fourth number is 0.
+    /// A row of the matrix times a point, whose fourth number is 1, or a direction, whose fourth
+    /// number is 0.
     fn row(&self, i: usize, [x, y, z]: [f32; 3], w: f32) -> f32 {
         let [a, b, c, d] = self.matrix[i];
         a * x + b * y + c * z + d * w
@@ -102,7 +109,8 @@ impl Perspective {
         self.inverse.project_point3(unit.into()).to_array()
     }
 
-    /// Unit lengths per world length at a world point, along the front camera's axis; 0 where it is not in front.
+    /// Unit lengths per world length at a world point, along the front camera's axis; 0 where it is
+    /// not in front.
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
         let depth = self.depth(point);
         if depth > 0.0 {
@@ -112,14 +120,16 @@ impl Perspective {
         }
     }
 
-    /// The part of a range of distances along a world ray in which it is behind the front face of unit space.
+    /// The part of a range of distances along a world ray in which it is behind the front face of
+    /// unit space.
     pub fn behind_front(
         &self,
         origin: [f32; 3],
         direction: [f32; 3],
         [start, end]: [f32; 2],
     ) -> [f32; 2] {
-        let (place, growth) = (self.row(2, origin, 1.0), self.row(2, direction, 0.0));
+        let place = self.row(2, origin, 1.0);
+        let growth = self.row(2, direction, 0.0);
         match growth {
             _ if growth > 0.0 => [start.max(-place / growth), end],
             _ if growth < 0.0 => [start, end.min(-place / growth)],
@@ -128,8 +138,9 @@ impl Perspective {
     }
 }
 
-/// The front camera as rows that give right, up and depth of a world point: it looks as all do on average, from among
-/// them or from as far behind as it takes for all that they see to lie before it.
+/// The front camera as rows that give right, up and depth of a world point: it looks as all do on
+/// average, from among them or from as far behind as it takes for all that they see to lie before
+/// it.
 fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
     let axes = cameras
         .iter()

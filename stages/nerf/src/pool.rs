@@ -1,5 +1,6 @@
-//! Scratch space that threads borrow and give back, so that nothing is allocated anew from step to step. Knows nothing
-//! of what it is used for: what a borrower finds in it must not change what the borrower does.
+//! Scratch space that threads borrow and give back, so that nothing is allocated anew from step to
+//! step. Knows nothing of what it is used for: what a borrower finds in it must not change what the
+//! borrower does.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -8,7 +9,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 pub struct Pool<T>(Mutex<Vec<T>>);
 
 impl<T: Default> Pool<T> {
-    /// Calls `work` with a piece that nobody else uses meanwhile: one from an earlier call, or a new one.
+    /// Calls `work` with a piece that nobody else uses meanwhile: one from an earlier call, or a
+    /// new one.
     pub fn lend<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
         let mut piece = self.free().pop().unwrap_or_default();
         let result = work(&mut piece);

@@ -1,4 +1,5 @@
-//! Asks a field about single points rather than rays: their colours, and how full its box is. Knows nothing of cameras.
+//! Asks a field about single points rather than rays: their colours, and how full its box is. Knows
+//! nothing of cameras.
 
 use crate::exponential::sigmoid;
 use crate::field::Field;
@@ -16,7 +17,8 @@ pub struct Fullness {
 }
 
 impl Field {
-    /// Colours at points in world space, each seen along its own unit direction, in the space the field was trained in.
+    /// Colours at points in world space, each seen along its own unit direction, in the space the
+    /// field was trained in.
     pub fn colors(&self, points: &[[f32; 3]], directions: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let mut activations = Activations::default();
         let features = self.look_up_in_world(points);
@@ -41,8 +43,8 @@ impl Field {
             .collect()
     }
 
-    /// Densities at points in world space, per world length, as rays meet them: none outside the box, nor where the
-    /// occupancy grid holds nothing.
+    /// Densities at points in world space, per world length, as rays meet them: none outside the
+    /// box, nor where the occupancy grid holds nothing.
     pub fn visible_densities(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let visible = |point: &[f32; 3]| {
             let unit = self.space.to_unit(*point);

@@ -47,11 +47,12 @@ pub struct Rendered {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Colours in the space the field was trained in (sRGB-encoded photos give sRGB), composited on the background:
-    /// `height * width * 3` values.
+    /// Colours in the space the field was trained in (sRGB-encoded photos give sRGB), composited on
+    /// the background: `height * width * 3` values.
     pub rgb: Vec<f32>,
-    /// Mean depth along the view axis in world units, normalised by opacity: sum of w z over sum of w. Where the
-    /// opacity is below 1/1000 there is nothing to have a depth, and it is the camera's far.
+    /// Mean depth along the view axis in world units, normalised by opacity: sum of w z over sum of
+    /// w. Where the opacity is below 1/1000 there is nothing to have a depth, and it is the
+    /// camera's far.
     pub depth: Vec<f32>,
     /// 1 - T_end, averaged over the pixel.
     pub opacity: Vec<f32>,
@@ -118,7 +119,8 @@ pub(crate) fn segments(
 ) -> Vec<Segment> {
     let side = options.supersample.max(1) as usize;
     let segment = |pixel: usize, sub: usize| {
-        let (x, y) = (pixel % camera.width as usize, pixel / camera.width as usize);
+        let x = pixel % camera.width as usize;
+        let y = pixel / camera.width as usize;
         let place = |pixel: usize, sub: usize| pixel as f64 + (sub as f64 + 0.5) / side as f64;
         Segment::new(
             &field.space,

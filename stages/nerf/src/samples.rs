@@ -37,8 +37,8 @@ impl Samples {
         dt.clear();
     }
 
-    /// Adds a ray with a sample at every step where there may be something. `jitter` shifts its steps by a part of a
-    /// step.
+    /// Adds a ray with a sample at every step where there may be something. `jitter` shifts its
+    /// steps by a part of a step.
     pub fn march(&mut self, field: &Field, segment: Segment, jitter: f32) {
         let first = self.t.len();
         march(

@@ -3,25 +3,27 @@
 use crate::config::FieldConfig;
 use crate::perspective::{Perspective, reach};
 use scene::Camera;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Which space a scene gets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum SpaceKind {
     /// [`SpaceKind::Perspective`] where all cameras look the same way, else [`SpaceKind::Box`].
     Auto,
     /// The scene box, scaled evenly: for what is photographed from all around.
     Box,
-    /// What a camera at the front sees, with places in depth spread by disparity: for what is photographed from one
-    /// side.
+    /// What a camera at the front sees, with places in depth spread by disparity: for what is
+    /// photographed from one side.
     Perspective,
 }
 
 /// The scene box and the map to unit space.
 ///
-/// In a box the map is a shift and one *uniform* scale that makes the box's longest side 1, so that cells stay cubes
-/// and a distance means the same in every direction; the shorter sides end below 1. A scene photographed from one side
-/// may have a perspective map instead. Densities are per unit length.
+/// In a box the map is a shift and one *uniform* scale that makes the box's longest side 1, so that
+/// cells stay cubes and a distance means the same in every direction; the shorter sides end
+/// below 1. A scene photographed from one side may have a perspective map instead. Densities are per unit
+/// length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
     /// The box's lowest and highest corner in world space.
@@ -51,8 +53,8 @@ impl Space {
         }
     }
 
-    /// The space of a scene box and the cameras that see the scene. `None` where a perspective is asked for and the
-    /// cameras do not look the same way.
+    /// The space of a scene box and the cameras that see the scene. `None` where a perspective is
+    /// asked for and the cameras do not look the same way.
     pub fn of(kind: SpaceKind, bounds: [[f32; 3]; 2], cameras: &[&Camera]) -> Option<Self> {
         let perspective = || {
             Perspective::of(cameras).map(|(map, extent)| Self::in_perspective(bounds, map, extent))
@@ -109,8 +111,8 @@ impl Space {
         }
     }
 
-    /// Growth of marching steps with the distance from the camera: equal steps in perspective are already steps of
-    /// equal disparity.
+    /// Growth of marching steps with the distance from the camera: equal steps in perspective are
+    /// already steps of equal disparity.
     pub fn cone(&self, config: &FieldConfig) -> f64 {
         if self.perspective.is_some() {
             0.0
@@ -119,24 +121,24 @@ impl Space {
         }
     }
 
-    /// Unit lengths per world length at a world point; in perspective, where it depends on the direction, along the
-    /// front camera's axis.
+    /// Unit lengths per world length at a world point; in perspective, where it depends on the
+    /// direction, along the front camera's axis.
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
         self.perspective
             .as_ref()
             .map_or(self.scale, |map| map.scale_at(point))
     }
 
-    /// The part of `range` (distances in unit space) in which a ray is inside the box; empty if start >= end.
+    /// The part of `range` (distances in unit space) in which a ray is inside the box; empty if
+    /// start >= end.
     pub fn clip(&self, origin: [f32; 3], direction: [f32; 3], range: [f32; 2]) -> [f32; 2] {
         let [mut start, mut end] = range;
         for axis in 0..3 {
-            // A ray along a face divides by zero: the infinities keep or empty the range as they should.
+            // A ray along a face divides by zero: the infinities keep or empty the range as they
+            // should.
             let inverse = 1.0 / direction[axis];
-            let (a, b) = (
-                -origin[axis] * inverse,
-                (self.extent[axis] - origin[axis]) * inverse,
-            );
+            let a = -origin[axis] * inverse;
+            let b = (self.extent[axis] - origin[axis]) * inverse;
             start = start.max(a.min(b));
             end = end.min(a.max(b));
         }

@@ -1,12 +1,16 @@
-//! Real spherical harmonics up to degree 3, which encode a view direction. Knows nothing of the network they feed.
+//! Real spherical harmonics up to degree 3, which encode a view direction. Knows nothing of the
+//! network they feed.
 
 /// Coefficients of "degree 4" in instant-ngp's count: bands 0 to 3.
 pub const COEFFICIENTS: usize = 16;
 
-/// The harmonics at a unit vector, orthonormal over the sphere, in the usual order (l, m = -l..l) and with the
-/// Condon-Shortley sign (Sloan 2008, "Stupid spherical harmonics tricks", appendix A2).
+/// The harmonics at a unit vector, orthonormal over the sphere, in the usual order (l, m = -l..l)
+/// and with the Condon-Shortley sign (Sloan 2008, "Stupid spherical harmonics tricks", appendix
+/// A2).
 pub fn harmonics([x, y, z]: [f32; 3]) -> [f32; COEFFICIENTS] {
-    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let xx = x * x;
+    let yy = y * y;
+    let zz = z * z;
     [
         0.282_094_8,
         -0.488_602_52 * y,
@@ -31,7 +35,8 @@ pub fn harmonics([x, y, z]: [f32; 3]) -> [f32; COEFFICIENTS] {
 mod tests {
     use super::*;
 
-    /// Integrates products over the sphere: equal steps in longitude, and in z, where area is uniform.
+    /// Integrates products over the sphere: equal steps in longitude, and in z, where area is
+    /// uniform.
     #[test]
     fn harmonics_are_orthonormal() {
         const STEPS: usize = 200;

@@ -1,5 +1,5 @@
-//! A trainer's whole state as named tensors, so that training can go on elsewhere with the same bits. Knows nothing of
-//! files.
+//! A trainer's whole state as named tensors, so that training can go on elsewhere with the same
+//! bits. Knows nothing of files.
 
 use crate::batch::TrainView;
 use crate::config::{FEATURES, FieldConfig};
@@ -10,9 +10,9 @@ use crate::tensors::{FieldError, Tensors, network_tensors, read_network, take};
 use crate::train::Trainer;
 
 impl Trainer {
-    /// Everything that the coming steps depend on besides the views, the options and the seed: the field, Adam's
-    /// moments and counters, the step and the batch size. Whole numbers stand as f32, exact below 2^24; hash entries
-    /// have the full precision that steps are taken in.
+    /// Everything that the coming steps depend on besides the views, the options and the seed: the
+    /// field, Adam's moments and counters, the step and the batch size. Whole numbers stand as f32,
+    /// exact below 2^24; hash entries have the full precision that steps are taken in.
     pub fn state(&self) -> Tensors {
         let mut tensors = self.field.tensors();
         let entries = self.field.table.len();
@@ -46,8 +46,8 @@ impl Trainer {
         tensors
     }
 
-    /// The trainer that [`Trainer::state`] was called on; `config`, `bounds`, views, options and seed are those it was
-    /// made with.
+    /// The trainer that [`Trainer::state`] was called on; `config`, `bounds`, views, options and
+    /// seed are those it was made with.
     pub fn from_state(
         config: &FieldConfig,
         bounds: [[f32; 3]; 2],

@@ -1,4 +1,5 @@
-//! Keeps a field's occupancy grid true while the field changes. Knows cameras and densities, and nothing of losses.
+//! Keeps a field's occupancy grid true while the field changes. Knows cameras and densities, and
+//! nothing of losses.
 
 use crate::features::Features;
 use crate::field::Field;
@@ -12,15 +13,18 @@ use scene::Camera;
 
 /// Updates that look at every cell, before sampling starts.
 const WARM_UP: u32 = 16;
-/// After the warm-up an update looks at one in so many of the seen cells, and at as many of the occupied ones.
+/// After the warm-up an update looks at one in so many of the seen cells, and at as many of the
+/// occupied ones.
 const SHARE: usize = 8;
-/// Cells one task looks at: enough for a level of the hash grid to be worth fetching, and not too many to remember.
+/// Cells one task looks at: enough for a level of the hash grid to be worth fetching, and not too
+/// many to remember.
 const CHUNK: usize = 4096;
 
 /// Scratch space of a task.
 pub type Survey = (Features, Activations);
 
-/// Marks the cells that no camera can see, between its near and far and within its image, as empty for good.
+/// Marks the cells that no camera can see, between its near and far and within its image, as empty
+/// for good.
 pub fn see(field: &mut Field, cameras: &[&Camera]) {
     let grid = &field.occupancy;
     let views: Vec<_> = cameras
@@ -36,6 +40,8 @@ pub fn see(field: &mut Field, cameras: &[&Camera]) {
                     .to_world(grid.point(cell, fraction).map(f64::from))
             };
             let center = world([0.5; 3]);
+            // A cell is a box in unit space; in perspective it is a frustum in the world, so its
+            // radius is taken from its corners there.
             let corner =
                 |i: usize| DVec3::from(world([i & 1, i >> 1 & 1, i >> 2].map(|side| side as f32)));
             let radius = (0..8)
@@ -49,8 +55,8 @@ pub fn see(field: &mut Field, cameras: &[&Camera]) {
     field.occupancy.see(&seen);
 }
 
-/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its own, between two
-/// depths.
+/// Whether any of a ball around a world point may be in a camera's view, of which `window` is its
+/// own, between two depths.
 fn sees(
     camera: &Camera,
     window: [f64; 4],
@@ -64,7 +70,8 @@ fn sees(
     if depth + radius < near || depth - radius > far {
         return false;
     }
-    // The distance to each side plane of the view, of which (1, -side) is the normal in the plane of one axis.
+    // The distance to each side plane of the view, of which (1, -side) is the normal in the plane
+    // of one axis.
     let inside = |across: f64, low: f64, high: f64| {
         across - low * depth > -radius * low.hypot(1.0)
             && high * depth - across > -radius * high.hypot(1.0)
@@ -72,8 +79,8 @@ fn sees(
     inside(p.x, window[0], window[1]) && inside(p.y, window[2], window[3])
 }
 
-/// One update of the grid: all seen cells at first, then some at random and some of the occupied, each at a random
-/// point in it. The optical depth of a cell is that of the shortest marching step.
+/// One update of the grid: all seen cells at first, then some at random and some of the occupied,
+/// each at a random point in it. The optical depth of a cell is that of the shortest marching step.
 pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
     let round = u64::from(field.occupancy.updates);
     let cells = cells_to_look_at(field, rng, round);
@@ -89,6 +96,8 @@ pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
 
 fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
     let seen = field.occupancy.seen_cells();
+    // At first nothing is known: one look at a part of the cells would leave the others marked as
+    // occupied, and rays would march through them.
     if field.occupancy.updates < WARM_UP {
         return seen;
     }
@@ -103,6 +112,8 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
         let drawn: Vec<u32> = (0..from.len() / SHARE).into_par_iter().map(draw).collect();
         drawn
             .into_iter()
+            // As a set of bits, cells that were drawn twice are looked at once, and in ascending
+            // order, which the tables' cache lines like.
             .for_each(|cell| set[cell as usize / 64] |= 1 << (cell % 64));
     }
     elements(&set)
@@ -168,11 +179,13 @@ mod tests {
 
     #[test]
     fn every_point_of_every_ray_lies_in_a_seen_cell() {
-        let (mut field, camera) = (field(), camera());
+        let mut field = field();
+        let camera = camera();
         see(&mut field, &[&camera]);
         assert!(field.occupancy.seen_cells().len() < field.occupancy.cells());
         for i in 0..16 * 12 {
-            let (px, py) = (f64::from(i % 16) + 0.1, f64::from(i / 16) + 0.9);
+            let px = f64::from(i % 16) + 0.1;
+            let py = f64::from(i / 16) + 0.9;
             for depth in [1.01, 1.7, 2.2, 2.99] {
                 let point = camera.unproject(px, py, depth).map(|x| x as f32);
                 let cell = field.occupancy.cell(field.space.to_unit(point));
@@ -183,7 +196,8 @@ mod tests {
 
     #[test]
     fn haze_is_occupied_with_its_own_optical_depth() {
-        let (mut field, rng) = (field(), Rng::new(1, "survey test"));
+        let mut field = field();
+        let rng = Rng::new(1, "survey test");
         (0..100).for_each(|_| update(&mut field, &rng, &Pool::default()));
         assert_eq!(field.occupancy.updates, 100);
         assert_eq!(

@@ -1,4 +1,5 @@
-//! A field as named tensors, and back; what is missing, has another shape or is no number is named. Knows no files.
+//! A field as named tensors, and back; what is missing, has another shape or is no number is named.
+//! Knows no files.
 
 use crate::config::{FEATURES, FieldConfig};
 use crate::field::{Field, encoding_width};
@@ -48,7 +49,8 @@ pub enum FieldError {
 }
 
 impl Field {
-    /// Everything the field holds, by name. Matrices are [outputs, inputs]; hash entries are halves, exact as f32.
+    /// Everything the field holds, by name. Matrices are [outputs, inputs]; hash entries are
+    /// halves, exact as f32.
     pub fn tensors(&self) -> Tensors {
         let mut tensors = Tensors::new();
         let table = self
@@ -81,7 +83,8 @@ impl Field {
         tensors
     }
 
-    /// The field that [`Field::tensors`] was called on. Hash entries that are no halves are rounded to the nearest.
+    /// The field that [`Field::tensors`] was called on. Hash entries that are no halves are rounded
+    /// to the nearest.
     pub fn from_tensors(
         config: &FieldConfig,
         bounds: [[f32; 3]; 2],
@@ -130,10 +133,8 @@ fn read_space(bounds: [[f32; 3]; 2], tensors: &Tensors) -> Result<Space, FieldEr
     if !tensors.contains_key("world_to_unit") {
         return Ok(Space::new(bounds));
     }
-    let (rows, extent) = (
-        take(tensors, "world_to_unit", &[4, 4])?,
-        take(tensors, "unit_extent", &[3])?,
-    );
+    let rows = take(tensors, "world_to_unit", &[4, 4])?;
+    let extent = take(tensors, "unit_extent", &[3])?;
     let map = Perspective::new(std::array::from_fn(|row| {
         std::array::from_fn(|column| rows[4 * row + column])
     }));

@@ -1,5 +1,5 @@
-//! Fits a field to photos: batches, gradients, optimiser, occupancy. Knows nothing of how a ray is traced or a kernel
-//! runs.
+//! Fits a field to photos: batches, gradients, optimiser, occupancy. Knows nothing of how a ray is
+//! traced or a kernel runs.
 
 use crate::adam::table::{SparseMoments, update_sparse};
 use crate::adam::{Moments, update_dense};
@@ -17,9 +17,11 @@ use crate::survey::{self, Survey};
 use compute::rng::Rng;
 use rayon::prelude::*;
 
-/// Parts of a batch whose gradients are summed in order; fixed, so that sums do not depend on the number of threads.
+/// Parts of a batch whose gradients are summed in order; fixed, so that sums do not depend on the
+/// number of threads.
 const PARTS: u32 = 32;
-/// Rays that go from the features to the gradients together: their activations stay in the second-level cache.
+/// Rays that go from the features to the gradients together: their activations stay in the
+/// second-level cache.
 const RAYS_PER_BLOCK: usize = 16;
 /// Pixels of the first batch, and the fewest of any.
 const PIXELS: [u32; 2] = [64, 16];
@@ -31,7 +33,8 @@ pub(crate) const OCCUPANCY_EVERY: u32 = 16;
 /// What a training step did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepStats {
-    /// The photometric loss: smooth L1, mean over the batch's pixels and channels, with the views' weights.
+    /// The photometric loss: smooth L1, mean over the batch's pixels and channels, with the views'
+    /// weights.
     pub loss: f64,
     /// PSNR of the batch's pixels in dB, without weights.
     pub psnr: f64,
@@ -61,7 +64,8 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Starts or takes up training of a field. Cells that none of the views sees are emptied for good.
+    /// Starts or takes up training of a field. Cells that none of the views sees are emptied for
+    /// good.
     ///
     /// Panics if a view's sizes do not fit together or there is no view.
     pub fn new(mut field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
@@ -104,11 +108,14 @@ impl Trainer {
         self.step
     }
 
-    /// One training step. If the loss is not a finite number, nothing is learnt from it: the field stays as it was.
+    /// One training step. If the loss is not a finite number, nothing is learnt from it: the field
+    /// stays as it was.
     pub fn step(&mut self) -> StepStats {
         let mut parts = std::mem::take(&mut self.parts);
         self.contribute(&mut parts);
         let stats = self.stats(&parts);
+        // One bad batch (an infinite density, say) must not put NaN into moments that live for
+        // thousands of steps.
         if stats.loss.is_finite() {
             self.descend(&parts);
         }
@@ -140,10 +147,13 @@ impl Trainer {
             .unwrap_or(1)
     }
 
-    /// Pixels of the next batch, for the wanted number of samples that rays see. At most twice or half as many as before.
+    /// Pixels of the next batch, for the wanted number of samples that rays see. At most twice or
+    /// half as many as before.
     pub(crate) fn next_pixels(&self, samples: usize) -> u32 {
         let wanted =
             u64::from(self.pixels) * u64::from(self.options.samples) / (samples as u64).max(1);
+        // The samples a pixel needs fall as the grid empties; a jump would make the rate per pixel
+        // jump.
         let near = wanted.clamp(u64::from(self.pixels / 2), u64::from(self.pixels) * 2) as u32;
         self.within_limits(near.next_multiple_of(PIXELS[1]))
     }
@@ -153,7 +163,8 @@ impl Trainer {
         pixels.clamp(PIXELS[1], MOST_RAYS / self.rays_per_pixel() as u32)
     }
 
-    /// Gradients of the batch, part by part; features are looked up for all parts together, level by level.
+    /// Gradients of the batch, part by part; features are looked up for all parts together, level
+    /// by level.
     fn contribute(&mut self, parts: &mut [Contribution]) {
         let per_block = (RAYS_PER_BLOCK / self.rays_per_pixel()).max(1);
         let transposed = self.field.network.transposed();
@@ -186,6 +197,9 @@ impl Trainer {
                 batch.march(start(part as u32)..start(part as u32 + 1), contribution);
             });
         features.clear(field);
+        // Rays ask for a few samples at a time, since most end early at a surface. All parts'
+        // questions of one turn are looked up level by level: a level's table stays in the cache
+        // for all of them.
         while parts.iter_mut().map(|part| part.look.ask(features)).max() == Some(true) {
             let look_ups: Vec<LookUp<'_>> = features.look_ups(field).collect();
             look_ups
@@ -208,7 +222,8 @@ impl Trainer {
     /// Sums the gradients in the order of the parts and takes a step down.
     fn descend(&mut self, parts: &[Contribution]) {
         let rate = self.options.rate_after(self.step) as f32;
-        let (d_weights, weights) = (sum_weights(parts), &mut self.field.network.weights);
+        let d_weights = sum_weights(parts);
+        let weights = &mut self.field.network.weights;
         update_dense(
             weights,
             &d_weights,
@@ -221,7 +236,8 @@ impl Trainer {
         let moments = self
             .table_moments
             .split(levels.iter().map(|level| level.entries));
-        let (mut table, d_tables) = (&mut self.field.table[..], &self.d_tables);
+        let mut table = &mut self.field.table[..];
+        let d_tables = &self.d_tables;
         let tables = levels
             .iter()
             .map(|level| table.split_off_mut(..level.entries).unwrap_or_default());

@@ -1,4 +1,5 @@
-//! Training on whatever device was chosen. Knows which trainers there are, and nothing of what they do.
+//! Training on whatever device was chosen. Knows which trainers there are, and nothing of what they
+//! do.
 
 use crate::batch::TrainView;
 use crate::config::FieldConfig;
@@ -29,7 +30,8 @@ impl Training {
         Self::on(device, Trainer::new(field, views, options, seed))
     }
 
-    /// Goes on from [`Training::state`], be it of this device or another; see [`Trainer::from_state`].
+    /// Goes on from [`Training::state`], be it of this device or another; see
+    /// [`Trainer::from_state`].
     pub fn from_state(
         device: &Device,
         config: &FieldConfig,
@@ -60,7 +62,8 @@ impl Training {
         }
     }
 
-    /// One training step. If the loss is not a finite number, nothing is learnt from it: the field stays as it was.
+    /// One training step. If the loss is not a finite number, nothing is learnt from it: the field
+    /// stays as it was.
     pub fn step(&mut self) -> StepStats {
         match self {
             Self::Cpu(trainer) => trainer.step(),

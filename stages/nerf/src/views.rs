@@ -1,13 +1,13 @@
-//! The directions that the samples of a block are seen along, and what they add to the colour network's first hidden
-//! layer. Knows nothing of the rows' positions.
+//! The directions that the samples of a block are seen along, and what they add to the colour
+//! network's first hidden layer. Knows nothing of the rows' positions.
 
 use crate::kernels::matrix::{Epilogue, Matrix, Prologue, ROWS, add_transposed_product, product};
 use crate::network::HIDDEN;
 use crate::spherical::{COEFFICIENTS, harmonics};
 use std::ops::Range;
 
-/// The directions that the rows of a block are seen along. All that the colour network does with a direction is done
-/// once for its rows.
+/// The directions that the rows of a block are seen along. All that the colour network does with a
+/// direction is done once for its rows.
 #[derive(Default)]
 pub struct Views {
     rows: Vec<Range<usize>>,
@@ -34,10 +34,8 @@ impl Views {
     /// Writes what each direction adds to its rows of the first hidden layer, through `weights`
     /// [[`COEFFICIENTS`], [`HIDDEN`]]; zeros to rows without one.
     pub fn forward(&mut self, weights: &[f32], hidden: &mut [f32]) {
-        let (harmonics, weights) = (
-            Matrix::new(&self.harmonics, COEFFICIENTS),
-            Matrix::new(weights, HIDDEN),
-        );
+        let harmonics = Matrix::new(&self.harmonics, COEFFICIENTS);
+        let weights = Matrix::new(weights, HIDDEN);
         product(
             &mut self.hidden,
             harmonics,
@@ -55,8 +53,8 @@ impl Views {
         }
     }
 
-    /// The backward pass of [`Views::forward`] to the weights: adds to `d_weights` from sums over the rows of each
-    /// direction.
+    /// The backward pass of [`Views::forward`] to the weights: adds to `d_weights` from sums over
+    /// the rows of each direction.
     pub fn backward(&mut self, d_hidden: &[f32], d_weights: &mut [f32]) {
         self.hidden.fill(0.0);
         for (view, rows) in self.hidden.chunks_exact_mut(HIDDEN).zip(&self.rows) {
@@ -64,10 +62,8 @@ impl Views {
                 view.iter_mut().zip(row).for_each(|(sum, d)| *sum += d);
             }
         }
-        let (harmonics, d_views) = (
-            Matrix::new(&self.harmonics, COEFFICIENTS),
-            Matrix::new(&self.hidden, HIDDEN),
-        );
+        let harmonics = Matrix::new(&self.harmonics, COEFFICIENTS);
+        let d_views = Matrix::new(&self.hidden, HIDDEN);
         add_transposed_product(d_weights, harmonics, d_views, [COEFFICIENTS, HIDDEN]);
     }
 }

@@ -1,4 +1,5 @@
-//! Cameras on disk and cameras that make rays: the same numbers, in two types that do not know each other.
+//! Cameras on disk and cameras that make rays: the same numbers, in two types that do not know each
+//! other.
 
 use artifacts_schema as disk;
 use glam::DMat4;

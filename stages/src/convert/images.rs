@@ -1,5 +1,5 @@
-//! Images on disk (scene-linear) and images in the libraries: sRGB-encoded, since fields are trained, networks run and
-//! metrics taken on display-encoded values.
+//! Images on disk (scene-linear) and images in the libraries: sRGB-encoded, since fields are
+//! trained, networks run and metrics taken on display-encoded values.
 
 use artifacts_schema::{ImageSet, View};
 use compute::{Array, Device};
@@ -23,8 +23,8 @@ pub fn srgb(view: &View) -> Vec<f32> {
     srgb_before(view, 0.0)
 }
 
-/// The view's colours, interleaved, sRGB-encoded; where there is alpha, before a grey of this sRGB value. Composited as
-/// radiance fields are, and as NeRF-synthetic's truth is: on encoded values.
+/// The view's colours, interleaved, sRGB-encoded; where there is alpha, before a grey of this sRGB
+/// value. Composited as radiance fields are, and as NeRF-synthetic's truth is: on encoded values.
 pub fn srgb_before(view: &View, background: f32) -> Vec<f32> {
     let straight = straight_srgb(view);
     let Some(alpha) = &view.alpha else {
@@ -34,7 +34,8 @@ pub fn srgb_before(view: &View, background: f32) -> Vec<f32> {
     straight.into_iter().enumerate().map(before).collect()
 }
 
-/// The view's colours, interleaved, sRGB-encoded and not multiplied by alpha. On disk they are, in linear light.
+/// The view's colours, interleaved, sRGB-encoded and not multiplied by alpha. On disk they are, in
+/// linear light.
 fn straight_srgb(view: &View) -> Vec<f32> {
     match &view.alpha {
         None => view.rgb.iter().map(|&x| linear_to_srgb(x)).collect(),
@@ -78,14 +79,16 @@ pub fn signed_array(view: &View, device: &Device) -> Array {
 
 /// [1, 1, H, W], coverage from 0 to 1.
 pub fn alpha_array(view: &View, device: &Device) -> Option<Array> {
-    let (h, w) = (view.camera.height as usize, view.camera.width as usize);
+    let h = view.camera.height as usize;
+    let w = view.camera.width as usize;
     view.alpha
         .as_ref()
         .map(|alpha| device.array(&[1, 1, h, w], alpha.clone()))
 }
 
 fn planes(interleaved: &[f32], view: &View, device: &Device) -> Array {
-    let (h, w) = (view.camera.height as usize, view.camera.width as usize);
+    let h = view.camera.height as usize;
+    let w = view.camera.width as usize;
     let values = (0..3)
         .flat_map(|c| interleaved.iter().skip(c).step_by(3).copied())
         .collect();
@@ -101,8 +104,8 @@ pub fn pixels(image: &Array) -> Vec<f32> {
         .collect()
 }
 
-/// Colours for disk of an sRGB-encoded array before black, of which `alpha` is in front of it; what lies outside 0 to 1
-/// is clipped.
+/// Colours for disk of an sRGB-encoded array before black, of which `alpha` is in front of it; what
+/// lies outside 0 to 1 is clipped.
 pub fn disk_pixels(image: &Array, alpha: Option<&[f32]>) -> Vec<f32> {
     premultiplied_linear(&straight(pixels(image), alpha), alpha)
 }

@@ -106,15 +106,14 @@ fn lora(
         let values = take(tensors, &format!("{prefix}{name}"), like.shape())?;
         Ok::<_, String>(device.array(like.shape(), values.to_vec()))
     };
-    let (mut parameters, mut moments) = (LoraParameters::new(), BTreeMap::new());
+    let mut parameters = LoraParameters::new();
+    let mut moments = BTreeMap::new();
     for (name, like) in &like.parameters {
         parameters.insert(name.clone(), array("lora.", name, like)?);
     }
     for (name, like) in &like.moments {
-        let (m, v) = (
-            array("lora.mean.", name, &like.m)?,
-            array("lora.square.", name, &like.v)?,
-        );
+        let m = array("lora.mean.", name, &like.m)?;
+        let v = array("lora.square.", name, &like.v)?;
         moments.insert(name.clone(), AdamState { m, v });
     }
     Ok(LoraState {

@@ -62,8 +62,8 @@ pub fn disk_field(field: &Field) -> Result<disk::Field, StageError> {
     })
 }
 
-/// LoRA weights and camera embedding for disk; what is no adapter belongs to the embedding. The scale is 1: alpha is
-/// the rank.
+/// LoRA weights and camera embedding for disk; what is no adapter belongs to the embedding. The
+/// scale is 1: alpha is the rank.
 pub fn lora(parameters: &LoraParameters) -> disk::Lora {
     let tensor = |array: &Array| Tensor {
         shape: array.shape().to_vec(),

@@ -19,7 +19,10 @@ fn view() -> View {
         p1: -0.01,
         p2: 0.02,
     };
-    let (fl_x, fl_y, cx, cy) = (2.0, 2.5, 1.0, 1.5);
+    let fl_x = 2.0;
+    let fl_y = 2.5;
+    let cx = 1.0;
+    let cy = 1.5;
     let camera = Camera {
         width: 2,
         height: 3,
@@ -51,7 +54,8 @@ fn a_camera_comes_back_as_it_was_and_stands_where_its_last_column_says() {
 
 #[test]
 fn colours_come_back_from_planes_and_from_srgb() {
-    let (view, device) = (view(), Device::cpu());
+    let view = view();
+    let device = Device::cpu();
     assert_eq!(srgb_array(&view, &device).shape(), [1, 3, 3, 2]);
     assert_eq!(pixels(&linear_array(&view, &device)), view.rgb);
     let transparent = View {

@@ -1,6 +1,8 @@
-//! One network asked about the tensors of a file: names and number types are those of diffusers' arguments.
+//! One network asked about the tensors of a file: names and number types are those of diffusers'
+//! arguments.
 //!
-//! Loads the one part that is asked, so that its memory is that of this part. Knows no command line and writes nothing.
+//! Loads the one part that is asked, so that its memory is that of this part. Knows no command line
+//! and writes nothing.
 
 mod outputs;
 mod text;
@@ -22,7 +24,8 @@ use vae::VaeCall;
 /// A part of a model that can be asked by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// `sample [N, C, h, w]`, `timestep [N]`, `encoder_hidden_states [N, S, D]`, `class_labels [N]` to `sample`.
+    /// `sample [N, C, h, w]`, `timestep [N]`, `encoder_hidden_states [N, S, D]`, `class_labels [N]`
+    /// to `sample`.
     Unet,
     /// `sample [N, 3, H, W]` in [-1, 1] to `mean` and `logvar`, unscaled.
     VaeEncode,
@@ -55,8 +58,8 @@ enum Kind {
 }
 
 impl Call {
-    /// Loads `part` of the model and checks the tensors of `inputs` for it. Tensors that it does not take are not
-    /// looked at.
+    /// Loads `part` of the model and checks the tensors of `inputs` for it. Tensors that it does
+    /// not take are not looked at.
     pub fn new(
         source: &ModelSource,
         part: Part,
@@ -94,8 +97,8 @@ impl Call {
         }
     }
 
-    /// One forward and one backward pass: the output, `loss`, `grad.sample`, and `grad.` and its name for each LoRA
-    /// tensor. Nothing where no gradients were asked for.
+    /// One forward and one backward pass: the output, `loss`, `grad.sample`, and `grad.` and its
+    /// name for each LoRA tensor. Nothing where no gradients were asked for.
     pub fn gradients(&self) -> Option<Outputs> {
         match &self.0 {
             Kind::Unet(call) => call.gradients(),

@@ -1,4 +1,5 @@
-//! Named results, and the safetensors file of them: sorted by name, the same bytes for the same values.
+//! Named results, and the safetensors file of them: sorted by name, the same bytes for the same
+//! values.
 
 use std::collections::BTreeMap;
 
@@ -50,7 +51,8 @@ impl Output {
 
 /// The safetensors file of `outputs`.
 pub fn to_safetensors(outputs: &Outputs) -> Vec<u8> {
-    let (mut header, mut data) = (Map::new(), Vec::new());
+    let mut header = Map::new();
+    let mut data = Vec::new();
     for (name, output) in outputs {
         let start = data.len();
         data.extend(output.bytes());

@@ -95,7 +95,8 @@ impl UnetCall {
 
     pub fn gradients(&self) -> Option<Outputs> {
         let target = self.target.as_ref()?;
-        let (input, text) = (self.input(), self.unet.text(&self.text));
+        let input = self.input();
+        let text = self.unet.text(&self.text);
         let (output, tape) = self.unet.forward_train(&input, &text, self.kept);
         let error = sub(&output, target);
         let dy = scale(&error, 2.0 / error.len() as f32);

@@ -1,6 +1,7 @@
 //! The networks' configurations as diffusers and transformers write them, with the same defaults.
 //!
-//! An option that the networks here do not have is refused by name. Knows no weights and no arithmetic.
+//! An option that the networks here do not have is refused by name. Knows no weights and no
+//! arithmetic.
 
 mod check;
 mod text;
@@ -54,8 +55,8 @@ impl<T> PerBlock<T> {
     }
 }
 
-/// Reads a configuration. Fields of `fixed` must have the value given there (or be absent); fields of `idle` and those
-/// that begin with an underscore may have any.
+/// Reads a configuration. Fields of `fixed` must have the value given there (or be absent); fields
+/// of `idle` and those that begin with an underscore may have any.
 pub(crate) fn parse<T: DeserializeOwned>(
     file: &ModelFile,
     fixed: &Value,

@@ -30,8 +30,8 @@ pub struct UnetConfig {
     pub freq_shift: f32,
     pub down_block_types: Vec<UnetBlock>,
     pub up_block_types: Vec<UnetBlock>,
-    /// Whether both attentions of a transformer look at the text, in place of the image and the text. The mid block's
-    /// never do.
+    /// Whether both attentions of a transformer look at the text, in place of the image and the
+    /// text. The mid block's never do.
     pub only_cross_attention: PerBlock<bool>,
     pub block_out_channels: Vec<usize>,
     pub layers_per_block: PerBlock<usize>,

@@ -1,4 +1,5 @@
-//! A number in the options that makes no sense, and the few questions asked of numbers. Knows no option by name.
+//! A number in the options that makes no sense, and the few questions asked of numbers. Knows no
+//! option by name.
 
 /// An option that makes no sense.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -6,15 +6,15 @@ use serde::{Deserialize, Serialize};
 
 /// The distance between a latent z' and its target z' - g, where the target is held fixed.
 ///
-/// The gradient is not divided by the number of views in a step: each view has a residual of its own, so a rate means
-/// the same for any batch.
+/// The gradient is not divided by the number of views in a step: each view has a residual of its
+/// own, so a rate means the same for any batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Loss {
     /// Half the squared distance; its gradient is g (DreamFusion, ProlificDreamer, threestudio).
     #[default]
     L2,
-    /// The absolute distance; its gradient is the sign of g, so that the rules' weights no longer count (DiSR-NeRF and
-    /// the paper's code, up to a constant).
+    /// The absolute distance; its gradient is the sign of g, so that the rules' weights no longer
+    /// count (DiSR-NeRF and the paper's code, up to a constant).
     L1,
 }
 

@@ -1,4 +1,5 @@
-//! The guidance rules: from what the networks say of a noised latent to the direction that the latent descends.
+//! The guidance rules: from what the networks say of a noised latent to the direction that the
+//! latent descends.
 //!
 //! Everything here is a pure function of arrays. It knows no network, no view and no optimiser.
 
@@ -55,15 +56,15 @@ pub struct Estimate<'a> {
     pub noisy: &'a Array,
     /// The prior's velocity for it, guided between the prompts.
     pub velocity: &'a Array,
-    /// The velocity of the prior with the LoRA, for variational score distillation. Where there is none, the LoRA takes
-    /// no part.
+    /// The velocity of the prior with the LoRA, for variational score distillation. Where there is
+    /// none, the LoRA takes no part.
     pub lora_velocity: Option<&'a Array>,
     /// One timestep for each of the N.
     pub t: &'a [u32],
 }
 
-/// Classifier-free guidance (Ho and Salimans 2022): bad + scale (good - bad). At scale 1 the bad prompt is not asked.
-/// `velocities` gives one for each prompt.
+/// Classifier-free guidance (Ho and Salimans 2022): bad + scale (good - bad). At scale 1 the bad
+/// prompt is not asked. `velocities` gives one for each prompt.
 pub fn classifier_free(scale: f64, velocities: impl FnOnce(&[Prompt]) -> Vec<Array>) -> Array {
     let prompts: &[Prompt] = if scale == 1.0 {
         &[Prompt::Good]

@@ -1,4 +1,5 @@
-//! Renoised score distillation (DiSR-NeRF, CVPR 2024): pull the latent towards the network's estimate of it.
+//! Renoised score distillation (DiSR-NeRF, CVPR 2024): pull the latent towards the network's
+//! estimate of it.
 
 use compute::Array;
 use compute::elementwise::sub;
@@ -14,6 +15,7 @@ use crate::schedule::{Schedule, scale};
 #[serde(default, deny_unknown_fields)]
 pub struct Rsd {
     /// Step size of the residual's optimiser.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub rate: f64,
     /// Which timesteps it looks at.
     pub timesteps: Timesteps,
@@ -27,9 +29,11 @@ pub struct Rsd {
 pub enum Weight {
     /// All count the same.
     One,
-    /// a_t' kappa(t, t') with t' = t - spacing: what squared distances between renoised latents give.
+    /// a_t' kappa(t, t') with t' = t - spacing: what squared distances between renoised latents
+    /// give.
     Renoised {
         /// How many timesteps are between the two latents.
+        #[schemars(range(min = 1))]
         spacing: u32,
     },
 }
@@ -75,8 +79,8 @@ pub(super) fn towards_clean(schedule: &Schedule, estimate: &Estimate) -> Array {
     )
 }
 
-/// kappa = a_t' - a_t s_t' / s_t, in z_t' - zhat_t' = kappa (z' - x0_hat): how far one deterministic step of the
-/// sampler (DDIM) from t to t' = t - spacing moves along the estimate.
+/// kappa = a_t' - a_t s_t' / s_t, in z_t' - zhat_t' = kappa (z' - x0_hat): how far one
+/// deterministic step of the sampler (DDIM) from t to t' = t - spacing moves along the estimate.
 pub fn kappa(schedule: &Schedule, t: u32, spacing: u32) -> f64 {
     let (a, s) = renoised(schedule, t, spacing);
     a - schedule.a(t) * s / schedule.s(t)

@@ -1,4 +1,5 @@
-//! Score distillation sampling (DreamFusion, ICLR 2023): descend what the network takes for more noise than there is.
+//! Score distillation sampling (DreamFusion, ICLR 2023): descend what the network takes for more
+//! noise than there is.
 
 use compute::Array;
 use compute::elementwise::sub;
@@ -14,6 +15,7 @@ use crate::schedule::{Schedule, scale};
 #[serde(default, deny_unknown_fields)]
 pub struct Sds {
     /// Step size of the residual's optimiser.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub rate: f64,
     /// Which timesteps it looks at.
     pub timesteps: Timesteps,

@@ -10,18 +10,23 @@ use super::invalid_option::{InvalidOption, range};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub enum Timesteps {
-    /// Falls linearly from `from` to `to` over the stage, the same for all views of a step (DiSR-NeRF).
+    /// Falls linearly from `from` to `to` over the stage, the same for all views of a step
+    /// (DiSR-NeRF).
     Annealed {
         /// Where the first step is; at least `to`.
+        #[schemars(range(min = 0, max = 1))]
         from: f64,
         /// Where the step after the last would be.
+        #[schemars(range(min = 0, max = 1))]
         to: f64,
     },
     /// Drawn anew for every view of every step, evenly between both ends.
     Uniform {
         /// The least noise.
+        #[schemars(range(min = 0, max = 1))]
         min: f64,
         /// The most noise; at least `min`.
+        #[schemars(range(min = 0, max = 1))]
         max: f64,
     },
 }
@@ -55,7 +60,8 @@ impl Timesteps {
                 vec![timestep(to + left * (from - to)); views]
             }
             Self::Uniform { min, max } => {
-                let (low, high) = (timestep(min), timestep(max));
+                let low = timestep(min);
+                let high = timestep(max);
                 (0..views as u64)
                     .map(|view| low + rng.below(step, view, high - low + 1))
                     .collect()

@@ -1,5 +1,6 @@
-//! Variational score distillation (ProlificDreamer, NeurIPS 2023): descend the difference between the prior's score and
-//! the score of what there is, which a LoRA of the same network learns along the way.
+//! Variational score distillation (ProlificDreamer, NeurIPS 2023): descend the difference between
+//! the prior's score and the score of what there is, which a LoRA of the same network learns along
+//! the way.
 
 use compute::Array;
 use compute::elementwise::{scaled_sum, sub};
@@ -12,35 +13,41 @@ use crate::schedule::{Schedule, scale};
 
 /// Options of variational score distillation.
 ///
-/// Unlike the other rules' directions, this one need not vanish where the latent is good: before the LoRA has adapted
-/// it is the pure difference between prompts, afterwards the two networks' disagreement. `warm_up`, `anchor` and a low
-/// `rate` keep it from drifting.
+/// Unlike the other rules' directions, this one need not vanish where the latent is good: before
+/// the LoRA has adapted it is the pure difference between prompts, afterwards the two networks'
+/// disagreement. `warm_up`, `anchor` and a low `rate` keep it from drifting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Vsd {
     /// Step size of the residual's optimiser.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub rate: f64,
     /// Which timesteps it looks at.
     pub timesteps: Timesteps,
     /// The LoRA learns on every such step: 1 for all of them, 3 for the paper's "spaced" training.
+    #[schemars(range(min = 1))]
     pub lora_every: u32,
     /// Steps for the LoRA alone before the first guidance step.
     pub warm_up: u32,
     /// Step size of the LoRA's optimiser.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub lora_rate: f64,
     /// Rank of the LoRA.
+    #[schemars(range(min = 1))]
     pub lora_rank: u32,
     /// How often the LoRA learns without its camera.
+    #[schemars(range(min = 0, max = 1))]
     pub camera_drop: f64,
     /// Weight of renoised score distillation's z' - x0_hat in the direction; 0 for none.
+    #[schemars(range(min = 0))]
     pub anchor: f64,
 }
 
 impl Default for Vsd {
-    /// Measured with tiny-x4: at this anchor the rule stays within a tenth of a decibel of renoised score distillation,
-    /// or above, for 1000 steps at this rate and for 2000 at twice the rate. With a weaker anchor the last timesteps of
-    /// the annealing, where the rule weighs most, push the latents apart. The paper's LoRA rate of 1e-4 is for many
-    /// more steps.
+    /// Measured with tiny-x4: at this anchor the rule stays within a tenth of a decibel of renoised
+    /// score distillation, or above, for 1000 steps at this rate and for 2000 at twice the rate.
+    /// With a weaker anchor the last timesteps of the annealing, where the rule weighs most, push
+    /// the latents apart. The paper's LoRA rate of 1e-4 is for many more steps.
     fn default() -> Self {
         Self {
             rate: 0.005,
@@ -56,7 +63,8 @@ impl Default for Vsd {
 }
 
 impl Vsd {
-    /// The direction (1 - alpha_bar) (eps_prior - eps_lora) = (1 - alpha_bar) a (v_prior - v_lora), plus the anchor.
+    /// The direction (1 - alpha_bar) (eps_prior - eps_lora) = (1 - alpha_bar) a (v_prior - v_lora),
+    /// plus the anchor.
     pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
         let disagreement = sub(
             estimate.velocity,

@@ -1,4 +1,5 @@
-//! Multi-head attention of image tokens to themselves or to the text (Vaswani et al. 2017), with adapters.
+//! Multi-head attention of image tokens to themselves or to the text (Vaswani et al. 2017), with
+//! adapters.
 
 use std::collections::BTreeMap;
 
@@ -91,6 +92,8 @@ impl Attention {
         lora: Option<&LoraNetwork>,
     ) -> (Array, AttentionTape) {
         let (q, query) = self.query.forward(x, lora);
+        // The frozen part of a prompt's keys and values does not change between steps; only the
+        // adapters' part is computed anew.
         let [(k, key), (v, value)] = match text.projected.get(&self.name) {
             Some([k, v]) => [
                 self.key.adapt(&text.states, k, lora),
@@ -119,11 +122,14 @@ impl Attention {
         lora: Option<&LoraNetwork>,
         gradients: &mut LoraGradients,
     ) -> Array {
-        let ([query, key, value, out], [q, k, v]) = (&tape.projections, &tape.qkv);
+        let [query, key, value, out] = &tape.projections;
+        let [q, k, v] = &tape.qkv;
         let attended = self.out.backward(out, dy, lora, gradients);
         let [dq, dk, dv] =
             attention_backward(q, k, v, &tape.attended, self.heads, false, &attended);
         let dx = self.query.backward(query, &dq, lora, gradients);
+        // The text states are frozen, so nothing flows back to them; keys' and values' adapters
+        // still learn.
         if self.cross {
             self.key
                 .backward_adapter(key, &over_all(&dk, key.samples()), lora, gradients);
@@ -133,6 +139,7 @@ impl Attention {
         }
         let through_key = self.key.backward(key, &dk, lora, gradients);
         let through_value = self.value.backward(value, &dv, lora, gradients);
+        // x went into queries, keys and values: their gradients add up.
         scaled_sum(&[(1.0, &dx), (1.0, &through_key), (1.0, &through_value)])
     }
 }

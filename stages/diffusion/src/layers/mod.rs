@@ -1,5 +1,6 @@
-//! The layers that the networks are built of. Each reads its weights by diffusers' names and knows nothing of the
-//! network around it; those that LoRA training passes through have a backward pass beside the forward one.
+//! The layers that the networks are built of. Each reads its weights by diffusers' names and knows
+//! nothing of the network around it; those that LoRA training passes through have a backward pass
+//! beside the forward one.
 
 mod attention;
 mod conv;

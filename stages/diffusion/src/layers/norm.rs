@@ -27,10 +27,8 @@ impl GroupNorm {
         eps: f32,
         activation: Activation,
     ) -> Result<Self, ModelError> {
-        let (gamma, beta) = (
-            scope.tensor("weight", &[channels])?,
-            scope.tensor("bias", &[channels])?,
-        );
+        let gamma = scope.tensor("weight", &[channels])?;
+        let beta = scope.tensor("bias", &[channels])?;
         Ok(Self {
             gamma,
             beta,
@@ -65,21 +63,21 @@ impl GroupNorm {
         Moments((0..self.groups).map(group).collect())
     }
 
-    /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those only change the scale
-    /// and the shift of what its own give.
+    /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those
+    /// only change the scale and the shift of what its own give.
     pub fn forward_by(&self, x: &Array, moments: &Moments) -> Array {
-        let (own, eps) = (self.moments(x), f64::from(self.eps));
-        let (mut gamma, mut beta) = (self.gamma.to_vec(), self.beta.to_vec());
+        let own = self.moments(x);
+        let eps = f64::from(self.eps);
+        let mut gamma = self.gamma.to_vec();
+        let mut beta = self.beta.to_vec();
         let channels = gamma.len() / self.groups;
         let groups = gamma.chunks_mut(channels).zip(beta.chunks_mut(channels));
         for ((gamma, beta), ([mean, variance], [wanted_mean, wanted_variance])) in
             groups.zip(own.0.iter().zip(&moments.0))
         {
             let deviation = (wanted_variance + eps).sqrt();
-            let (gain, offset) = (
-                (variance + eps).sqrt() / deviation,
-                (mean - wanted_mean) / deviation,
-            );
+            let gain = (variance + eps).sqrt() / deviation;
+            let offset = (mean - wanted_mean) / deviation;
             for (gamma, beta) in gamma.iter_mut().zip(beta) {
                 *beta += *gamma * offset as f32;
                 *gamma *= gain as f32;

@@ -121,7 +121,8 @@ impl Projection {
         lora: Option<&LoraNetwork>,
         gradients: &mut LoraGradients,
     ) -> Option<Array> {
-        let (lora, reduced) = (lora?, tape.reduced.as_ref()?);
+        let lora = lora?;
+        let reduced = tape.reduced.as_ref()?;
         let (_, up) = lora.adapter(&self.site)?;
         let factor = lora.scale(&self.site);
         let reduced_gradient = scale(&linear_backward_input(dy, up), factor);

@@ -52,8 +52,9 @@ impl Upsample {
         Conv2d::read(&scope.at("conv"), channels, channels).map(Self)
     }
 
-    /// `to` is the height and width wanted: twice the input's, or one less where halving had rounded up. There, nearest
-    /// interpolation to that size is doubling without the last row or column.
+    /// `to` is the height and width wanted: twice the input's, or one less where halving had
+    /// rounded up. There, nearest interpolation to that size is doubling without the last row or
+    /// column.
     pub fn forward(&self, x: &Array, to: [usize; 2]) -> Array {
         let doubled = upsample_nearest(x, 2);
         match size(&doubled) == to {

@@ -1,4 +1,5 @@
-//! `ResnetBlock2D` of diffusers: two normalised convolutions beside a shortcut, told the time in between.
+//! `ResnetBlock2D` of diffusers: two normalised convolutions beside a shortcut, told the time in
+//! between.
 
 use compute::Array;
 use compute::elementwise::{add, add_channels};
@@ -57,7 +58,8 @@ impl ResnetTape {
 
 impl Resnet {
     pub fn read(scope: &Scope, shape: &ResnetShape) -> Result<Self, ModelError> {
-        let (inputs, outputs) = (shape.inputs, shape.outputs);
+        let inputs = shape.inputs;
+        let outputs = shape.outputs;
         let norm = |name, channels| {
             GroupNorm::read(
                 &scope.at(name),
@@ -145,7 +147,8 @@ impl Resnet {
 
 /// The gradient of adding `[N, C]` to every pixel: `[N, C, H, W]` summed over pixels.
 fn sum_pixels(d: &Array) -> Array {
-    let (n, c) = (d.shape()[0], d.shape()[1]);
+    let n = d.shape()[0];
+    let c = d.shape()[1];
     let pixels = d.len() / (n * c);
     let ones = d.device().full(&[1, pixels], 1.0);
     linear(&d.reshape(&[n * c, pixels]), &ones, None).reshape(&[n, c])

@@ -1,5 +1,5 @@
-//! `Transformer2DModel` of diffusers: normalised image tokens through blocks of two attentions and a gated feed-forward
-//! layer, added to the image.
+//! `Transformer2DModel` of diffusers: normalised image tokens through blocks of two attentions and
+//! a gated feed-forward layer, added to the image.
 
 use std::collections::BTreeMap;
 
@@ -103,7 +103,8 @@ impl Transformer {
             .flat_map(Attention::sites)
     }
 
-    /// Puts the frozen keys and values of the text states `[P, S, D]` into `projected`, by the attentions' names.
+    /// Puts the frozen keys and values of the text states `[P, S, D]` into `projected`, by the
+    /// attentions' names.
     pub fn project_text(&self, states: &Array, projected: &mut BTreeMap<String, [Array; 2]>) {
         let attentions = self.blocks.iter().flat_map(|block| &block.attentions);
         attentions.for_each(|attention| attention.project_text(states, projected));
@@ -181,7 +182,8 @@ impl Block {
         text: &TextContext,
         lora: Option<&LoraNetwork>,
     ) -> (Array, BlockTape) {
-        let ([norm1, norm2, norm3], [attention1, attention2]) = (&self.norms, &self.attentions);
+        let [norm1, norm2, norm3] = &self.norms;
+        let [attention1, attention2] = &self.attentions;
         let (y, tape1) = attention1.forward(&norm1.forward(x), text, lora);
         let x2 = add(x, &y);
         let (y, tape2) = attention2.forward(&norm2.forward(&x2), text, lora);

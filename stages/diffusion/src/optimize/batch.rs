@@ -1,5 +1,5 @@
-//! What one step looks at: some views in turn, a window of each, and their low-resolution images with noise. Knows no
-//! rule.
+//! What one step looks at: some views in turn, a window of each, and their low-resolution images
+//! with noise. Knows no rule.
 
 use compute::elementwise::add;
 use compute::shape::concat;
@@ -37,8 +37,8 @@ pub(super) struct Batch {
 }
 
 impl Batches {
-    /// Batches of `batch` of the views, or of all where there are fewer; `size` is the height and width of every
-    /// window.
+    /// Batches of `batch` of the views, or of all where there are fewer; `size` is the height and
+    /// width of every window.
     pub fn new(views: usize, batch: usize, size: [usize; 2], seed: u64) -> Self {
         Self {
             order: shuffled(views, &Rng::new(seed, "optimize/order")),

@@ -1,4 +1,5 @@
-//! What the optimisation asks of a diffusion model. Knows no network: tests put closed formulas in its place.
+//! What the optimisation asks of a diffusion model. Knows no network: tests put closed formulas in
+//! its place.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +8,8 @@ use compute::{Array, Device};
 use crate::guidance::Prompt;
 use crate::schedule::Schedule;
 
-/// The trainable parameters of a LoRA and its camera embedding, or gradients or moments of them, by name.
+/// The trainable parameters of a LoRA and its camera embedding, or gradients or moments of them, by
+/// name.
 pub type LoraParameters = BTreeMap<String, Array>;
 
 /// A batch of N noised latents that a network is asked about.
@@ -23,7 +25,8 @@ pub struct Query<'a> {
     pub noise_level: u32,
 }
 
-/// A latent upscaler, and the LoRA of it that variational score distillation trains. Velocities are `[N, C, h, w]`.
+/// A latent upscaler, and the LoRA of it that variational score distillation trains. Velocities are
+/// `[N, C, h, w]`.
 pub trait Denoiser {
     /// Where it computes.
     fn device(&self) -> &Device;
@@ -34,7 +37,8 @@ pub trait Denoiser {
     /// The noise schedule of the low-resolution images.
     fn low_schedule(&self) -> &Schedule;
 
-    /// The most noise, as a timestep of [`Denoiser::low_schedule`], that the low-resolution images may have.
+    /// The most noise, as a timestep of [`Denoiser::low_schedule`], that the low-resolution images
+    /// may have.
     fn max_noise_level(&self) -> u32;
 
     /// The prior's velocity for each of the prompts.
@@ -43,10 +47,12 @@ pub trait Denoiser {
     /// The parameters of a LoRA that changes nothing yet.
     fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters;
 
-    /// The velocity of the network with a LoRA and one camera per sample, `[N, 16]`; all zero stands for no camera.
+    /// The velocity of the network with a LoRA and one camera per sample, `[N, 16]`; all zero
+    /// stands for no camera.
     fn lora_velocity(&self, query: &Query, cameras: &Array, lora: &LoraParameters) -> Array;
 
-    /// The mean squared difference between that velocity and `target`, and its gradient by every parameter.
+    /// The mean squared difference between that velocity and `target`, and its gradient by every
+    /// parameter.
     fn lora_gradients(
         &self,
         query: &Query,

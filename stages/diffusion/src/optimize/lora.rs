@@ -39,6 +39,7 @@ impl LoraState {
     /// One step of AdamW down the clipped gradients. Panics if there is none for some parameter.
     pub fn descend(&mut self, gradients: &LoraParameters, rate: f64) {
         self.steps += 1;
+        // One factor for all parameters keeps the gradient's direction.
         let clip = (MAX_NORM / norm(gradients)).min(1.0) as f32;
         for ((name, values), moments) in self.parameters.iter_mut().zip(self.moments.values_mut()) {
             let gradient = elementwise::scale(&gradients[name], clip);

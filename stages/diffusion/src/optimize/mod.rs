@@ -1,7 +1,9 @@
-//! The optimisation of residual latents: one for every view, guided by the diffusion prior, batch by batch.
+//! The optimisation of residual latents: one for every view, guided by the diffusion prior, batch
+//! by batch.
 //!
-//! Knows the networks only as a [`Denoiser`]. All its random numbers are functions of the seed and of the step's
-//! number, so that [`State`] is all that a later run needs to go on with the same bits.
+//! Knows the networks only as a [`Denoiser`]. All its random numbers are functions of the seed and
+//! of the step's number, so that [`State`] is all that a later run needs to go on with the same
+//! bits.
 
 mod batch;
 mod denoiser;

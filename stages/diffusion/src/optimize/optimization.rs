@@ -88,11 +88,15 @@ impl<'a> Optimization<'a> {
         self.state.step >= u64::from(self.options.warm_up()) + u64::from(self.options.steps)
     }
 
-    /// One step: guidance, unless the LoRA is still warming up, and then the LoRA, where it is its turn.
+    /// One step: guidance, unless the LoRA is still warming up, and then the LoRA, where it is its
+    /// turn.
     pub fn step(&mut self) -> Result<StepLog, OptimizeError> {
-        let (step, device) = (self.state.step, self.prior.device());
+        let step = self.state.step;
+        let device = self.prior.device();
         let low = (self.prior.low_schedule(), self.options.noise_level);
         let batch = self.batches.at(step, self.views, low, device);
+        // During the warm-up the LoRA alone learns: until it has, the networks' difference is
+        // guidance between prompts and nothing else, which drifts.
         let guided = step.checked_sub(self.options.warm_up().into());
         let guidance = guided
             .map(|guided| self.guide(&batch, guided))
@@ -110,7 +114,8 @@ impl<'a> Optimization<'a> {
 
     /// Moves the batch's residuals; `guided` counts guidance steps.
     fn guide(&mut self, batch: &Batch, guided: u64) -> Result<GuidanceLog, OptimizeError> {
-        let (step, options) = (self.state.step, self.options);
+        let step = self.state.step;
+        let options = self.options;
         let latent = batch.current(&self.state.residuals);
         let noise = self
             .streams
@@ -119,6 +124,8 @@ impl<'a> Optimization<'a> {
         let t = self.timesteps(guided, batch.len());
         let direction = self.direction(batch, &latent, &noise, &t);
         let loss = options.loss.value(&direction);
+        // Checked before the residuals move: what is kept in the checkpoint is then always a sound
+        // state.
         if !loss.is_finite() {
             return Err(OptimizeError::Diverged { step });
         }
@@ -132,10 +139,8 @@ impl<'a> Optimization<'a> {
     }
 
     fn timesteps(&self, guided: u64, views: usize) -> Vec<u32> {
-        let (timesteps, len) = (
-            self.options.guidance.timesteps(),
-            self.prior.schedule().len(),
-        );
+        let timesteps = self.options.guidance.timesteps();
+        let len = self.prior.schedule().len();
         timesteps.at(
             guided,
             self.options.steps,
@@ -154,6 +159,8 @@ impl<'a> Optimization<'a> {
             self.prior.velocities(&query, prompts)
         });
         let lora = self.state.lora.as_ref();
+        // The LoRA's network sees the camera and no negative prompt: the difference of prompts
+        // would be amplified noise in what is learnt from few pictures.
         let lora_velocity = lora.map(|lora| {
             self.prior
                 .lora_velocity(&query, &batch.cameras, &lora.parameters)
@@ -183,16 +190,21 @@ impl<'a> Optimization<'a> {
         let gradient = gradient.to_vec();
         let per_view = gradient.chunks(gradient.len() / batch.len());
         for ((view, window), gradient) in batch.windows.iter().zip(per_view) {
-            let (rate, optimizer) = (self.options.guidance.rate(), &self.options.optimizer);
+            let rate = self.options.guidance.rate();
+            let optimizer = &self.options.optimizer;
             self.state.residuals[*view].descend(window, gradient, rate, optimizer);
         }
     }
 
-    /// One step of the LoRA towards the velocity of the current latents, at timesteps of the whole schedule.
+    /// One step of the LoRA towards the velocity of the current latents, at timesteps of the whole
+    /// schedule.
     fn train_lora(&mut self, batch: &Batch, vsd: &Vsd) -> Option<f64> {
-        let (step, schedule) = (self.state.step, self.prior.schedule());
+        let step = self.state.step;
+        let schedule = self.prior.schedule();
         let lora = self.state.lora.as_mut()?;
         let latent = batch.current(&self.state.residuals);
+        // Timesteps of the whole schedule, whatever the guidance looks at: the annealing must not
+        // find the LoRA untrained where it goes next.
         let t: Vec<u32> = (0..batch.len() as u64)
             .map(|i| self.streams.lora_timestep.below(step, i, schedule.len()))
             .collect();
@@ -208,6 +220,7 @@ impl<'a> Optimization<'a> {
             noise_level: self.options.noise_level,
         };
         let target = schedule.velocity_target(&latent, &noise, &t);
+        // Without a camera now and then, the LoRA learns what all views share, too.
         let cameras = batch
             .cameras_kept(|i| self.streams.camera_drop.uniform(step, i) >= vsd.camera_drop as f32);
         let (loss, gradients) =

@@ -13,16 +13,21 @@ pub struct Options {
     /// The rule to follow, with its own options.
     pub guidance: Guidance,
     /// Guidance steps in all.
+    #[schemars(range(min = 1))]
     pub steps: u32,
     /// Views in each step; all of them, where there are fewer.
+    #[schemars(range(min = 1))]
     pub batch: u32,
     /// How a residual descends its gradient.
     pub optimizer: Optimizer,
     /// How the direction becomes a gradient.
     pub loss: Loss,
     /// Scale of classifier-free guidance; at 1 the negative prompt is not asked.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub guidance_scale: f64,
-    /// Height and width of the crops that a step looks at, in latent pixels; less where a view is smaller.
+    /// Height and width of the crops that a step looks at, in latent pixels; less where a view is
+    /// smaller.
+    #[schemars(range(min = 1))]
     pub crop: u32,
     /// The timestep to which the low-resolution image is noised.
     pub noise_level: u32,
@@ -46,10 +51,13 @@ pub enum Optimizer {
 #[serde(default, deny_unknown_fields)]
 pub struct Moments {
     /// Decay of the first moment.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub beta1: f64,
     /// Decay of the second moment.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub beta2: f64,
     /// Gradients well below it keep their size; those well above become steps of the full rate.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub eps: f64,
 }
 
@@ -77,8 +85,9 @@ impl Default for Optimizer {
 }
 
 impl Default for Moments {
-    /// DiSR-NeRF's decays. Its eps of 1e-15 makes a step of the full rate of any direction, however small, and so turns
-    /// steady small ones into drift; 0.1 is the size of the rules' directions on latents of unit variance.
+    /// DiSR-NeRF's decays. Its eps of 1e-15 makes a step of the full rate of any direction, however
+    /// small, and so turns steady small ones into drift; 0.1 is the size of the rules' directions
+    /// on latents of unit variance.
     fn default() -> Self {
         Self {
             beta1: 0.9,

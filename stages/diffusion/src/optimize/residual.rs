@@ -1,12 +1,15 @@
-//! The residual latent of one view, and the optimiser that changes a window of it. Knows no guidance rule.
+//! The residual latent of one view, and the optimiser that changes a window of it. Knows no
+//! guidance rule.
 //!
-//! The optimiser is sparse: moments and step counts belong to pixels, and a pixel outside the window is left alone.
-//! (The dense Adam of DiSR-NeRF keeps moving a pixel long after a crop last saw it.)
+//! The optimiser is sparse: moments and step counts belong to pixels, and a pixel outside the
+//! window is left alone. (The dense Adam of DiSR-NeRF keeps moving a pixel long after a crop last
+//! saw it.)
 
 use super::options::Optimizer;
 use super::window::Window;
 
-/// What is learnt for one view: `values` is h of z' = z + h, `[channels, height, width]`, with the optimiser's state.
+/// What is learnt for one view: `values` is h of z' = z + h, `[channels, height, width]`, with the
+/// optimiser's state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Residual {
     /// Channels, height, width.
@@ -47,10 +50,13 @@ impl Residual {
             .collect()
     }
 
-    /// One step down `gradient`, `[channels, window.height, window.width]`, for the pixels of the window alone.
+    /// One step down `gradient`, `[channels, window.height, window.width]`, for the pixels of the
+    /// window alone.
     pub fn descend(&mut self, window: &Window, gradient: &[f32], rate: f64, optimizer: &Optimizer) {
         let [_, _, width] = self.shape;
         for row in window.top..window.top + window.height {
+            // Bias correction counts a pixel's own visits: at a pixel's first visit its moments are
+            // as young as at step 1.
             let start = row * width + window.left;
             self.visits[start..start + window.width]
                 .iter_mut()
@@ -83,17 +89,16 @@ impl Residual {
         unbiased(mean, moments.beta1) / (unbiased(square, moments.beta2).sqrt() + moments.eps)
     }
 
-    /// Where the window's rows start, channel by channel: the index of the element and of the pixel.
+    /// Where the window's rows start, channel by channel: the index of the element and of the
+    /// pixel.
     fn rows(&self, window: &Window) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let (
-            [channels, height, width],
-            Window {
-                top,
-                left,
-                height: rows,
-                ..
-            },
-        ) = (self.shape, *window);
+        let [channels, height, width] = self.shape;
+        let Window {
+            top,
+            left,
+            height: rows,
+            ..
+        } = *window;
         let pixels = move |row| row * width + left;
         (0..channels).flat_map(move |c| {
             (top..top + rows).map(move |y| (c * height * width + pixels(y), pixels(y)))

@@ -24,7 +24,8 @@ impl ViewLatents {
     }
 }
 
-/// The height and width of windows that fit every view, at most `crop`. Refuses views that do not fit each other.
+/// The height and width of windows that fit every view, at most `crop`. Refuses views that do not
+/// fit each other.
 pub(super) fn window_size(views: &[ViewLatents], crop: usize) -> Result<[usize; 2], OptimizeError> {
     let Some(first) = views.first() else {
         return Err(OptimizeError::NoViews);
@@ -43,9 +44,11 @@ pub(super) fn window_size(views: &[ViewLatents], crop: usize) -> Result<[usize; 
     }))
 }
 
-/// A view must have a latent with as many channels as the first one's, and a low-resolution image of the latent's size.
+/// A view must have a latent with as many channels as the first one's, and a low-resolution image
+/// of the latent's size.
 fn check(view: &ViewLatents, first: &ViewLatents) -> Result<(), String> {
-    let (latent, low) = (view.latent.shape(), view.low.shape());
+    let latent = view.latent.shape();
+    let low = view.low.shape();
     if latent.len() != 3 || latent[0] != first.latent.shape()[0] {
         return Err(format!(
             "has a latent of shape {latent:?}; the first view's is {:?}",

@@ -16,9 +16,10 @@ pub struct Window {
 }
 
 impl Window {
-    /// A window of the given height and width around a pixel drawn evenly from the view, moved inside where it would
-    /// reach over the border: so that pixels near the border, which few windows can cover, are seen more often than by
-    /// an evenly drawn corner. `draw` gives a number below its argument, for the row and then for the column.
+    /// A window of the given height and width around a pixel drawn evenly from the view, moved
+    /// inside where it would reach over the border: so that pixels near the border, which few
+    /// windows can cover, are seen more often than by an evenly drawn corner. `draw` gives a number
+    /// below its argument, for the row and then for the column.
     pub fn around_any_pixel(
         size: [usize; 2],
         view: [usize; 2],

@@ -131,8 +131,8 @@ impl Layer {
         tape
     }
 
-    /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it. Backwards, joining
-    /// puts a gradient on the stack and putting takes it off.
+    /// Moves the gradient in `walk` from the step's output to its input, if `input` asks for it.
+    /// Backwards, joining puts a gradient on the stack and putting takes it off.
     pub fn backward(
         &self,
         tape: LayerTape,

@@ -1,8 +1,8 @@
-//! `UNet2DConditionModel` of diffusers, as its configuration says, with LoRA training: gradients by the adapters, the
-//! camera embedding and the input. The frozen weights get none.
+//! `UNet2DConditionModel` of diffusers, as its configuration says, with LoRA training: gradients by
+//! the adapters, the camera embedding and the input. The frozen weights get none.
 //!
-//! The network is one list of layers and a stack of skip connections, walked forwards and backwards. Knows no noise
-//! schedule.
+//! The network is one list of layers and a stack of skip connections, walked forwards and
+//! backwards. Knows no noise schedule.
 
 mod layer;
 mod plan;
@@ -57,8 +57,8 @@ pub struct Input<'a> {
 }
 
 impl Unet {
-    /// Reads the network of `source` onto `device`, to multiply in `precision`. The error names the file, and the field
-    /// or tensor in it.
+    /// Reads the network of `source` onto `device`, to multiply in `precision`. The error names the
+    /// file, and the field or tensor in it.
     pub fn load(
         source: &ModelSource,
         device: &Device,
@@ -69,7 +69,8 @@ impl Unet {
         Self::read(config, weights.with_precision(precision), device)
     }
 
-    /// Reads the network. Fails if the file does not hold exactly the tensors that the configuration asks for.
+    /// Reads the network. Fails if the file does not hold exactly the tensors that the
+    /// configuration asks for.
     fn read(config: UnetConfig, weights: Weights, device: &Device) -> Result<Self, ModelError> {
         let root = weights.root();
         let first = config.block_out_channels[0];
@@ -100,7 +101,8 @@ impl Unet {
         &self.config
     }
 
-    /// The text states `[P, S, D]` of one text, or of one for each sample, as this network's attentions see them.
+    /// The text states `[P, S, D]` of one text, or of one for each sample, as this network's
+    /// attentions see them.
     pub fn text(&self, states: &Array) -> TextContext {
         let mut projected = BTreeMap::new();
         for layer in &self.layers {
@@ -124,7 +126,8 @@ impl Unet {
         self.leave(&walk.x)
     }
 
-    /// [`Unet::forward`] for each of the texts. What comes before the first attention is computed once.
+    /// [`Unet::forward`] for each of the texts. What comes before the first attention is computed
+    /// once.
     pub fn forward_each(&self, input: &Input, texts: &[&TextContext]) -> Vec<Array> {
         let (time, _) = self.time.forward(input);
         let shared = self
@@ -147,9 +150,9 @@ impl Unet {
         texts.iter().map(finish).collect()
     }
 
-    /// [`Unet::forward`], and what [`Unet::backward`] needs; `budget` is how many bytes that may be beside the layers'
-    /// inputs. What does not fit is computed once more on the way back: 0 for the least memory, `usize::MAX` for the
-    /// least time.
+    /// [`Unet::forward`], and what [`Unet::backward`] needs; `budget` is how many bytes that may be
+    /// beside the layers' inputs. What does not fit is computed once more on the way back: 0 for
+    /// the least memory, `usize::MAX` for the least time.
     pub fn forward_train(&self, input: &Input, text: &TextContext, budget: usize) -> (Array, Tape) {
         let (embedding, time) = self.time.forward(input);
         let mut kept = Kept::new(budget);
@@ -181,8 +184,8 @@ impl Unet {
         self.conv_out.forward(&self.norm_out.forward(x))
     }
 
-    /// The gradients of a loss whose gradient by the output is `dy [N, C', h, w]`; that by the sample if `sample` asks
-    /// for it. `input` and `text` are those of the forward pass.
+    /// The gradients of a loss whose gradient by the output is `dy [N, C', h, w]`; that by the
+    /// sample if `sample` asks for it. `input` and `text` are those of the forward pass.
     ///
     /// The walk back ends at the first layer that has something to learn.
     pub fn backward(
@@ -243,7 +246,8 @@ impl Unet {
         })
     }
 
-    /// Untrained adapters of this rank for every attention, with a camera embedding: they change nothing yet.
+    /// Untrained adapters of this rank for every attention, with a camera embedding: they change
+    /// nothing yet.
     pub fn new_lora(&self, rank: usize, alpha: f64, seed: u64) -> LoraNetwork {
         LoraNetwork::new(
             &self.sites,
@@ -255,8 +259,8 @@ impl Unet {
         )
     }
 
-    /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner; `file`, where they came
-    /// from, is named.
+    /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner;
+    /// `file`, where they came from, is named.
     pub fn check_lora(&self, lora: &LoraNetwork, file: &str) -> Result<(), ModelError> {
         lora.check(&self.sites, self.time.width(), file)
     }

@@ -1,5 +1,5 @@
-//! What a forward pass keeps for its backward pass: whole tapes as far as a budget goes, else inputs to compute again
-//! from.
+//! What a forward pass keeps for its backward pass: whole tapes as far as a budget goes, else
+//! inputs to compute again from.
 //!
 //! Which of the two a layer gets changes time and memory, and never a bit of the gradients.
 
@@ -35,7 +35,8 @@ impl Kept {
         }
     }
 
-    /// Keeps one more tape. While all together exceed the budget, the largest is reduced to its layer's input.
+    /// Keeps one more tape. While all together exceed the budget, the largest is reduced to its
+    /// layer's input.
     pub fn push(&mut self, tape: LayerTape) {
         self.bytes += tape.bytes();
         self.layers.push(tape);

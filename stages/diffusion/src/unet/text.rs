@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use compute::Array;
 
-/// Text states and what every attention to the text makes of them: computed once for a prompt, used in every step.
+/// Text states and what every attention to the text makes of them: computed once for a prompt, used
+/// in every step.
 #[derive(Clone)]
 pub struct TextContext {
     /// The text states `[P, S, D]`; one text stands for all samples.

@@ -15,7 +15,8 @@ use crate::layers::Linear;
 use crate::lora::{CAMERA_1, CAMERA_2, LoraNetwork};
 use crate::weights::Scope;
 
-/// Timestep -> sinusoids -> linear -> SiLU -> linear, plus a row of the class table, plus the camera's embedding.
+/// Timestep -> sinusoids -> linear -> SiLU -> linear, plus a row of the class table, plus the
+/// camera's embedding.
 pub(super) struct TimeEmbedding {
     device: Device,
     frequencies: Vec<f32>,
@@ -25,7 +26,8 @@ pub(super) struct TimeEmbedding {
     classes: Option<Weight>,
 }
 
-/// What the backward pass needs: the sum before the last activation, and the camera's way through its embedding.
+/// What the backward pass needs: the sum before the last activation, and the camera's way through
+/// its embedding.
 pub(super) struct TimeTape {
     sum: Array,
     camera: Option<CameraTape>,
@@ -44,10 +46,8 @@ impl TimeTape {
 
 impl TimeEmbedding {
     pub fn read(root: &Scope, config: &UnetConfig) -> Result<Self, ModelError> {
-        let (first, width) = (
-            config.block_out_channels[0],
-            4 * config.block_out_channels[0],
-        );
+        let first = config.block_out_channels[0];
+        let width = 4 * config.block_out_channels[0];
         let linear_1 = Linear::read(&root.at("time_embedding.linear_1"), first, width)?;
         let class = |count| root.weight("class_embedding.weight", &[count, width]);
         Ok(Self {
@@ -170,6 +170,7 @@ fn camera_backward(lora: &LoraNetwork, tape: &CameraTape, dy: &Array) -> BTreeMa
 
 /// The gradient of a bias: `[N, D]` summed over N.
 fn sum_rows(d: &Array) -> Array {
-    let (n, width) = (d.shape()[0], d.shape()[1]);
+    let n = d.shape()[0];
+    let width = d.shape()[1];
     linear_backward_weight(&d.device().full(&[n, 1], 1.0), d).reshape(&[width])
 }

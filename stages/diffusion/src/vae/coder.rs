@@ -39,7 +39,8 @@ struct Attention {
 }
 
 impl Coder {
-    /// Image to the posterior's moments: down blocks from the widest image to the narrowest, then the mid block.
+    /// Image to the posterior's moments: down blocks from the widest image to the narrowest, then
+    /// the mid block.
     pub fn encoder(config: &VaeConfig, scope: &Scope) -> Result<Self, ModelError> {
         let widths = &config.block_out_channels;
         let mut stack = Stack {
@@ -200,7 +201,8 @@ impl Stack<'_> {
         outputs: usize,
         first: usize,
     ) -> Result<Coder, ModelError> {
-        let (last, groups) = (self.channels, self.config.norm_num_groups);
+        let last = self.channels;
+        let groups = self.config.norm_num_groups;
         Ok(Coder {
             conv_in: Conv2d::read(&scope.at("conv_in"), inputs, first)?,
             layers: self.layers,

@@ -31,8 +31,8 @@ pub struct Vae {
     decoder: Coder,
 }
 
-/// The distribution of latents that the encoder gives for an image: normal and independent in each element `[N, C, h,
-/// w]`, unscaled.
+/// The distribution of latents that the encoder gives for an image: normal and independent in each
+/// element `[N, C, h, w]`, unscaled.
 #[derive(Clone, Debug)]
 pub struct Posterior {
     /// Means.
@@ -42,7 +42,8 @@ pub struct Posterior {
 }
 
 impl Vae {
-    /// Reads the autoencoder of `source` onto `device`. The error names the file, and the field or tensor in it.
+    /// Reads the autoencoder of `source` onto `device`. The error names the file, and the field or
+    /// tensor in it.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         let config = VaeConfig::read(&source.file("vae/config.json")?)?;
         Self::read(
@@ -51,10 +52,12 @@ impl Vae {
         )
     }
 
-    /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the configuration asks for.
+    /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the
+    /// configuration asks for.
     fn read(config: VaeConfig, mut weights: Weights) -> Result<Self, ModelError> {
         weights.rename(current_name);
-        let (root, latent) = (weights.root(), config.latent_channels);
+        let root = weights.root();
+        let latent = config.latent_channels;
         let quant = config
             .use_quant_conv
             .then(|| Conv2d::pointwise(&root.at("quant_conv"), 2 * latent, 2 * latent));
@@ -106,7 +109,8 @@ impl Vae {
         }
     }
 
-    /// Decodes an unscaled `latent [N, C, h, w]` in one piece: `[N, 3, factor h, factor w]`, around [-1, 1].
+    /// Decodes an unscaled `latent [N, C, h, w]` in one piece: `[N, 3, factor h, factor w]`, around
+    /// [-1, 1].
     pub fn decode(&self, latent: &Array) -> Array {
         self.decode_by(latent, &mut Statistics::Own)
     }
@@ -120,11 +124,13 @@ impl Vae {
         }
     }
 
-    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in [-1, 1]: the
-    /// posterior's mean times the scaling factor. The image is continued by reflection to whole latent pixels, and
-    /// taken in overlapping tiles of `tile` image pixels if it is larger.
+    /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in
+    /// [-1, 1]: the posterior's mean times the scaling factor. The image is continued by reflection
+    /// to whole latent pixels, and taken in overlapping tiles of `tile` image pixels if it is
+    /// larger.
     pub fn encode_image(&self, image: &Array, tile: usize) -> Array {
-        let (factor, [height, width]) = (self.factor(), [image.shape()[2], image.shape()[3]]);
+        let factor = self.factor();
+        let [height, width] = [image.shape()[2], image.shape()[3]];
         let image = continued(
             image,
             [height, width].map(|extent| extent.next_multiple_of(factor)),
@@ -142,8 +148,8 @@ impl Vae {
         scale(&mean, self.config.scaling_factor as f32)
     }
 
-    /// The image `[N, 3, H, W]` of a scaled `latent`, where `[H, W]` = `size` is that of the image before it was
-    /// encoded; in overlapping tiles of `tile` image pixels if it is larger.
+    /// The image `[N, 3, H, W]` of a scaled `latent`, where `[H, W]` = `size` is that of the image
+    /// before it was encoded; in overlapping tiles of `tile` image pixels if it is larger.
     pub fn decode_latent(&self, latent: &Array, size: [usize; 2], tile: usize) -> Array {
         let latent = scale(latent, (1.0 / self.config.scaling_factor) as f32);
         let tiling = Tiling::new([latent.shape()[2], latent.shape()[3]], self.tile(tile));
@@ -169,12 +175,14 @@ fn each(images: &Array, compute: impl Fn(&Array) -> Array) -> Array {
     concat(&parts.iter().collect::<Vec<_>>(), 0)
 }
 
-/// An image continued by reflection, downwards and to the right, to the height and width `to`; at once as far as it
-/// reaches, and again from there. What is one pixel wide is repeated.
+/// An image continued by reflection, downwards and to the right, to the height and width `to`; at
+/// once as far as it reaches, and again from there. What is one pixel wide is repeated.
 fn continued(image: &Array, to: [usize; 2]) -> Array {
-    let (mut image, [height, width]) = (image.clone(), to);
+    let mut image = image.clone();
+    let [height, width] = to;
     loop {
-        let (h, w) = (image.shape()[2], image.shape()[3]);
+        let h = image.shape()[2];
+        let w = image.shape()[3];
         let step = |extent: usize, to: usize| (to - extent).min(extent - 1);
         image = match (h, w) {
             _ if h == height && w == width => return image,

@@ -1,8 +1,9 @@
 //! Means and variances for the group normalisations of an image that is computed tile by tile.
 //!
-//! A normalisation that took them over its own tile would give each tile colours of its own. So the tiles are walked
-//! twice: first to gather what each normalisation sees, then to normalise all tiles by the same numbers. Knows neither
-//! layers nor tiles, only that every walk meets the same normalisations in the same order.
+//! A normalisation that took them over its own tile would give each tile colours of its own. So the
+//! tiles are walked twice: first to gather what each normalisation sees, then to normalise all
+//! tiles by the same numbers. Knows neither layers nor tiles, only that every walk meets the same
+//! normalisations in the same order.
 
 use compute::Array;
 

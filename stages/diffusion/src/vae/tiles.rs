@@ -1,5 +1,5 @@
-//! Covers a large image with overlapping tiles and blends what is computed for each, so that memory is bounded by one
-//! tile.
+//! Covers a large image with overlapping tiles and blends what is computed for each, so that memory
+//! is bounded by one tile.
 //!
 //! Knows positions and weights, not what is computed.
 
@@ -37,11 +37,12 @@ impl Axis {
         }
     }
 
-    /// The share of each tile in each position of the result, which has `unit` positions for one of the axis; the
-    /// shares of all tiles add up to 1. A share grows linearly from an edge inside the image and is level beyond a
-    /// quarter of the tile.
+    /// The share of each tile in each position of the result, which has `unit` positions for one of
+    /// the axis; the shares of all tiles add up to 1. A share grows linearly from an edge inside
+    /// the image and is level beyond a quarter of the tile.
     fn shares(&self, unit: usize) -> Vec<Vec<f32>> {
-        let (tile, ramp) = (self.tile * unit, (self.tile * unit).div_ceil(4) as f32);
+        let tile = self.tile * unit;
+        let ramp = (self.tile * unit).div_ceil(4) as f32;
         let weight = |start: usize, i: usize| {
             let before = if start == 0 { ramp } else { i as f32 + 0.5 };
             let after = if start + self.tile == self.extent {
@@ -72,9 +73,10 @@ impl Tiling {
         }
     }
 
-    /// The result for the whole image, `unit` times its size, blended from those of tiles. `compute` is given the first
-    /// pixel `[top, left]` and the size `[height, width]` of a tile and gives `[N, C, unit height, unit width]`. Where
-    /// there is more than one tile it is called twice for each: once to gather statistics, once to use those of all.
+    /// The result for the whole image, `unit` times its size, blended from those of tiles.
+    /// `compute` is given the first pixel `[top, left]` and the size `[height, width]` of a tile
+    /// and gives `[N, C, unit height, unit width]`. Where there is more than one tile it is called
+    /// twice for each: once to gather statistics, once to use those of all.
     pub fn blend(
         &self,
         unit: usize,
@@ -94,7 +96,8 @@ impl Tiling {
             compute([top, left], tile, &mut statistics);
         }
         let mut statistics = statistics.pooled();
-        let (row_shares, column_shares) = (rows.shares(unit), columns.shares(unit));
+        let row_shares = rows.shares(unit);
+        let column_shares = columns.shares(unit);
         let mut canvas = Canvas {
             size: [rows.extent * unit, columns.extent * unit],
             sums: None,
@@ -127,12 +130,14 @@ impl Canvas {
         row_share: &[f32],
         column_share: &[f32],
     ) {
-        let (planes, [height, width]) = (tile.shape()[0] * tile.shape()[1], self.size);
+        let planes = tile.shape()[0] * tile.shape()[1];
+        let [height, width] = self.size;
         let (sums, _) = self
             .sums
             .get_or_insert_with(|| (vec![0.0; planes * height * width], tile.clone()));
         for (row, values) in tile.to_vec().chunks_exact(column_share.len()).enumerate() {
-            let (plane, y) = (row / row_share.len(), row % row_share.len());
+            let plane = row / row_share.len();
+            let y = row % row_share.len();
             let first = (plane * height + top + y) * width + left;
             for ((sum, value), share) in sums[first..].iter_mut().zip(values).zip(column_share) {
                 *sum += row_share[y] * share * value;

@@ -1,4 +1,5 @@
-//! A diffusion prior with a closed form: the exact denoiser for latents drawn from N(mean, TAU^2), element by element.
+//! A diffusion prior with a closed form: the exact denoiser for latents drawn from N(mean, TAU^2),
+//! element by element.
 
 use std::cell::Cell;
 
@@ -23,8 +24,8 @@ pub fn schedule() -> Schedule {
     Schedule::new(&config, "scheduler_config.json").unwrap()
 }
 
-/// The denoiser. Its LoRA has one mean per view and element: column r is the mean for the camera whose
-/// number r is 1.
+/// The denoiser. Its LoRA has one mean per view and element: column r is the mean for the camera
+/// whose number r is 1.
 pub struct Gaussian {
     device: Device,
     schedule: Schedule,
@@ -50,7 +51,8 @@ impl Gaussian {
 
     /// The factor k of E[x0 | z_t] = mean + k (z_t - a mean).
     fn gain(&self, t: u32) -> f64 {
-        let (a, s) = (self.schedule.a(t), self.schedule.s(t));
+        let a = self.schedule.a(t);
+        let s = self.schedule.s(t);
         a * TAU * TAU / (a * a * TAU * TAU + s * s)
     }
 
@@ -59,12 +61,11 @@ impl Gaussian {
         let noisy = query.noisy.to_vec();
         let per_sample = noisy.len() / query.t.len();
         let velocity = noisy.iter().enumerate().map(|(i, &noisy)| {
-            let (t, mean, noisy) = (
-                query.t[i / per_sample],
-                f64::from(mean(i / per_sample, i % per_sample)),
-                f64::from(noisy),
-            );
-            let (a, s) = (self.schedule.a(t), self.schedule.s(t));
+            let t = query.t[i / per_sample];
+            let mean = f64::from(mean(i / per_sample, i % per_sample));
+            let noisy = f64::from(noisy);
+            let a = self.schedule.a(t);
+            let s = self.schedule.s(t);
             let clean = mean + self.gain(t) * (noisy - a * mean);
             ((a * noisy - clean) / s) as f32
         });
@@ -141,7 +142,8 @@ impl Denoiser for Gaussian {
     }
 }
 
-/// A view of height and width `size` whose camera is the unit vector of its number, with latents spread around zero.
+/// A view of height and width `size` whose camera is the unit vector of its number, with latents
+/// spread around zero.
 pub fn view(number: usize, size: [usize; 2]) -> ViewLatents {
     let [height, width] = size;
     let ramp = |i: usize| ((i * 7 + number * 3) % 11) as f32 / 11.0 - 0.5;

@@ -1,5 +1,5 @@
-//! Ten guidance steps with tiny-x4 against PyTorch: `../golden/guidance.py` makes the same draws and writes
-//! `guidance.json`.
+//! Ten guidance steps with tiny-x4 against PyTorch: `../golden/guidance.py` makes the same draws
+//! and writes `guidance.json`.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,8 @@ fn views() -> Vec<ViewLatents> {
     [(0, [14, 12]), (1, [12, 16])].map(view).to_vec()
 }
 
-/// The state with another LoRA: random in all its matrices, so that every one matters from the first step on.
+/// The state with another LoRA: random in all its matrices, so that every one matters from the
+/// first step on.
 fn with_random_lora(mut state: State) -> State {
     if let Some(lora) = &mut state.lora {
         let random = |(i, (name, values)): (u64, (&String, &compute::Array))| {
@@ -51,10 +52,8 @@ fn run(guidance: Guidance) -> Vec<StepLog> {
         guidance_scale: 2.0,
         ..Options::default()
     };
-    let (denoiser, views) = (
-        prior.denoiser(&options.prompt, &options.negative_prompt),
-        views(),
-    );
+    let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
+    let views = views();
     let fresh = || Optimization::new(&denoiser, &views, &options, SEED).unwrap();
     let mut optimization = fresh()
         .resume(with_random_lora(fresh().state().clone()))

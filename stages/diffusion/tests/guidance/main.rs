@@ -1,4 +1,5 @@
-//! The guidance rules and the optimisation, against identities, closed forms and a reference in PyTorch.
+//! The guidance rules and the optimisation, against identities, closed forms and a reference in
+//! PyTorch.
 
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 

@@ -20,7 +20,8 @@ struct Draw {
 const T: [u32; 2] = [980, 500];
 
 fn draw() -> Draw {
-    let (schedule, rng) = (schedule(), Rng::new(7, "rules"));
+    let schedule = schedule();
+    let rng = Rng::new(7, "rules");
     let normals = |step| rng.normals(step, &[2, 4, 5, 3], &Device::cpu());
     let noisy = schedule.add_noise(&normals(0), &normals(1), &T);
     Draw {
@@ -81,18 +82,15 @@ fn assert_close(actual: &[f32], expected: impl Iterator<Item = f64>, tolerance: 
 
 #[test]
 fn the_renoised_difference_is_kappa_times_the_distance_to_the_estimate() {
-    // (a) z_t' - zhat_t' = kappa (z' - x0_hat), with zhat_t' = (s_t' / s_t) z_t + kappa x0_hat and one noise for both.
+    // (a) z_t' - zhat_t' = kappa (z' - x0_hat), with zhat_t' = (s_t' / s_t) z_t + kappa x0_hat and
+    // one noise for both.
     let d = draw();
-    let (renoised, clean) = (
-        d.schedule.add_noise(&d.latent, &d.noise, &[979, 499]),
-        d.schedule.clean(&d.noisy, &d.good, &T),
-    );
+    let renoised = d.schedule.add_noise(&d.latent, &d.noise, &[979, 499]);
+    let clean = d.schedule.clean(&d.noisy, &d.good, &T);
     let to_clean = halves(&d.rsd(Weight::One));
     for (i, t) in T.into_iter().enumerate() {
-        let (kappa, ratio) = (
-            kappa(&d.schedule, t, 1),
-            d.schedule.s(t - 1) / d.schedule.s(t),
-        );
+        let kappa = kappa(&d.schedule, t, 1);
+        let ratio = d.schedule.s(t - 1) / d.schedule.s(t);
         let [renoised, noisy, clean] = [&renoised, &d.noisy, &clean].map(|x| halves(x)[i].clone());
         let difference = (0..clean.len())
             .map(|e| {
@@ -149,10 +147,8 @@ fn kappa_is_small_for_neighbouring_timesteps_and_one_for_all_the_way() {
 #[test]
 fn the_renoised_weight_is_what_squared_distances_give() {
     let d = draw();
-    let (one, renoised) = (
-        halves(&d.rsd(Weight::One)),
-        halves(&d.rsd(Weight::Renoised { spacing: 1 })),
-    );
+    let one = halves(&d.rsd(Weight::One));
+    let renoised = halves(&d.rsd(Weight::Renoised { spacing: 1 }));
     for ((one, renoised), t) in one.iter().zip(&renoised).zip(T) {
         let weight = d.schedule.a(t - 1) * kappa(&d.schedule, t, 1);
         assert_close(renoised, one.iter().map(|&g| weight * f64::from(g)), 1e-8);

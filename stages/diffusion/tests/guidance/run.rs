@@ -54,7 +54,9 @@ fn the_same_seed_gives_the_same_bits_and_another_one_does_not() {
 
 #[test]
 fn a_run_goes_on_from_its_state_with_the_same_bits() {
-    let (prior, views, options) = (prior(), views(), options());
+    let prior = prior();
+    let views = views();
+    let options = options();
     let mut first = Optimization::new(&prior, &views, &options, 1).unwrap();
     for _ in 0..5 {
         first.step().unwrap();
@@ -77,7 +79,9 @@ fn a_run_goes_on_from_its_state_with_the_same_bits() {
 
 #[test]
 fn a_state_of_other_views_or_another_rule_is_refused() {
-    let (prior, views, options) = (prior(), views(), options());
+    let prior = prior();
+    let views = views();
+    let options = options();
     let state = Optimization::new(&prior, &views, &options, 1)
         .unwrap()
         .state()
@@ -96,14 +100,12 @@ fn a_state_of_other_views_or_another_rule_is_refused() {
 
 #[test]
 fn pixels_that_no_window_covered_are_left_alone() {
-    let (prior, views, options) = (
-        prior(),
-        views(),
-        Options {
-            steps: 3,
-            ..options()
-        },
-    );
+    let prior = prior();
+    let views = views();
+    let options = Options {
+        steps: 3,
+        ..options()
+    };
     let mut optimization = Optimization::new(&prior, &views, &options, 1).unwrap();
     while !optimization.is_done() {
         optimization.step().unwrap();
@@ -121,7 +123,8 @@ fn pixels_that_no_window_covered_are_left_alone() {
 
 #[test]
 fn all_views_take_their_turns() {
-    let (prior, views) = (Gaussian::new(0.3, 0.1, 2 * 7 * 6), views());
+    let prior = Gaussian::new(0.3, 0.1, 2 * 7 * 6);
+    let views = views();
     let options = Options {
         steps: 3,
         crop: 100,
@@ -180,13 +183,11 @@ fn a_caller_can_stop_a_run() {
 #[test]
 fn the_bad_prompt_is_asked_only_where_guidance_needs_it() {
     let asked = |guidance_scale| {
-        let (prior, options) = (
-            prior(),
-            Options {
-                guidance_scale,
-                ..options()
-            },
-        );
+        let prior = prior();
+        let options = Options {
+            guidance_scale,
+            ..options()
+        };
         optimize(&prior, &views(), &options, 1, &mut |_| {
             ControlFlow::Continue(())
         })

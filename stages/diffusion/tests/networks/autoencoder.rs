@@ -16,7 +16,9 @@ fn vae() -> Vae {
 /// A smooth picture in [-1, 1].
 fn picture(height: usize, width: usize) -> Array {
     let pixel = |i: usize| {
-        let (c, y, x) = (i / (height * width), i / width % height, i % width);
+        let c = i / (height * width);
+        let y = i / width % height;
+        let x = i % width;
         ((x as f32 * 0.11 + c as f32).sin() + (y as f32 * 0.07 - x as f32 * 0.02).cos()) / 2.0
     };
     Device::cpu().array(
@@ -27,7 +29,8 @@ fn picture(height: usize, width: usize) -> Array {
 
 #[test]
 fn a_picture_of_odd_size_comes_back_in_its_size() {
-    let (vae, image) = (vae(), picture(47, 63));
+    let vae = vae();
+    let image = picture(47, 63);
     let latent = vae.encode_image(&image, 512);
     assert_eq!((vae.factor(), latent.shape()), (4, &[1, 16, 12, 16][..]));
     let whole = vae.encode(&pad_reflect(&image, [0, 1, 0, 1])).mean;
@@ -65,8 +68,10 @@ fn pictures_smaller_than_a_latent_pixel_come_back_in_their_size() {
 
 #[test]
 fn tiles_change_little_and_leave_no_seam() {
-    let (vae, image) = (vae(), picture(96, 160));
-    let (whole, tiled) = (vae.encode_image(&image, 512), vae.encode_image(&image, 64));
+    let vae = vae();
+    let image = picture(96, 160);
+    let whole = vae.encode_image(&image, 512);
+    let tiled = vae.encode_image(&image, 64);
     let off = distance(&tiled, &whole);
     assert!(
         off > 0.0 && off < 0.2,
@@ -84,10 +89,8 @@ fn tiles_change_little_and_leave_no_seam() {
         };
         values.chunks(160).map(step).fold(0.0, f32::max)
     };
-    let (tiled, whole) = (
-        steps(&decoded),
-        steps(&vae.decode_latent(&whole, [96, 160], 512)),
-    );
+    let tiled = steps(&decoded);
+    let whole = steps(&vae.decode_latent(&whole, [96, 160], 512));
     assert!(
         tiled < 1.2 * whole,
         "the steepest step is {tiled} with tiles and {whole} without"

@@ -1,4 +1,5 @@
-//! The networks beside diffusers, transformers and peft: `../golden/networks.py` wrote what those compute.
+//! The networks beside diffusers, transformers and peft: `../golden/networks.py` wrote what those
+//! compute.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,7 +32,8 @@ fn odd_prompts_have_the_ids_of_transformers() {
 
 #[test]
 fn tiny_x4_computes_what_diffusers_does() {
-    let (prior, golden) = (tiny(), Golden::read("tiny.safetensors"));
+    let prior = tiny();
+    let golden = Golden::read("tiny.safetensors");
     let prompts = [
         "high resolution, 4K, photo",
         "blurry, low quality",
@@ -139,11 +141,10 @@ fn check_training(
     [s, d]: [usize; 2],
     size: (usize, f64),
 ) {
-    let (lora, camera) = (lora(unet, size), numbers(42, &[2, 16]));
-    let (sample, text) = (
-        numbers(40, &[2, unet.config().in_channels, h, w]),
-        unet.text(&numbers(41, &[2, s, d])),
-    );
+    let lora = lora(unet, size);
+    let camera = numbers(42, &[2, 16]);
+    let sample = numbers(40, &[2, unet.config().in_channels, h, w]);
+    let text = unet.text(&numbers(41, &[2, s, d]));
     let class_labels = labels(unet);
     let input = Input {
         sample: &sample,
@@ -175,7 +176,8 @@ fn check_training(
     );
 }
 
-/// Writes the model that the script describes in `other.json`, with the weights that follow its formula.
+/// Writes the model that the script describes in `other.json`, with the weights that follow its
+/// formula.
 fn write_other(folder: &Path) {
     let other: Value =
         serde_json::from_slice(&std::fs::read(golden("other.json")).unwrap()).unwrap();
@@ -213,7 +215,8 @@ fn write_other(folder: &Path) {
 
 /// A safetensors file of gains around 1, and of all else small enough for the next layer.
 fn weights(shapes: &BTreeMap<String, Vec<usize>>, first: u64) -> Vec<u8> {
-    let (mut header, mut data) = (serde_json::Map::new(), Vec::new());
+    let mut header = serde_json::Map::new();
+    let mut data = Vec::new();
     for (stream, (name, shape)) in (first..).zip(shapes) {
         let (gain, offset) = match &shape[..] {
             [_] => (0.1, if name.ends_with("weight") { 1.0 } else { 0.0 }),

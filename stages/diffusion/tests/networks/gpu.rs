@@ -1,5 +1,5 @@
-//! The networks of tiny-x4 on a GPU, beside the CPU's: whatever adapter comes first, a software one too. Where there is
-//! none the tests pass with a message, unless `SRNERF_REQUIRE_GPU` is set.
+//! The networks of tiny-x4 on a GPU, beside the CPU's: whatever adapter comes first, a software one
+//! too. Where there is none the tests pass with a message, unless `SRNERF_REQUIRE_GPU` is set.
 
 use std::sync::LazyLock;
 
@@ -43,7 +43,8 @@ fn pair() -> Option<&'static [Tiny; 2]> {
 #[track_caller]
 fn agree(what: &str, compute: impl Fn(&Tiny) -> Array) {
     let Some([cpu, gpu]) = pair() else { return };
-    let (expected, got) = (compute(cpu), compute(gpu));
+    let expected = compute(cpu);
+    let got = compute(gpu);
     assert!(got.device().is_gpu(), "{what} left the GPU");
     let off = distance(&got, &expected);
     assert!(off < TOLERANCE, "{what} is off by {off:.1e} of its norm");
@@ -109,15 +110,11 @@ fn lora(tiny: &Tiny) -> LoraNetwork {
 fn gradients_of_a_lora_are_those_of_the_cpu() {
     let Some(pair) = pair() else { return };
     let [cpu, gpu] = pair.each_ref().map(|tiny| {
-        let (sample, camera, lora) = (
-            tiny.numbers(1, &[2, 19, 6, 7]),
-            tiny.numbers(3, &[2, 16]),
-            lora(tiny),
-        );
-        let (input, text) = (
-            input(&sample, Some(&lora), Some(&camera)),
-            tiny.prior.unet.text(&tiny.numbers(2, &[2, 77, 32])),
-        );
+        let sample = tiny.numbers(1, &[2, 19, 6, 7]);
+        let camera = tiny.numbers(3, &[2, 16]);
+        let lora = lora(tiny);
+        let input = input(&sample, Some(&lora), Some(&camera));
+        let text = tiny.prior.unet.text(&tiny.numbers(2, &[2, 77, 32]));
         // Some layers keep what they need, others compute it again.
         let (y, tape) = tiny.prior.unet.forward_train(&input, &text, 1 << 20);
         tiny.prior

@@ -119,8 +119,8 @@ fn damaged_files_are_refused() {
     assert_eq!(folder, "tokenizer/merges.txt: is not a file");
 }
 
-/// Splits the autoencoder's weights into two files and an index that says where each tensor lies; `rename` names the
-/// files there.
+/// Splits the autoencoder's weights into two files and an index that says where each tensor lies;
+/// `rename` names the files there.
 fn shard(folder: &Path, rename: impl Fn(usize) -> String) {
     let stem = folder.join("vae/diffusion_pytorch_model.safetensors");
     let bytes = std::fs::read(&stem).unwrap();

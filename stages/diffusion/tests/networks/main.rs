@@ -1,4 +1,5 @@
-//! The networks: beside those of diffusers, in training, on images of any size, and when their files are damaged.
+//! The networks: beside those of diffusers, in training, on images of any size, and when their
+//! files are damaged.
 
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 

@@ -1,4 +1,5 @@
-//! What the tests of the networks share: golden files, formula numbers and the distance between two results.
+//! What the tests of the networks share: golden files, formula numbers and the distance between two
+//! results.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -58,7 +59,8 @@ pub fn golden(name: &str) -> std::path::PathBuf {
 /// The norm of the difference over the norm of what is expected.
 pub fn distance(actual: &Array, expected: &Array) -> f64 {
     let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
-    let (actual, expected) = (actual.to_vec(), expected.to_vec());
+    let actual = actual.to_vec();
+    let expected = expected.to_vec();
     let difference = norm(&mut actual.iter().zip(&expected).map(|(a, b)| f64::from(a - b)));
     difference / norm(&mut expected.iter().map(|v| f64::from(*v))).max(f64::MIN_POSITIVE)
 }

@@ -133,10 +133,8 @@ fn the_walk_back_ends_early_with_the_same_gradients() {
     let case = Case::new();
     let lora = case.trained_lora();
     for camera in [false, true] {
-        let (all, some) = (
-            case.gradients(&lora, camera, true),
-            case.gradients(&lora, camera, false),
-        );
+        let all = case.gradients(&lora, camera, true);
+        let some = case.gradients(&lora, camera, false);
         assert!(all.sample.is_some() && some.sample.is_none());
         assert_eq!(some.camera.is_empty(), !camera);
         assert!(all.adapters.keys().eq(some.adapters.keys()) && all.adapters.len() == 112);
@@ -155,7 +153,9 @@ fn a_batch_is_its_samples_side_by_side() {
     let alone = |i: usize| {
         let [sample, text, camera] =
             [&case.sample, &case.text, &case.camera].map(|x| compute::shape::slice(x, 0, i, 1));
-        let (timesteps, lora, camera) = (&[[500, 20][i]], Some(&lora), Some(&camera));
+        let timesteps = &[[500, 20][i]];
+        let lora = Some(&lora);
+        let camera = Some(&camera);
         let input = Input {
             sample: &sample,
             timesteps,
@@ -185,7 +185,8 @@ fn bits(gradients: &LoraGradients) -> Vec<(String, Vec<u32>)> {
 #[test]
 fn computing_activations_again_changes_no_bit() {
     let case = Case::new();
-    let (lora, text) = (case.trained_lora(), case.unet.text(&case.text));
+    let lora = case.trained_lora();
+    let text = case.unet.text(&case.text);
     let within =
         |budget| bits(&case.gradients_within(budget, &case.input(Some(&lora), true), &text, true));
     let all = within(usize::MAX);

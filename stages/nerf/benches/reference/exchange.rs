@@ -1,4 +1,5 @@
-//! Hands a task to `reference.py` as files and reads its answer. Knows file formats, and nothing of either renderer.
+//! Hands a task to `reference.py` as files and reads its answer. Knows file formats, and nothing of
+//! either renderer.
 
 use crate::{Outcome, Task};
 use nerf::{Field, Segment, Space, Trainer};
@@ -62,14 +63,13 @@ fn write(folder: &Path, task: &Task) -> Result<(), Box<dyn Error>> {
     )?)
 }
 
-/// Per pixel: origin, direction, first and last distance, in unit space; the direction in the world.
+/// Per pixel: origin, direction, first and last distance, in unit space; the direction in the
+/// world.
 fn rays(space: &Space, photo: &Photo) -> Vec<f32> {
     let camera = &photo.camera;
     let ray = |i: u32| {
-        let (px, py) = (
-            f64::from(i % camera.width) + 0.5,
-            f64::from(i / camera.width) + 0.5,
-        );
+        let px = f64::from(i % camera.width) + 0.5;
+        let py = f64::from(i / camera.width) + 0.5;
         let Segment {
             origin: [x, y, z],
             direction: [dx, dy, dz],

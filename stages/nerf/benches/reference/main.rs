@@ -1,7 +1,8 @@
 //! Speed and quality of training and rendering, beside a plain PyTorch NeRF on the same rays:
-//! `cargo bench -p nerf --bench reference`, with the environment's `PYTHON` an interpreter that has torch and numpy;
-//! without it only ours is measured. Two threads each, one after the other. `-- still_life` or the folder of an LLFF
-//! scene, then `name=value` settings. With `CURVE` a file's name, PSNR over time is drawn there.
+//! `cargo bench -p nerf --bench reference`, with the environment's `PYTHON` an interpreter that has
+//! torch and numpy; without it only ours is measured. Two threads each, one after the other. `--
+//! still_life` or the folder of an LLFF scene, then `name=value` settings. With `CURVE` a file's
+//! name, PSNR over time is drawn there.
 
 mod curve;
 mod exchange;
@@ -68,7 +69,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Trains, stopping the clock at every mark to look at the held-out views; returns the last of those looks too.
+/// Trains, stopping the clock at every mark to look at the held-out views; returns the last of
+/// those looks too.
 fn train(task: &Task) -> Outcome {
     let field = Field::in_space(&task.config, task.space.clone(), 0);
     let mut trainer = Trainer::new(field, task.views(), &task.options, 0);
@@ -76,10 +78,14 @@ fn train(task: &Task) -> Outcome {
         background: task.background,
         ..RenderOptions::default()
     };
-    let (mut marks, mut images, mut samples) = (vec![], vec![], 0);
-    let (mut seconds, mut processor_seconds) = (0.0, 0.0);
+    let mut marks = vec![];
+    let mut images = vec![];
+    let mut samples = 0;
+    let mut seconds = 0.0;
+    let mut processor_seconds = 0.0;
     for step in 1..=task.options.steps {
-        let (start, work) = (Instant::now(), processor());
+        let start = Instant::now();
+        let work = processor();
         samples += trainer.step().samples;
         seconds += start.elapsed().as_secs_f64();
         processor_seconds += processor() - work;
@@ -94,8 +100,8 @@ fn train(task: &Task) -> Outcome {
             let rays: usize = looks.iter().map(|look| look.depth.len()).sum();
             let rendered: usize = looks.iter().map(|look| look.samples).sum();
             images = looks.into_iter().map(|look| look.rgb).collect();
-            let (rays_a_second, samples_a_second) =
-                (rays as f64 / rendering, rendered as f64 / rendering);
+            let rays_a_second = rays as f64 / rendering;
+            let samples_a_second = rendered as f64 / rendering;
             let psnr = psnr(task, &images);
             marks.push(Mark {
                 step,
@@ -159,7 +165,8 @@ fn report(name: &str, marks: &[Mark], ssim: f64) {
     println!("  SSIM {ssim:.4}");
 }
 
-/// Ratios over the last three quarters of the steps, when the occupancy grids have settled; over all after one look.
+/// Ratios over the last three quarters of the steps, when the occupancy grids have settled; over
+/// all after one look.
 fn compare(ours: &[Mark], reference: &[Mark]) {
     let speed = |marks: &[Mark]| {
         let settled = (marks.len() / 2).checked_sub(1).map(|i| marks[i]);
@@ -175,7 +182,8 @@ fn compare(ours: &[Mark], reference: &[Mark]) {
             to.rays_a_second,
         ]
     };
-    let (ours, reference) = (speed(ours), speed(reference));
+    let ours = speed(ours);
+    let reference = speed(reference);
     for (i, name) in [
         "samples trained",
         "steps",

@@ -1,5 +1,5 @@
-//! What a run trains on and is judged by: photos, the shape of the field, and settings from the command line. Knows
-//! nothing of training.
+//! What a run trains on and is judged by: photos, the shape of the field, and settings from the
+//! command line. Knows nothing of training.
 
 use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::{
@@ -22,7 +22,8 @@ pub struct Task {
     pub train: Vec<Photo>,
     /// Held-out photos, before [`Task::background`] where they are transparent.
     pub test: Vec<Photo>,
-    /// What is behind held-out photos: white for photos with alpha, as NeRF-synthetic has it, else black.
+    /// What is behind held-out photos: white for photos with alpha, as NeRF-synthetic has it, else
+    /// black.
     pub background: [f32; 3],
     /// The space of the scene.
     pub space: Space,
@@ -35,13 +36,17 @@ pub struct Task {
 }
 
 impl Task {
-    /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`, `width=PIXELS` (of photos
-    /// from elsewhere), `looks=COUNT` (at the held-out views), `judges=COUNT` (the first so many of these only: the
-    /// reference takes minutes for large ones) or `space=Auto|Box|Perspective`.
+    /// From a scene's name or folder and settings `field.NAME=VALUE`, `train.NAME=VALUE`,
+    /// `width=PIXELS` (of photos from elsewhere), `looks=COUNT` (at the held-out views),
+    /// `judges=COUNT` (the first so many of these only: the reference takes minutes for large ones)
+    /// or `space=Auto|Box|Perspective`.
     pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
         let source = arguments.next().unwrap_or("still_life".into());
-        let (mut field, mut train, mut width) = (Map::new(), Map::new(), 252);
-        let (mut looks, mut judges) = (8, usize::MAX);
+        let mut field = Map::new();
+        let mut train = Map::new();
+        let mut width = 252;
+        let mut looks = 8;
+        let mut judges = usize::MAX;
         let mut kind = SpaceKind::Auto;
         train.insert("steps".into(), 400.into());
         for argument in arguments {
@@ -59,7 +64,8 @@ impl Task {
             }
         }
         let scene = read(&source, width)?;
-        let (config, options): (FieldConfig, TrainOptions) = (set(field)?, set(train)?);
+        let config: FieldConfig = set(field)?;
+        let options: TrainOptions = set(train)?;
         config.check()?;
         let (train, test) = match scene.test.is_empty() {
             true => split_holdout(scene.photos, HOLDOUT),

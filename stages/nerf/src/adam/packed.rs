@@ -1,8 +1,9 @@
-//! Numbers in 16 bits: Adam's moments, and values as look-ups read them. Knows nothing of what they are the moments of.
+//! Numbers in 16 bits: Adam's moments, and values as look-ups read them. Knows nothing of what they
+//! are the moments of.
 //!
-//! Both moments keep the range of an f32, so that no gradient is too small. The first moves by a tenth of what is new,
-//! and eight significant bits (bfloat16) do for it. The second moves by a hundredth and must not stand still for being
-//! rounded: it has no sign, and gets nine.
+//! Both moments keep the range of an f32, so that no gradient is too small. The first moves by a
+//! tenth of what is new, and eight significant bits (bfloat16) do for it. The second moves by a
+//! hundredth and must not stand still for being rounded: it has no sign, and gets nine.
 
 use half::f16;
 
@@ -62,7 +63,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn kept<const DROPPED: u32>(x: f32) -> (u16, f32) {
-        let (mut packed, mut back) = ([0], [0.0]);
+        let mut packed = [0];
+        let mut back = [0.0];
         pack::<DROPPED>(&[x], &mut packed);
         unpack::<DROPPED>(&packed, &mut back);
         (packed[0], back[0])

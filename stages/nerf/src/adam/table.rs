@@ -1,5 +1,5 @@
-//! Adam for the hash table: an entry takes a step only when it has a gradient, and counts its own steps. Knows nothing
-//! of what the gradients come from.
+//! Adam for the hash table: an entry takes a step only when it has a gradient, and counts its own
+//! steps. Knows nothing of what the gradients come from.
 //!
 //! A step is bound by memory, so that moments have 16 bits each ([`super::packed`]).
 
@@ -15,7 +15,8 @@ const CHUNK: usize = 128;
 /// Entries that a thread takes at once.
 const PIECE: usize = 1 << 14;
 
-/// The hash table's single-precision values with their moments, each entry with a step counter of its own.
+/// The hash table's single-precision values with their moments, each entry with a step counter of
+/// its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SparseMoments {
     /// The values that steps are taken on; look-ups read them rounded to halves.
@@ -43,10 +44,8 @@ impl SparseMoments {
 
     /// First and second moments as numbers.
     pub fn unpacked(&self) -> [Vec<f32>; 2] {
-        let (mut first, mut second) = (
-            vec![0.0; FEATURES * self.first.len()],
-            vec![0.0; FEATURES * self.second.len()],
-        );
+        let mut first = vec![0.0; FEATURES * self.first.len()];
+        let mut second = vec![0.0; FEATURES * self.second.len()];
         unpack::<FIRST>(self.first.as_flattened(), &mut first);
         unpack::<SECOND>(self.second.as_flattened(), &mut second);
         [first, second]
@@ -60,11 +59,9 @@ impl SparseMoments {
 
     /// Everything, in parts of the given lengths.
     pub fn split(&mut self, lengths: impl Iterator<Item = usize>) -> Vec<SparsePart<'_>> {
-        let (mut values, mut first, mut second) = (
-            &mut self.values[..],
-            &mut self.first[..],
-            &mut self.second[..],
-        );
+        let mut values = &mut self.values[..];
+        let mut first = &mut self.first[..];
+        let mut second = &mut self.second[..];
         let mut steps = &mut self.steps[..];
         let part = |length| SparsePart {
             values: values.split_off_mut(..length).unwrap_or_default(),
@@ -84,9 +81,9 @@ pub struct SparsePart<'a> {
     steps: &'a mut [u16],
 }
 
-/// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in instant-ngp. Writes
-/// the table that look-ups read, and clears the gradient for the next step. Entries come in groups of eight, as those
-/// of levels do. Threads without work take pieces of it.
+/// One step of the hash entries with a gradient; entries whose gradient is exactly zero rest, as in
+/// instant-ngp. Writes the table that look-ups read, and clears the gradient for the next step.
+/// Entries come in groups of eight, as those of levels do. Threads without work take pieces of it.
 pub fn update_sparse(
     table: &mut [Entry],
     gradient: &mut [[f32; FEATURES]],
@@ -157,7 +154,8 @@ impl WithSimd for UpdateSparse<'_> {
 /// Counts the steps of some entries, and says how large a step of theirs is: 0 for one that rests.
 #[inline(always)]
 fn rates(gradient: &[[f32; FEATURES]], steps: &mut [u16], rate: f32) -> [[f32; FEATURES]; CHUNK] {
-    let (corrections, mut rates) = (&*CORRECTIONS, [[0.0; FEATURES]; CHUNK]);
+    let corrections = &*CORRECTIONS;
+    let mut rates = [[0.0; FEATURES]; CHUNK];
     let moves = |[a, b]: &[f32; FEATURES]| u16::from((a.to_bits() | b.to_bits()) << 1 != 0);
     for (steps, gradient) in steps.iter_mut().zip(gradient) {
         *steps = (*steps + moves(gradient)).min(CORRECTED as u16);
@@ -199,7 +197,8 @@ impl<'a> SparsePart<'a> {
         gradient: &mut [[f32; FEATURES]],
         rates: &[[f32; FEATURES]; CHUNK],
     ) {
-        let (mut first, mut second) = ([0.0; FEATURES * CHUNK], [0.0; FEATURES * CHUNK]);
+        let mut first = [0.0; FEATURES * CHUNK];
+        let mut second = [0.0; FEATURES * CHUNK];
         unpack::<FIRST>(self.first.as_flattened(), &mut first);
         unpack::<SECOND>(self.second.as_flattened(), &mut second);
         let zero = simd.splat_f32s(0.0);
@@ -266,8 +265,8 @@ mod tests {
 
     #[test]
     fn the_gradient_is_cleared() {
-        let (mut table, mut gradient) =
-            ([[f16::ONE; 2]; 3 * CHUNK / 2], [[0.5, 0.5]; 3 * CHUNK / 2]);
+        let mut table = [[f16::ONE; 2]; 3 * CHUNK / 2];
+        let mut gradient = [[0.5, 0.5]; 3 * CHUNK / 2];
         let mut moments = SparseMoments::new(&table);
         step(&mut table, &mut gradient, &mut moments);
         assert!(gradient.iter().all(|d| *d == [0.0; 2]));

@@ -13,7 +13,8 @@ struct Gradient {
     weights: Vec<f32>,
 }
 
-/// A small field of strong features, so that every path carries a gradient that stands out from rounding.
+/// A small field of strong features, so that every path carries a gradient that stands out from
+/// rounding.
 fn field() -> Field {
     let config = FieldConfig {
         levels: 4,
@@ -35,7 +36,8 @@ fn field() -> Field {
     field
 }
 
-/// Rays through the box, with the gradients that a loss would send back: a linear loss, different for each ray.
+/// Rays through the box, with the gradients that a loss would send back: a linear loss, different
+/// for each ray.
 fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
     let rng = Rng::new(12, "block test");
     let segment = |i: u64| {
@@ -64,8 +66,9 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
 
 /// Marched and looked along: what a block needs, and how many samples were looked at.
 fn look(field: &Field) -> (Samples, Features, Look) {
-    let (mut samples, mut features, mut look) =
-        (Samples::default(), Features::default(), Look::default());
+    let mut samples = Samples::default();
+    let mut features = Features::default();
+    let mut look = Look::default();
     let (segments, jitter, _) = rays();
     segments
         .into_iter()
@@ -88,7 +91,8 @@ const REGULARIZER: Regularizer = Regularizer {
 
 fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient) {
     let (samples, features, look) = look(field);
-    let (d_seen, mut block) = (rays().2, Block::default());
+    let d_seen = rays().2;
+    let mut block = Block::default();
     let rays = Rays {
         samples: &samples,
         range: 0..d_seen.len(),
@@ -129,10 +133,12 @@ fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient)
     )
 }
 
-/// Compares gradients with central differences of the loss. A step that carries a unit across the kink of its ReLU
-/// gives a wrong difference; few do.
+/// Compares gradients with central differences of the loss. A step that carries a unit across the
+/// kink of its ReLU gives a wrong difference; few do.
 fn compare(pairs: impl Iterator<Item = (f32, f64)>) {
-    let (mut large, mut wrong, mut count) = (0, 0, 0);
+    let mut large = 0;
+    let mut wrong = 0;
+    let mut count = 0;
     for (analytic, numeric) in pairs {
         count += 1;
         large += usize::from(numeric.abs() > 0.002);

@@ -1,5 +1,5 @@
-//! Batches of pixels on their way to a GPU: the same pixels and rays as on the CPU. Knows nothing of what becomes of
-//! them.
+//! Batches of pixels on their way to a GPU: the same pixels and rays as on the CPU. Knows nothing
+//! of what becomes of them.
 
 use super::resident::Resident;
 use super::trace::{RAY, Rays, ray};
@@ -16,7 +16,8 @@ const PIXEL: usize = 8;
 pub struct Batch {
     /// The rays of all pixels, one pixel's behind the other's.
     pub rays: Rays,
-    /// Of each pixel: the colour that it should have, its view's weight, the background, and how many rays it has.
+    /// Of each pixel: the colour that it should have, its view's weight, the background, and how
+    /// many rays it has.
     pub pixels: Buffer,
     /// Room for the loss and the squared error of each pixel.
     pub losses: Buffer,
@@ -29,7 +30,8 @@ pub struct Batch {
 impl Batch {
     /// The next batch of a trainer.
     pub fn draw(trainer: &Trainer, resident: &Resident) -> Self {
-        let (gpu, count) = (&resident.gpu, trainer.pixels as usize);
+        let gpu = &resident.gpu;
+        let count = trainer.pixels as usize;
         let drawn: Vec<(Vec<[f32; RAY]>, [f32; PIXEL])> = (0..count)
             .into_par_iter()
             .map(|element| pixel(trainer, element))
@@ -77,7 +79,8 @@ fn pixel(trainer: &Trainer, element: usize) -> (Vec<[f32; RAY]>, [f32; PIXEL]) {
     let rays: Vec<_> = sub_rays
         .map(|(within, (px, py, jitter))| ray(&segment(px, py), jitter, element, within))
         .collect();
-    let ([r, g, b], [x, y, z]) = (view.target(&pixel), pixel.background);
+    let [r, g, b] = view.target(&pixel);
+    let [x, y, z] = pixel.background;
     let count = rays.len() as f32;
     (rays, [r, g, b, view.weight, x, y, z, count])
 }

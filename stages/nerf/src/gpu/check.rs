@@ -1,4 +1,5 @@
-//! A small field, rendered and trained for a moment: numbers by which one device can be compared with another.
+//! A small field, rendered and trained for a moment: numbers by which one device can be compared
+//! with another.
 
 use super::render::Renderer;
 use crate::batch::TrainView;

@@ -1,4 +1,5 @@
-//! The kernels as text: which templates each is made of, and the extents it is compiled for. Knows nothing of buffers.
+//! The kernels as text: which templates each is made of, and the extents it is compiled for. Knows
+//! nothing of buffers.
 
 use crate::network::{Layer, Network};
 use compute::kernels::Kernel;

@@ -36,7 +36,8 @@ impl<'f> Renderer<'f> {
         };
         let all = camera.width as usize * camera.height as usize;
         let round = (ROUND / options.rays_per_pixel()).max(1);
-        let (mut pixels, mut samples): (Vec<Pixel>, usize) = (Vec::with_capacity(all), 0);
+        let mut pixels: Vec<Pixel> = Vec::with_capacity(all);
+        let mut samples: usize = 0;
         for first in (0..all).step_by(round) {
             let segments = segments(self.field, camera, options, first..all.min(first + round));
             let (seen, count) = see(resident, &segments);
@@ -53,10 +54,8 @@ fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
         .par_iter()
         .map(|segment| ray(segment, 0.0, 0, 0))
         .collect();
-    let (gpu, rays) = (
-        &resident.gpu,
-        Rays::new(&resident.gpu, numbers.as_flattened()),
-    );
+    let gpu = &resident.gpu;
+    let rays = Rays::new(&resident.gpu, numbers.as_flattened());
     let at_once = resident.rays_at_once();
     for first in (0..rays.count).step_by(at_once) {
         resident.trace(&rays, first..rays.count.min(first + at_once));

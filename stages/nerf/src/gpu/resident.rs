@@ -1,4 +1,5 @@
-//! A field in the memory of a GPU. Knows where its parts lie there, and nothing of rays or training.
+//! A field in the memory of a GPU. Knows where its parts lie there, and nothing of rays or
+//! training.
 
 use super::programs::Programs;
 use crate::field::Field;
@@ -14,7 +15,8 @@ pub struct Resident {
     pub gpu: Arc<Gpu>,
     /// Kernels for fields of this shape.
     pub programs: Programs,
-    /// Hash levels: scale, vertices along the axes, whether they are dense, entries and those of coarser levels.
+    /// Hash levels: scale, vertices along the axes, whether they are dense, entries and those of
+    /// coarser levels.
     pub levels: Buffer,
     /// A pair of halves per entry.
     pub table: Buffer,
@@ -53,7 +55,9 @@ impl Resident {
 
     /// Rebuilds the bits of occupied cells from the values.
     pub fn refresh(&self) {
-        let (gpu, programs, words) = (&self.gpu, &self.programs, &[self.cells as u32]);
+        let gpu = &self.gpu;
+        let programs = &self.programs;
+        let words = &[self.cells as u32];
         let threshold = gpu.buffer(1);
         let arrays = [&self.values, &threshold];
         gpu.run(&Job {
@@ -63,10 +67,8 @@ impl Resident {
             groups: [1; 3],
             operations: 0,
         });
-        let (arrays, groups) = (
-            [&self.values, &threshold, &self.bits],
-            folded(self.cells.div_ceil(32 * 256)),
-        );
+        let arrays = [&self.values, &threshold, &self.bits];
+        let groups = folded(self.cells.div_ceil(32 * 256));
         gpu.run(&Job {
             kernel: &programs.occupy,
             arrays: &arrays,
@@ -118,7 +120,8 @@ fn both_ways(network: &Network) -> Vec<f32> {
 
 /// Levels, marching and the occupancy grid, in the order of `params.wgsl`.
 fn geometry(field: &Field) -> Vec<u32> {
-    let (stride, grid) = (field.stride(), &field.occupancy);
+    let stride = field.stride();
+    let grid = &field.occupancy;
     let lengths = [stride.shortest, stride.cone, grid.resolution].map(bits);
     let size = grid.size.map(|n| n as u32);
     [&[field.levels.len() as u32], &lengths[..], &size].concat()

@@ -1,5 +1,5 @@
-//! Keeps the occupancy grid of a field on a GPU true while the field changes: the same cells and the same points in
-//! them as on the CPU.
+//! Keeps the occupancy grid of a field on a GPU true while the field changes: the same cells and
+//! the same points in them as on the CPU.
 
 use super::resident::Resident;
 use super::trace::{TURNS, start};
@@ -59,7 +59,8 @@ impl Survey {
 
     /// Some of the seen cells and some of the occupied ones.
     fn draw(&self, resident: &Resident, rng: &Rng, round: u32) -> Buffer {
-        let (gpu, [low, high]) = (&*resident.gpu, rng.key());
+        let gpu = &*resident.gpu;
+        let [low, high] = rng.key();
         let marked = zeros(gpu, self.words);
         let occupied = scan(resident, &resident.bits, self.words);
         for (part, set) in [
@@ -80,7 +81,8 @@ impl Survey {
 
     /// Folds fresh optical depths of a set of cells into the grid.
     fn look(&self, resident: &Resident, field: &Field, set: [&Buffer; 2], rng: &Rng, round: u32) {
-        let (grid, [low, high]) = (&field.occupancy, rng.key());
+        let grid = &field.occupancy;
+        let [low, high] = rng.key();
         let decay = if round == 0 { 0.0 } else { DECAY };
         let lengths = [decay, field.stride().shortest, grid.resolution].map(bits);
         let first = [

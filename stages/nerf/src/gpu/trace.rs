@@ -1,5 +1,5 @@
-//! Rays through a field on a GPU: which samples are seen, what they look like and what the rays see. Knows nothing of
-//! pixels or losses.
+//! Rays through a field on a GPU: which samples are seen, what they look like and what the rays
+//! see. Knows nothing of pixels or losses.
 
 use super::resident::Resident;
 use crate::march::Segment;
@@ -22,8 +22,8 @@ pub const RAY: usize = 16;
 pub struct Rays {
     /// How many.
     pub count: usize,
-    /// Sixteen numbers each: origin and start; direction and end; jitter, pixel and number within the pixel; direction
-    /// in the world.
+    /// Sixteen numbers each: origin and start; direction and end; jitter, pixel and number within
+    /// the pixel; direction in the world.
     pub buffer: Buffer,
     /// Samples of each that are seen.
     pub seen: Buffer,
@@ -109,9 +109,12 @@ impl Resident {
         (ROOM / self.most_steps).clamp(1, MOST_RAYS)
     }
 
-    /// Traces some of the rays, as many as [`Resident::rays_at_once`] allows, and writes what they see.
+    /// Traces some of the rays, as many as [`Resident::rays_at_once`] allows, and writes what they
+    /// see.
     pub fn trace(&self, rays: &Rays, which: Range<usize>) -> Traced {
-        let (gpu, programs, count) = (&*self.gpu, &self.programs, which.len());
+        let gpu = &*self.gpu;
+        let programs = &self.programs;
+        let count = which.len();
         let words = self.words(which.start, count);
         let field = [&self.levels, &self.table, &self.weights];
         let [levels, table, weights] = field;
@@ -132,7 +135,8 @@ impl Resident {
             1,
         );
         let room = count * self.most_steps;
-        let (samples, raw) = (gpu.buffer(4 * (1 + room)), gpu.buffer(4 * room));
+        let samples = gpu.buffer(4 * (1 + room));
+        let raw = gpu.buffer(4 * room);
         let gather = [
             &rays.buffer,
             &self.bits,

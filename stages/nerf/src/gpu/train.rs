@@ -1,5 +1,6 @@
-//! Training of a field on a GPU: batches are drawn by the host, all else is done on the device. Knows the CPU's
-//! trainer, whose numbers it takes over and gives back, so that states and fields are the same format.
+//! Training of a field on a GPU: batches are drawn by the host, all else is done on the device.
+//! Knows the CPU's trainer, whose numbers it takes over and gives back, so that states and fields
+//! are the same format.
 
 use super::batch::Batch;
 use super::resident::{Resident, entries};
@@ -14,13 +15,14 @@ use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
 use compute::kernels::{Buffer, Gpu, Job, Requested, bits, folded, zeros};
 use std::sync::Arc;
 
-/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the gradient to the
-/// weights.
+/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the
+/// gradient to the weights.
 pub const PARTS: u32 = 256;
 
 /// A field in training on a GPU.
 pub struct GpuTrainer {
-    /// Options, views, random numbers and counters; its field and moments are those of the last [`GpuTrainer::fetch`].
+    /// Options, views, random numbers and counters; its field and moments are those of the last
+    /// [`GpuTrainer::fetch`].
     host: Trainer,
     gpu: Arc<Gpu>,
     resident: Resident,
@@ -47,7 +49,8 @@ struct Moments {
 
 impl Moments {
     fn new(gpu: &Gpu, host: &Trainer) -> Self {
-        let (table, network) = (&host.table_moments, &host.network_moments);
+        let table = &host.table_moments;
+        let network = &host.network_moments;
         let steps: Vec<u32> = table.steps.iter().map(|&n| n.into()).collect();
         Self {
             network: gpu.upload(bytemuck::cast_slice(
@@ -127,7 +130,8 @@ impl GpuTrainer {
 
     /// Gradients of the batch, and what it came to, which is asked for before the last way back.
     fn learn(&self, batch: &Batch, parts: &Buffer) -> (Buffer, Requested) {
-        let (gpu, stats) = (&*self.gpu, self.gpu.buffer(4));
+        let gpu = &*self.gpu;
+        let stats = self.gpu.buffer(4);
         let mut asked = None;
         for (i, pass) in batch.passes.iter().enumerate() {
             let traced = self.resident.trace(&batch.rays, pass.clone());
@@ -161,7 +165,8 @@ impl GpuTrainer {
         (stats, asked)
     }
 
-    /// Losses of the pixels of a pass, and gradients to the raw densities and colours of its samples.
+    /// Losses of the pixels of a pass, and gradients to the raw densities and colours of its
+    /// samples.
     fn compare(&self, batch: &Batch, traced: &Traced, rays: usize) -> Buffer {
         let options = &self.host.options;
         let strengths = [
@@ -285,7 +290,8 @@ impl GpuTrainer {
             host,
             ..
         } = self;
-        let (entries_count, weights) = (host.field.table.len(), host.field.network.weights.len());
+        let entries_count = host.field.table.len();
+        let weights = host.field.network.weights.len();
         let words = |buffer: &Buffer| {
             gpu.read(buffer, entries_count)
                 .into_iter()
@@ -323,7 +329,8 @@ mod tests {
     use compute::{Device, testing};
     use scene::Camera;
 
-    /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many samples.
+    /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many
+    /// samples.
     fn losses(device: &Device, most_steps: Option<usize>) -> Vec<f64> {
         let config = FieldConfig {
             levels: 2,

@@ -1,12 +1,12 @@
-//! How much a training step gives a device to do, by formula: how many samples there are, the device alone knows until
-//! the step is over.
+//! How much a training step gives a device to do, by formula: how many samples there are, the
+//! device alone knows until the step is over.
 
 use super::train::PARTS;
 use crate::config::Level;
 use crate::network::{COLOR_OUTPUT, HIDDEN, Network};
 
-/// What a kernel has to do: operations, a multiplication and its addition being two, and bytes through device memory if
-/// each array goes through once.
+/// What a kernel has to do: operations, a multiplication and its addition being two, and bytes
+/// through device memory if each array goes through once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Floating-point operations of look-ups and networks.
@@ -35,14 +35,13 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
         looked,
         samples,
     } = extent;
-    let (weights, encoding) = (network.weights.len(), network.layers[0].inputs);
-    // Eight corners of two features each. An entry has four bytes, its gradient two words for each feature, read and
-    // written.
-    let (look_up, corners, scattered) = (
-        32 * levels.len(),
-        32 * levels.len(),
-        8 * levels.len() * 2 * 8,
-    );
+    let weights = network.weights.len();
+    let encoding = network.layers[0].inputs;
+    // Eight corners of two features each. An entry has four bytes, its gradient two words for each
+    // feature, read and written.
+    let look_up = 32 * levels.len();
+    let corners = 32 * levels.len();
+    let scattered = 8 * levels.len() * 2 * 8;
     let look = 2 * (encoding * HIDDEN + HIDDEN) + look_up;
     let backward = 2 * (weights - HIDDEN * COLOR_OUTPUT) + 4 * weights + 2 * look_up;
     let touched: usize = levels

@@ -1,9 +1,10 @@
-//! Trilinear look-up in the multiresolution hash grid, and its backward pass (Müller et al. 2022, section 3). Knows
-//! nothing of rays or networks.
+//! Trilinear look-up in the multiresolution hash grid, and its backward pass (Müller et al. 2022,
+//! section 3). Knows nothing of rays or networks.
 //!
-//! Positions lie in unit space, in groups of [`LANES`]; callers pad. Entries are half-precision numbers, so that a
-//! level stays in the second-level cache; sums are single-precision. With AVX-512 the look-ups of a group are gathers
-//! ([`super::wide`]), elsewhere they are made one by one; the bits are the same.
+//! Positions lie in unit space, in groups of [`LANES`]; callers pad. Entries are half-precision
+//! numbers, so that a level stays in the second-level cache; sums are single-precision. With
+//! AVX-512 the look-ups of a group are gathers ([`super::wide`]), elsewhere they are made one by
+//! one; the bits are the same.
 
 #[cfg(target_arch = "x86_64")]
 use super::wide::Avx512;
@@ -21,7 +22,8 @@ pub const CORNERS: usize = 8;
 /// Factors of the spatial hash for y and z; x has 1 (the paper's equation 4).
 pub const PRIMES: [u32; 2] = [2_654_435_761, 805_459_861];
 
-/// A table is fetched as a whole for at least one position per so many entries: for fewer, most lines are not needed.
+/// A table is fetched as a whole for at least one position per so many entries: for fewer, most
+/// lines are not needed.
 const ENTRIES_PER_POSITION: usize = 128;
 
 /// Entries and trilinear weights of the corners around a group of positions.
@@ -56,7 +58,8 @@ impl Kernel for Portable {
         let mut fraction = [[0f32; LANES]; 3];
         for axis in 0..3 {
             for lane in 0..LANES {
-                // Half a cell's shift staggers the levels (instant-ngp); positions are never negative.
+                // Half a cell's shift staggers the levels (instant-ngp); positions are never
+                // negative.
                 let x = positions[axis][lane] * level.scale + 0.5;
                 cell[axis][lane] = x as i32 as u32;
                 fraction[axis][lane] = x - (x as i32) as f32;
@@ -81,6 +84,7 @@ impl Kernel for Portable {
                     let f = fraction[axis][lane];
                     if offset[axis] == 1 { f } else { 1.0 - f }
                 });
+                // The order of this product is a contract: the AVX-512 kernel has the same.
                 corners.weight[corner][lane] = x * y * z;
             }
         }
@@ -118,13 +122,14 @@ fn entry(level: &Level, [x, y, z]: [u32; 3]) -> u32 {
     if !level.dense {
         return (x ^ y.wrapping_mul(PRIMES[0]) ^ z.wrapping_mul(PRIMES[1])) & (entries - 1);
     }
-    // A corner past the last vertex wraps into the next row, as in instant-ngp. What lies outside the box stays
-    // harmless.
+    // A corner past the last vertex wraps into the next row, as in instant-ngp. What lies outside
+    // the box stays harmless.
     let i = x.wrapping_add(nx.wrapping_mul(y.wrapping_add(ny.wrapping_mul(z))));
     i.min(i.wrapping_sub(entries)).min(entries - 1)
 }
 
-/// A finite half as an f32, exactly: its exponent is moved, and the difference of the biases is multiplied out.
+/// A finite half as an f32, exactly: its exponent is moved, and the difference of the biases is
+/// multiplied out.
 #[inline(always)]
 fn widen(half: f16) -> f32 {
     const BIAS: f32 = f32::from_bits((127 + 112) << 23);
@@ -140,6 +145,8 @@ pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut 
         level.entries,
         "encode: a table of another level"
     );
+    // A level of 2^17 entries, half a megabyte, fits into the second-level cache, but Adam has
+    // driven it out since the last step.
     if positions[0].len() >= table.len() / ENTRIES_PER_POSITION {
         fetch(table);
     }
@@ -165,7 +172,8 @@ pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut 
     });
 }
 
-/// Brings a table into the cache from front to back, as fast as memory gives: look-ups that miss wait for every line.
+/// Brings a table into the cache from front to back, as fast as memory gives: look-ups that miss
+/// wait for every line.
 fn fetch(table: &[Entry]) {
     let line = 64 / size_of::<Entry>();
     std::hint::black_box(
@@ -203,8 +211,8 @@ fn lanes(positions: [&[f32]; 3], group: usize) -> [&[f32; LANES]; 3] {
     positions.map(|axis| &axis.as_chunks::<LANES>().0[group])
 }
 
-/// The backward pass of [`encode`]: adds to `d_table` from `d_features`, one pair per position. Positions are taken in
-/// order, so the sums have one order.
+/// The backward pass of [`encode`]: adds to `d_table` from `d_features`, one pair per position.
+/// Positions are taken in order, so the sums have one order.
 pub fn encode_backward(
     level: &Level,
     positions: [&[f32]; 3],
@@ -256,6 +264,8 @@ impl<K: Kernel> WithSimd for EncodeBackward<'_, K> {
             let corners = self
                 .kernel
                 .corners(self.level, lanes(self.positions, group));
+            // One position after the other: two of a group may share a vertex, and a scatter would
+            // lose one of their sums.
             for (lane, d) in d_features.iter().enumerate() {
                 for corner in 0..CORNERS {
                     let entry = &mut self.d_table[corners.entry[corner][lane] as usize];

@@ -1,8 +1,10 @@
-//! Products of tall matrices (one row per sample) with small ones. Knows nothing of what the rows mean.
+//! Products of tall matrices (one row per sample) with small ones. Knows nothing of what the rows
+//! mean.
 //!
-//! Everything is row-major. Rows come in multiples of [`ROWS`], columns in multiples of [`COLUMNS`]; callers pad.
-//! Vectors run along columns, so each output element is one chain of fused multiply-adds in order of the inner index.
-//! Of a matrix with longer rows than a product needs, the rest is not looked at.
+//! Everything is row-major. Rows come in multiples of [`ROWS`], columns in multiples of
+//! [`COLUMNS`]; callers pad. Vectors run along columns, so each output element is one chain of
+//! fused multiply-adds in order of the inner index. Of a matrix with longer rows than a product
+//! needs, the rest is not looked at.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -121,6 +123,8 @@ impl WithSimd for Product<'_> {
 impl Product<'_> {
     #[inline(always)]
     fn with_rows_of<S: Simd>(self, simd: S, width: usize) {
+        // R x V sums, V vectors of b and one of a must fit into the registers: 16 + 4 + 1 of 32, or
+        // 8 + 2 + 1 of 16. A taller tile reads b less often, a wider one a.
         match self.shape[1] / S::F32_LANES {
             n if n.is_multiple_of(4) && S::REGISTER_COUNT >= 32 => {
                 self.tiles::<S, 4, 4>(simd, width)
@@ -180,7 +184,8 @@ fn start<S: Simd, const R: usize, const V: usize>(
     }
 }
 
-/// Adds the products of R rows of `a`, of `a_width` numbers, with V vectors of columns of `b`, from vector `first` on.
+/// Adds the products of R rows of `a`, of `a_width` numbers, with V vectors of columns of `b`, from
+/// vector `first` on.
 #[inline(always)]
 fn add_dot<'a, S: Simd, const R: usize, const V: usize>(
     simd: S,
@@ -192,6 +197,7 @@ fn add_dot<'a, S: Simd, const R: usize, const V: usize>(
 ) {
     assert!(a.len() == R * a_width, "product: a tile of a");
     for (k, b) in (0..a_width).zip(b) {
+        // sum[R][V] += a[R][k] b[k][V]: R broadcasts and V loads for R V fused multiply-adds.
         let b: [S::f32s; V] = std::array::from_fn(|v| b[first + v]);
         for (row, sum) in sum.iter_mut().enumerate() {
             let x = simd.splat_f32s(a[row * a_width + k]);
@@ -222,8 +228,9 @@ fn finish<S: Simd, const V: usize>(
     }
 }
 
-/// c[k, m] += transpose(a[n, k]) b[n, m] for `shape` = [k, m]: the gradient of a weight from its input `a` and the
-/// gradient `b` of its output. k is a multiple of 4, and of [`ROWS`] where m is less than 2 [`COLUMNS`].
+/// c[k, m] += transpose(a[n, k]) b[n, m] for `shape` = [k, m]: the gradient of a weight from its
+/// input `a` and the gradient `b` of its output. k is a multiple of 4, and of [`ROWS`] where m is
+/// less than 2 [`COLUMNS`].
 pub fn add_transposed_product(c: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, shape: [usize; 2]) {
     let [inner, columns] = shape;
     assert!(
@@ -277,6 +284,8 @@ impl TransposedProduct<'_> {
             .values
             .chunks(ROW_BLOCK * a.width)
             .zip(b.values.chunks(ROW_BLOCK * b.width));
+        // c[R][V] stays in registers over a block of rows. Blocks follow each other in order, so
+        // that a sum has one order whatever the tile.
         for (rows, b_rows) in blocks {
             let b_rows = S::as_simd_f32s(b_rows).0;
             for (tile, c) in c.chunks_exact_mut(R * b.width).enumerate() {

@@ -25,7 +25,8 @@ fn loss(network: &Network, a: &mut Activations, c: &[f32], g: &[f32]) -> f64 {
 #[test]
 fn gradients_match_finite_differences() {
     let network = Network::new(32, 32, 5);
-    let (mut c, g) = (random(ROWS * COLOR_OUTPUT, 0), random(ROWS * GEOMETRY, 1));
+    let mut c = random(ROWS * COLOR_OUTPUT, 0);
+    let g = random(ROWS * GEOMETRY, 1);
     c.chunks_exact_mut(COLOR_OUTPUT)
         .for_each(|row| row[3..].fill(0.0)); // What is padding has no gradient.
     let encoding = random(ROWS * 32, 2);
@@ -46,14 +47,16 @@ fn gradients_match_finite_differences() {
     };
     let mut a = fresh();
     loss(&network, &mut a, &c, &g);
-    let (mut d_weights, turned) = (vec![0.0; network.weights.len()], network.transposed());
+    let mut d_weights = vec![0.0; network.weights.len()];
+    let turned = network.transposed();
     a.color.clone_from(&c);
     network.color_backward(&turned, &mut a, &mut d_weights);
     a.geometry.iter_mut().zip(&g).for_each(|(d, g)| *d += g);
     network.density_backward(&turned, &mut a, &mut d_weights);
 
     // A difference that carries a unit across the kink of its ReLU is wrong; few do.
-    let (mut checked, mut wrong) = (0, 0);
+    let mut checked = 0;
+    let mut wrong = 0;
     let mut check = |analytic: f32, difference: f64| {
         let numeric = difference / 1e-3;
         checked += 1;

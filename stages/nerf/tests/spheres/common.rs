@@ -26,7 +26,8 @@ pub fn camera(angle: f64, size: u32) -> Camera {
 pub fn trace(camera: &Camera, px: f64, py: f64) -> Option<(f64, [f32; 3])> {
     let ray = camera.ray(px, py);
     let hit = |(center, radius, color): &([f64; 3], f64, [f32; 3])| {
-        let (o, d) = (ray.origin.map(f64::from), ray.direction.map(f64::from));
+        let o = ray.origin.map(f64::from);
+        let d = ray.direction.map(f64::from);
         let to_center: [f64; 3] = std::array::from_fn(|i| center[i] - o[i]);
         let along: f64 = (0..3).map(|i| to_center[i] * d[i]).sum();
         let square: f64 = to_center.iter().map(|x| x * x).sum::<f64>() - along * along;
@@ -47,12 +48,11 @@ pub fn trace(camera: &Camera, px: f64, py: f64) -> Option<(f64, [f32; 3])> {
 
 /// A photo with coverage, each pixel the mean of 4 x 4 rays.
 pub fn photo(camera: Camera) -> TrainView {
-    let (mut rgb, mut alpha) = (vec![], vec![]);
+    let mut rgb = vec![];
+    let mut alpha = vec![];
     for pixel in 0..camera.width * camera.height {
-        let (x, y) = (
-            f64::from(pixel % camera.width),
-            f64::from(pixel / camera.width),
-        );
+        let x = f64::from(pixel % camera.width);
+        let y = f64::from(pixel / camera.width);
         let place = |sub: u32| f64::from(sub) / 4.0 + 0.125;
         let hits: Vec<_> = (0..16)
             .filter_map(|s| trace(&camera, x + place(s % 4), y + place(s / 4)))

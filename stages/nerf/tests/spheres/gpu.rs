@@ -1,5 +1,5 @@
-//! On a GPU beside the CPU, on whatever adapter comes first: one of software does. Where there is none the tests pass
-//! with a message, unless `SRNERF_REQUIRE_GPU` is set, as `make test` does.
+//! On a GPU beside the CPU, on whatever adapter comes first: one of software does. Where there is
+//! none the tests pass with a message, unless `SRNERF_REQUIRE_GPU` is set, as `make test` does.
 
 use compute::testing::{gpu, weak_gpu};
 use compute::{Counts, Device};
@@ -70,7 +70,8 @@ fn fifty_steps_follow_the_cpu_and_an_image_is_the_same() {
     let mut costs: Vec<Counts> = Vec::new();
     for step in 0..50 {
         let before = gpu.counts().unwrap();
-        let (expected, got) = (here.step(), there.step());
+        let expected = here.step();
+        let got = there.step();
         costs.push(gpu.counts().unwrap() - before);
         assert!(
             (expected.loss / got.loss - 1.0).abs() < 1e-3,
@@ -123,7 +124,8 @@ fn a_scene_seen_from_one_side_is_the_same_in_perspective() {
         )
     });
     for step in 0..20 {
-        let (expected, got) = (here.step(), there.step());
+        let expected = here.step();
+        let got = there.step();
         assert!(
             (expected.loss / got.loss - 1.0).abs() < 1e-3,
             "step {step}: {} beside {}",

@@ -1,4 +1,5 @@
-//! On the CPU: a view in between, the same bits on any number of threads, and training that goes on from a saved state.
+//! On the CPU: a view in between, the same bits on any number of threads, and training that goes on
+//! from a saved state.
 
 use glam::DVec3;
 use nerf::{Field, RenderOptions, Space, SpaceKind, TrainOptions, TrainView, Trainer, render};
@@ -29,8 +30,9 @@ fn a_view_in_between_of_a_scene_seen_from_one_side_is_shown_in_perspective() {
     );
 }
 
-/// Trains, and looks at colour, depth and opacity of another view. Few photos of smooth spheres say little of where these
-/// are, and a fast start settles on something else for one seed in two; a slow one for none in sixteen.
+/// Trains, and looks at colour, depth and opacity of another view. Few photos of smooth spheres say
+/// little of where these are, and a fast start settles on something else for one seed in two; a
+/// slow one for none in sixteen.
 #[track_caller]
 fn judge(field: Field, views: Vec<TrainView>, eye: Camera, least: f64) {
     let mut trainer = Trainer::new(
@@ -234,7 +236,8 @@ fn a_larger_image_of_the_same_view_agrees_with_the_smaller() {
         &RenderOptions::default(),
     );
     for pixel in 0..16 * 16 {
-        let (x, y) = (pixel % 16, pixel / 16);
+        let x = pixel % 16;
+        let y = pixel / 16;
         let block = (0..16)
             .map(|s| large.rgb[3 * ((4 * y + s / 4) * 64 + 4 * x + s % 4)])
             .sum::<f32>()
@@ -246,8 +249,8 @@ fn a_larger_image_of_the_same_view_agrees_with_the_smaller() {
     }
 }
 
-/// Photos are opaque and the field starts out empty in front of them: without fog, rays end in the scene, not at the
-/// lens.
+/// Photos are opaque and the field starts out empty in front of them: without fog, rays end in the
+/// scene, not at the lens.
 #[test]
 fn opaque_views_leave_no_hole_and_no_fog_before_the_near_plane() {
     let wall = |camera: Camera| {

@@ -108,8 +108,8 @@ fn gathers_give_the_same_bits_as_single_look_ups() {
                     avx512.look_up(level, table, group),
                     Portable.look_up(level, table, group)
                 );
-                let (wide, portable) =
-                    (avx512.corners(level, group), Portable.corners(level, group));
+                let wide = avx512.corners(level, group);
+                let portable = Portable.corners(level, group);
                 assert_eq!((wide.entry, wide.weight), (portable.entry, portable.weight));
             }
         }

@@ -11,7 +11,8 @@ fn random(len: usize, domain: &str) -> Vec<f32> {
 #[test]
 fn a_product_is_the_sum_over_the_inner_index() {
     for (rows, inner, columns) in [(8, 5, 16), (24, 64, 32), (16, 32, 64)] {
-        let (a, b) = (random(rows * inner, "a"), random(inner * columns, "b"));
+        let a = random(rows * inner, "a");
+        let b = random(inner * columns, "b");
         let mut c = vec![0.0; rows * columns];
         let [left, right] = [Matrix::new(&a, inner), Matrix::new(&b, columns)];
         product(
@@ -23,7 +24,8 @@ fn a_product_is_the_sum_over_the_inner_index() {
             Epilogue::Keep,
         );
         for (i, &got) in c.iter().enumerate() {
-            let (row, column) = (i / columns, i % columns);
+            let row = i / columns;
+            let column = i % columns;
             let fused = (0..inner).fold(0f32, |sum, k| {
                 a[row * inner + k].mul_add(b[k * columns + column], sum)
             });
@@ -37,7 +39,8 @@ fn a_product_is_the_sum_over_the_inner_index() {
 
 #[test]
 fn a_product_of_a_part_of_longer_rows_adds_to_what_is_there() {
-    let (a, b) = (random(16 * 24, "a"), random(24 * 48, "b"));
+    let a = random(16 * 24, "a");
+    let b = random(24 * 48, "b");
     let mut c = vec![0.25; 16 * 32];
     let [left, right] = [Matrix::new(&a, 24), Matrix::new(&b, 48)];
     product(&mut c, left, right, [3, 32], Prologue::Add, Epilogue::Keep);
@@ -51,8 +54,11 @@ fn a_product_of_a_part_of_longer_rows_adds_to_what_is_there() {
 
 #[test]
 fn relu_and_its_backward_pass_cut_the_same_elements() {
-    let (a, b) = (random(8 * 4, "a"), random(4 * 16, "b"));
-    let (mut plain, mut relu, mut backward) = (vec![0.0; 128], vec![0.0; 128], vec![0.0; 128]);
+    let a = random(8 * 4, "a");
+    let b = random(4 * 16, "b");
+    let mut plain = vec![0.0; 128];
+    let mut relu = vec![0.0; 128];
+    let mut backward = vec![0.0; 128];
     let [a, b] = [Matrix::new(&a, 4), Matrix::new(&b, 16)];
     product(&mut plain, a, b, [4, 16], Prologue::Zero, Epilogue::Keep);
     product(&mut relu, a, b, [4, 16], Prologue::Zero, Epilogue::Relu);
@@ -72,8 +78,11 @@ fn relu_and_its_backward_pass_cut_the_same_elements() {
 
 #[test]
 fn a_transposed_product_adds_the_sum_over_rows() {
-    let (rows, width, columns) = (136, 32, 64);
-    let (a, b) = (random(rows * width, "a"), random(rows * columns, "b"));
+    let rows = 136;
+    let width = 32;
+    let columns = 64;
+    let a = random(rows * width, "a");
+    let b = random(rows * columns, "b");
     for inner in [32, 4] {
         let mut c = vec![1.0; inner * columns];
         add_transposed_product(
@@ -83,7 +92,8 @@ fn a_transposed_product_adds_the_sum_over_rows() {
             [inner, columns],
         );
         for (i, &got) in c.iter().enumerate() {
-            let (k, column) = (i / columns, i % columns);
+            let k = i / columns;
+            let column = i % columns;
             let want = (0..rows).fold(1f32, |sum, row| {
                 a[row * width + k].mul_add(b[row * columns + column], sum)
             });
@@ -95,19 +105,22 @@ fn a_transposed_product_adds_the_sum_over_rows() {
 #[cfg(target_arch = "x86_64")]
 /// Both kernels with the vectors of one instruction set.
 fn both<S: Simd>(simd: S) -> [Vec<f32>; 2] {
-    let (rows, inner, columns) = (72, 32, 64);
-    let (a, b, g) = (
-        random(rows * inner, "a"),
-        random(inner * columns, "b"),
-        random(rows * columns, "g"),
-    );
-    let (mut c, mut d) = (vec![0.0; rows * columns], vec![0.0; inner * columns]);
+    let rows = 72;
+    let inner = 32;
+    let columns = 64;
+    let a = random(rows * inner, "a");
+    let b = random(inner * columns, "b");
+    let g = random(rows * columns, "g");
+    let mut c = vec![0.0; rows * columns];
+    let mut d = vec![0.0; inner * columns];
     let [a, b, g] = [
         Matrix::new(&a, inner),
         Matrix::new(&b, columns),
         Matrix::new(&g, columns),
     ];
-    let (shape, prologue, epilogue) = ([inner, columns], Prologue::Zero, Epilogue::Relu);
+    let shape = [inner, columns];
+    let prologue = Prologue::Zero;
+    let epilogue = Epilogue::Relu;
     simd.vectorize(Product {
         c: &mut c,
         a,

@@ -1,0 +1,309 @@
+//! A parameter as its JSON Schema tells: path, values, default, meaning. Knows no stage.
+
+use serde_json::Value;
+
+/// One parameter of a kind, or of a variant.
+pub struct Parameter {
+    /// Its path from the kind, with dots: `field.levels`.
+    pub path: String,
+    /// What it may be: `whole number, 1 to 16`.
+    pub values: String,
+    /// Its default in RON, or that it has none; empty where the table's other rows say it.
+    pub default: String,
+    /// What the code's documentation says, in one line.
+    pub meaning: String,
+    /// Its values that have parameters of their own.
+    pub variants: Vec<Variant>,
+}
+
+/// A value of an enum that has parameters of its own.
+pub struct Variant {
+    /// The path of the parameter that may have it.
+    pub path: String,
+    /// Its name.
+    pub name: String,
+    /// What the code's documentation says, in one line.
+    pub meaning: String,
+    /// Its parameters; as `--set` has it, the variant's name is not in their paths.
+    pub parameters: Vec<Parameter>,
+}
+
+/// The named schemas that a schema refers to.
+pub struct Definitions<'a>(Option<&'a Value>);
+
+impl<'a> Definitions<'a> {
+    /// Those of a kind's schema.
+    pub fn new(schema: &'a Value) -> Self {
+        Self(schema.get("$defs"))
+    }
+
+    /// The schema itself, where it only refers to a named one or may be `None` as well.
+    fn resolve<'b>(&'b self, schema: &'b Value) -> &'b Value {
+        let alternatives = schema["anyOf"].as_array().into_iter().flatten();
+        let some = alternatives
+            .filter(|schema| schema["type"] != "null")
+            .next();
+        if let Some(inner) = some {
+            return self.resolve(inner);
+        }
+        let name = schema["$ref"]
+            .as_str()
+            .and_then(|path| path.strip_prefix("#/$defs/"));
+        match (name, self.0) {
+            (Some(name), Some(definitions)) => self.resolve(&definitions[name]),
+            _ => schema,
+        }
+    }
+
+    /// The documentation of a schema in one line.
+    pub fn description(&self, schema: &Value) -> String {
+        let own = schema["description"].as_str();
+        let text = own
+            .or_else(|| self.resolve(schema)["description"].as_str())
+            .unwrap_or_default();
+        text.split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ")
+            .replace('|', "\\|")
+    }
+
+    /// The parameters of an object, each followed by those that it consists of.
+    pub fn parameters(&self, path: &str, object: &Value) -> Vec<Parameter> {
+        let object = self.resolve(object);
+        let required = |name: &str| {
+            let names = object["required"].as_array().into_iter().flatten();
+            names.into_iter().any(|required| required == name)
+        };
+        let properties = object["properties"].as_object().into_iter().flatten();
+        properties
+            .flat_map(|(name, schema)| {
+                let path = match path {
+                    "" => name.clone(),
+                    path => format!("{path}.{name}"),
+                };
+                self.parameter(path, schema, required(name))
+            })
+            .collect()
+    }
+
+    fn parameter(&self, path: String, schema: &Value, required: bool) -> Vec<Parameter> {
+        let resolved = self.resolve(schema);
+        let parts = self.parameters(&path, resolved);
+        let default = match schema.get("default") {
+            _ if required => "required".into(),
+            Some(value) if parts.is_empty() => format!("`{}`", self.ron(value, schema)),
+            _ => String::new(),
+        };
+        let parameter = Parameter {
+            values: self.values(schema),
+            default,
+            meaning: self.description(schema),
+            variants: self.variants(&path, resolved),
+            path,
+        };
+        std::iter::once(parameter).chain(parts).collect()
+    }
+
+    /// What a value may be, in words.
+    fn values(&self, schema: &Value) -> String {
+        let resolved = self.resolve(schema);
+        let words = match (choices(resolved), &resolved["type"]) {
+            (Some(choices), _) => choices
+                .iter()
+                .map(|c| c.words())
+                .collect::<Vec<_>>()
+                .join(", "),
+            (None, kind) if has(kind, "integer") => number("whole number", resolved),
+            (None, kind) if has(kind, "number") => number("number", resolved),
+            (None, kind) if has(kind, "boolean") => "`true`, `false`".into(),
+            (None, kind) if has(kind, "string") => "text".into(),
+            (None, kind) if has(kind, "array") => self.tuple(resolved),
+            _ => "see below".into(),
+        };
+        if optional(schema) {
+            format!("{words}; or `None`")
+        } else {
+            words
+        }
+    }
+
+    fn tuple(&self, schema: &Value) -> String {
+        match (
+            schema["prefixItems"].as_array(),
+            schema["minItems"].as_u64(),
+        ) {
+            (Some(items), _) => {
+                let items: Vec<_> = items.iter().map(|item| self.values(item)).collect();
+                format!("({})", items.join(", "))
+            }
+            (None, Some(count)) => format!("{count} times {}", self.values(&schema["items"])),
+            (None, None) => format!("list of {}", self.values(&schema["items"])),
+        }
+    }
+
+    fn variants(&self, path: &str, schema: &Value) -> Vec<Variant> {
+        let choices = choices(schema).unwrap_or_default();
+        let with_fields = choices.into_iter().filter_map(|choice| {
+            let parameters = self.parameters(path, choice.inner?);
+            let meaning = self.description(choice.schema);
+            let of_fields = self.description(choice.inner?);
+            let meaning = if meaning.is_empty() {
+                of_fields
+            } else {
+                meaning
+            };
+            let path = path.to_owned();
+            Some(Variant {
+                path,
+                name: choice.name.into(),
+                meaning,
+                parameters,
+            })
+        });
+        with_fields
+            .filter(|variant| !variant.parameters.is_empty())
+            .collect()
+    }
+
+    /// A value as a pipeline file has it.
+    fn ron(&self, value: &Value, schema: &Value) -> String {
+        let resolved = self.resolve(schema);
+        match value {
+            Value::Null => "None".into(),
+            Value::String(name) if choices(resolved).is_some() => name.clone(),
+            Value::Array(items) => {
+                let items: Vec<_> = items
+                    .iter()
+                    .map(|item| self.ron(item, &Value::Null))
+                    .collect();
+                format!("({})", items.join(", "))
+            }
+            Value::Object(fields) => self.record(fields, resolved),
+            plain => plain.to_string(),
+        }
+    }
+
+    /// A struct, or a variant with fields.
+    fn record(&self, fields: &serde_json::Map<String, Value>, schema: &Value) -> String {
+        let choice = choices(schema).and_then(|choices| {
+            choices
+                .into_iter()
+                .find(|choice| fields.contains_key(choice.name))
+        });
+        if let Some((choice, inner)) = choice.and_then(|choice| Some((choice.name, choice.inner?)))
+        {
+            let value = &fields[choice];
+            let inner = self.ron(value, inner);
+            return match inner.strip_prefix('(') {
+                Some(rest) => format!("{choice}({rest}"),
+                None => format!("{choice}({inner})"),
+            };
+        }
+        let property = |name: &String| &self.resolve(schema)["properties"][name];
+        let fields = fields
+            .iter()
+            .map(|(name, value)| format!("{name}: {}", self.ron(value, property(name))));
+        format!("({})", fields.collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// One value of an enum.
+struct Choice<'a> {
+    name: &'a str,
+    schema: &'a Value,
+    /// What stands in its brackets.
+    inner: Option<&'a Value>,
+}
+
+impl Choice<'_> {
+    fn words(&self) -> String {
+        let brackets = if self.inner.is_some() { "(..)" } else { "" };
+        format!("`{}{brackets}`", self.name)
+    }
+}
+
+/// The values of an enum; `None` for what is none.
+fn choices(schema: &Value) -> Option<Vec<Choice<'_>>> {
+    if let Some(names) = schema["enum"].as_array() {
+        return Some(
+            names
+                .iter()
+                .filter_map(|name| plain_choice(name, schema))
+                .collect(),
+        );
+    }
+    Some(schema["oneOf"].as_array()?.iter().flat_map(named).collect())
+}
+
+fn plain_choice<'a>(name: &'a Value, schema: &'a Value) -> Option<Choice<'a>> {
+    Some(Choice {
+        name: name.as_str()?,
+        schema,
+        inner: None,
+    })
+}
+
+/// The values of one branch of an enum's schema.
+fn named(schema: &Value) -> Vec<Choice<'_>> {
+    if let Some(choice) = plain_choice(&schema["const"], schema) {
+        return vec![choice];
+    }
+    let names = schema["enum"].as_array().into_iter().flatten();
+    let plain = names.filter_map(|name| plain_choice(name, schema));
+    let properties = schema["properties"].as_object().into_iter().flatten();
+    let variants = properties.map(|(name, inner)| Choice {
+        name,
+        schema,
+        inner: Some(inner),
+    });
+    plain.chain(variants).collect()
+}
+
+fn optional(schema: &Value) -> bool {
+    let alternatives = schema["anyOf"].as_array().into_iter().flatten();
+    alternatives
+        .into_iter()
+        .any(|schema| schema["type"] == "null")
+        || {
+            schema["type"]
+                .as_array()
+                .is_some_and(|kinds| kinds.iter().any(|kind| kind == "null"))
+        }
+}
+
+fn has(kind: &Value, name: &str) -> bool {
+    kind == name
+        || kind
+            .as_array()
+            .is_some_and(|kinds| kinds.iter().any(|kind| kind == name))
+}
+
+/// `whole number, 1 to 16`.
+fn number(what: &str, schema: &Value) -> String {
+    let bound = |name: &str| schema.get(name).filter(|bound| bound.as_f64().is_some());
+    let low = match (bound("exclusiveMinimum"), bound("minimum")) {
+        (Some(low), _) => Some(format!("above {}", plain(low))),
+        (None, Some(low)) => Some(format!("{}", plain(low))),
+        (None, None) => None,
+    };
+    let high = match (bound("exclusiveMaximum"), bound("maximum")) {
+        (Some(high), _) => Some(format!("below {}", plain(high))),
+        (None, Some(high)) => Some(plain(high)),
+        (None, None) => None,
+    };
+    match (low, high) {
+        (Some(low), Some(high)) => format!("{what}, {low} to {high}"),
+        (Some(low), None) if low.starts_with("above") => format!("{what} {low}"),
+        (Some(low), None) => format!("{what} from {low}"),
+        (None, Some(high)) => format!("{what} up to {high}"),
+        (None, None) => what.into(),
+    }
+}
+
+/// A bound without `.0`.
+fn plain(bound: &Value) -> String {
+    match bound.as_f64() {
+        Some(number) if number.fract() == 0.0 => format!("{number:.0}"),
+        _ => bound.to_string(),
+    }
+}
