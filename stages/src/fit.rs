@@ -117,7 +117,8 @@ impl Stage for Fit {
                 "is Perspective, but the cameras do not look the same way",
             )
         })?;
-        let field = Field::in_space(&self.field, space, io.seed);
+        let config = self.field.for_cameras(&space, &cameras);
+        let field = Field::in_space(&config, space, io.seed);
         let Self {
             steps,
             samples,

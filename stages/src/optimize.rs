@@ -182,7 +182,7 @@ impl Stage for Optimize {
             },
         ];
         // There is one LoRA for each part, and none that would stand for all of them.
-        if matches!(self.guidance, Guidance::Vsd(_)) && (self.shards == 1 || self.shard > 0) {
+        if self.guidance.rule().lora().is_some() && (self.shards == 1 || self.shard > 0) {
             ports.push(OutputPort {
                 name: "lora",
                 kind: ArtifactKind::Lora,
@@ -213,7 +213,7 @@ impl Stage for Optimize {
     }
 
     fn extension(&self) -> Extension {
-        match self.guidance.timesteps() {
+        match self.guidance.rule().timesteps() {
             Timesteps::Annealed { .. } => {
                 Extension::Impossible("steps", "its timesteps fall over all steps")
             }

@@ -21,19 +21,19 @@ const KEPT: usize = 1 << 30;
 /// A latent upscaler and its two prompts, as its attentions see them.
 pub struct Upscaler<'a> {
     prior: &'a Prior,
-    good: TextContext,
-    bad: TextContext,
+    positive: TextContext,
+    negative: TextContext,
 }
 
 impl Prior {
     /// This prior as the optimisation asks it: guided from `negative_prompt` to `prompt`.
     pub fn denoiser(&self, prompt: &str, negative_prompt: &str) -> Upscaler<'_> {
-        let [good, bad] =
+        let [positive, negative] =
             [prompt, negative_prompt].map(|prompt| self.unet.text(&self.text(&[prompt])));
         Upscaler {
             prior: self,
-            good,
-            bad,
+            positive,
+            negative,
         }
     }
 }
@@ -41,8 +41,8 @@ impl Prior {
 impl Upscaler<'_> {
     fn text(&self, prompt: Prompt) -> &TextContext {
         match prompt {
-            Prompt::Good => &self.good,
-            Prompt::Bad => &self.bad,
+            Prompt::Positive => &self.positive,
+            Prompt::Negative => &self.negative,
         }
     }
 
@@ -63,11 +63,11 @@ impl Upscaler<'_> {
             camera: Some(camera),
             ..asked(query, &sample, &labels)
         };
-        let (output, tape) = unet.forward_train(&input, &self.good, KEPT);
+        let (output, tape) = unet.forward_train(&input, &self.positive, KEPT);
         let error = sub(&schedule.velocity(&output, query.noisy, query.t), target);
         let gradient =
             schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
-        let gradients = unet.backward(&input, &self.good, tape, &gradient, false);
+        let gradients = unet.backward(&input, &self.positive, tape, &gradient, false);
         (
             reduce::mean_square(&error).into(),
             gradients
@@ -81,7 +81,7 @@ impl Upscaler<'_> {
 
 impl Denoiser for Upscaler<'_> {
     fn device(&self) -> &Device {
-        self.good.states.device()
+        self.positive.states.device()
     }
 
     fn schedule(&self) -> &Schedule {
@@ -124,7 +124,7 @@ impl Denoiser for Upscaler<'_> {
             camera: Some(cameras),
             ..asked(query, &sample, &labels)
         };
-        let output = self.prior.unet.forward(&input, &self.good);
+        let output = self.prior.unet.forward(&input, &self.positive);
         self.prior.schedule.velocity(&output, query.noisy, query.t)
     }
 

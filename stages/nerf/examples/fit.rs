@@ -62,7 +62,7 @@ fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn E
         "finest" => config.finest_resolution = value.parse()?,
         "cells" => config.occupancy_resolution = value.parse()?,
         "march" => config.march_steps = value.parse()?,
-        "cone" => config.march_cone = value.parse()?,
+        "cone" => config.march_cone = Some(value.parse()?),
         "steps" => options.steps = value.parse()?,
         "samples" => options.samples = value.parse()?,
         "rate" => options.rate = value.parse()?,

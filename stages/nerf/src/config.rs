@@ -1,11 +1,18 @@
 //! The shape of a field: its hash levels, its grid of occupancy and its marching step. Knows
 //! nothing of values.
 
+use crate::space::Space;
+use scene::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Features of one hash entry (F of Müller et al. 2022).
 pub const FEATURES: usize = 2;
+
+/// Growth of steps where cameras stand in the scene.
+pub(crate) const CONE: f64 = 1.0 / 32.0;
+/// Cameras at this distance from the box are away from the scene; its longest side is 1.
+const AWAY: f32 = 0.25;
 
 /// What fixes the tensors of a field and the steps of its rays. Lengths are in unit space (see
 /// [`crate::Space`]).
@@ -31,9 +38,10 @@ pub struct FieldConfig {
     #[schemars(range(min = 8, max = 65536))]
     pub march_steps: u32,
     /// Growth of the marching step with the distance from the camera in a box; 0 keeps it constant.
-    /// In perspective it is 0.
+    /// `None` goes by where the cameras stand: 0 if all are away from the box, by a quarter of its
+    /// longest side at least, else 1/32. In perspective it is 0.
     #[schemars(range(min = 0, max = 0.25))]
-    pub march_cone: f64,
+    pub march_cone: Option<f64>,
 }
 
 /// Chosen by the held-out PSNR at full resolution of fields fitted to 60-pixel-wide photos
@@ -49,7 +57,7 @@ impl Default for FieldConfig {
             finest_resolution: 1024,
             occupancy_resolution: 96,
             march_steps: 128,
-            march_cone: 1.0 / 32.0,
+            march_cone: None,
         }
     }
 }
@@ -68,13 +76,27 @@ impl FieldConfig {
         )?;
         within("occupancy_resolution", self.occupancy_resolution, 1, 512)?;
         within("march_steps", self.march_steps, 8, 1 << 16)?;
-        if (0.0..=0.25).contains(&self.march_cone) {
-            return Ok(());
+        match self.march_cone {
+            Some(cone) if !(0.0..=0.25).contains(&cone) => {
+                Err(format!("march_cone is {cone}; it must be 0 to 0.25"))
+            }
+            _ => Ok(()),
         }
-        Err(format!(
-            "march_cone is {}; it must be 0 to 0.25",
-            self.march_cone
-        ))
+    }
+
+    /// The same with every value known.
+    ///
+    /// From far away, a ray meets the near and the far side of a box at distances that differ by a
+    /// small factor: growing steps would only be coarse all over. Held out, an object of 100 pixels
+    /// gains 3.6 dB by even steps; the fox, whose cameras stand inside the box, loses 0.3, since
+    /// more samples for each ray leave fewer rays.
+    pub fn for_cameras(&self, space: &Space, cameras: &[&Camera]) -> Self {
+        let away = |camera: &&Camera| space.distance_from_box(camera) >= AWAY;
+        let cone = if cameras.iter().all(away) { 0.0 } else { CONE };
+        Self {
+            march_cone: Some(self.march_cone.unwrap_or(cone)),
+            ..self.clone()
+        }
     }
 
     /// The levels of a box whose sides have the given lengths in unit space, coarse to fine.
@@ -136,6 +158,7 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DMat4;
 
     /// Sixteen levels up to 4096 vertices, as its NeRF configuration.
     fn instant_ngp() -> FieldConfig {
@@ -187,12 +210,33 @@ mod tests {
         .unwrap_err();
         assert_eq!(problem, "levels is 0; it must be 1 to 32");
         let problem = FieldConfig {
-            march_cone: f64::NAN,
+            march_cone: Some(f64::NAN),
             ..FieldConfig::default()
         }
         .check()
         .unwrap_err();
         assert!(problem.starts_with("march_cone is NaN"), "{problem}");
         assert_eq!(FieldConfig::default().check(), Ok(()));
+    }
+
+    #[test]
+    fn steps_grow_only_where_a_camera_stands_near_the_scene() {
+        let space = Space::new([[-1.0; 3], [1.0; 3]]);
+        let camera = |z: f64| {
+            let place = DMat4::from_translation([0.0, 0.0, z].into());
+            Camera::centered((16, 12), 16.0, place, [0.1, 9.0])
+        };
+        let away = camera(4.0);
+        let near = camera(1.2);
+        let cone = |config: FieldConfig, cameras: &[&Camera]| {
+            config.for_cameras(&space, cameras).march_cone.unwrap()
+        };
+        assert_eq!(cone(FieldConfig::default(), &[&away]), 0.0);
+        assert_eq!(cone(FieldConfig::default(), &[&away, &near]), CONE);
+        let told = FieldConfig {
+            march_cone: Some(0.01),
+            ..FieldConfig::default()
+        };
+        assert_eq!(cone(told, &[&away]), 0.01);
     }
 }

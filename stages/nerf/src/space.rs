@@ -1,6 +1,6 @@
 //! From world space to the unit space the field lives in. Knows nothing of what the field holds.
 
-use crate::config::FieldConfig;
+use crate::config::{CONE, FieldConfig};
 use crate::perspective::{Perspective, reach};
 use scene::Camera;
 use schemars::JsonSchema;
@@ -22,8 +22,8 @@ pub enum SpaceKind {
 ///
 /// In a box the map is a shift and one *uniform* scale that makes the box's longest side 1, so that
 /// cells stay cubes and a distance means the same in every direction; the shorter sides end
-/// below 1. A scene photographed from one side may have a perspective map instead. Densities are per unit
-/// length.
+/// below 1. A scene photographed from one side may have a perspective map instead. Densities are
+/// per unit length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
     /// The box's lowest and highest corner in world space.
@@ -117,8 +117,23 @@ impl Space {
         if self.perspective.is_some() {
             0.0
         } else {
-            config.march_cone
+            config.march_cone.unwrap_or(CONE)
         }
+    }
+
+    /// How far a camera is from the scene box, whose longest side is 1; 0 inside.
+    pub(crate) fn distance_from_box(&self, camera: &Camera) -> f32 {
+        let place = camera
+            .camera_to_world
+            .w_axis
+            .truncate()
+            .as_vec3()
+            .to_array();
+        let outside: [f32; 3] = std::array::from_fn(|axis| {
+            let [low, high] = self.bounds.map(|corner| corner[axis]);
+            (low - place[axis]).max(place[axis] - high).max(0.0) * self.scale
+        });
+        outside.iter().map(|x| x * x).sum::<f32>().sqrt()
     }
 
     /// Unit lengths per world length at a world point; in perspective, where it depends on the

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 mod invalid_option;
 mod loss;
 mod rsd;
+mod rule;
 mod sds;
 mod timesteps;
 mod vsd;
@@ -19,11 +20,10 @@ pub use invalid_option::InvalidOption;
 pub(crate) use invalid_option::{at_least_one, at_most, decay, positive};
 pub use loss::Loss;
 pub use rsd::{Rsd, Weight, kappa};
+pub use rule::{LoraTraining, Rule};
 pub use sds::Sds;
 pub use timesteps::Timesteps;
 pub use vsd::Vsd;
-
-use crate::schedule::Schedule;
 
 /// The rule that residual latents follow, with its own options.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -40,9 +40,9 @@ pub enum Guidance {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prompt {
     /// What the picture should be.
-    Good,
+    Positive,
     /// What it should not be.
-    Bad,
+    Negative,
 }
 
 /// A noised batch and what the prior says of it; arrays `[N, C, h, w]` in scaled latent units.
@@ -63,55 +63,30 @@ pub struct Estimate<'a> {
     pub t: &'a [u32],
 }
 
-/// Classifier-free guidance (Ho and Salimans 2022): bad + scale (good - bad). At scale 1 the bad
+/// Classifier-free guidance (Ho and Salimans 2022): negative + scale (positive - negative). At scale 1 the negative
 /// prompt is not asked. `velocities` gives one for each prompt.
 pub fn classifier_free(scale: f64, velocities: impl FnOnce(&[Prompt]) -> Vec<Array>) -> Array {
     let prompts: &[Prompt] = if scale == 1.0 {
-        &[Prompt::Good]
+        &[Prompt::Positive]
     } else {
-        &[Prompt::Good, Prompt::Bad]
+        &[Prompt::Positive, Prompt::Negative]
     };
     match &velocities(prompts)[..] {
-        [good] => good.clone(),
-        [good, bad] => scaled_sum(&[(scale as f32, good), ((1.0 - scale) as f32, bad)]),
+        [positive] => positive.clone(),
+        [positive, negative] => {
+            scaled_sum(&[(scale as f32, positive), ((1.0 - scale) as f32, negative)])
+        }
         other => unreachable!("{} velocities for {} prompts", other.len(), prompts.len()),
     }
 }
 
 impl Guidance {
-    /// The direction g that the latent descends.
-    pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    /// The rule itself.
+    pub fn rule(&self) -> &dyn Rule {
         match self {
-            Self::Rsd(rule) => rule.direction(schedule, estimate),
-            Self::Sds(rule) => rule.direction(schedule, estimate),
-            Self::Vsd(rule) => rule.direction(schedule, estimate),
-        }
-    }
-
-    /// Step size of the residual's optimiser.
-    pub fn rate(&self) -> f64 {
-        match self {
-            Self::Rsd(rule) => rule.rate,
-            Self::Sds(rule) => rule.rate,
-            Self::Vsd(rule) => rule.rate,
-        }
-    }
-
-    /// Which timesteps the rule looks at.
-    pub fn timesteps(&self) -> Timesteps {
-        match self {
-            Self::Rsd(rule) => rule.timesteps,
-            Self::Sds(rule) => rule.timesteps,
-            Self::Vsd(rule) => rule.timesteps,
-        }
-    }
-
-    /// Refuses numbers that make no sense.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        match self {
-            Self::Rsd(rule) => rule.check(),
-            Self::Sds(rule) => rule.check(),
-            Self::Vsd(rule) => rule.check(),
+            Self::Rsd(rule) => rule,
+            Self::Sds(rule) => rule,
+            Self::Vsd(rule) => rule,
         }
     }
 }

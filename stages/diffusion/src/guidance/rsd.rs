@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::invalid_option::{InvalidOption, at_least_one, positive};
-use super::{Estimate, Timesteps};
+use super::{Estimate, Rule, Timesteps};
 use crate::schedule::{Schedule, scale};
 
 /// Options of renoised score distillation.
@@ -48,9 +48,9 @@ impl Default for Rsd {
     }
 }
 
-impl Rsd {
+impl Rule for Rsd {
     /// The direction omega (z' - x0_hat), where x0_hat is the guided estimate of the clean latent.
-    pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
         let to_clean = towards_clean(schedule, estimate);
         match self.weight {
             Weight::One => to_clean,
@@ -60,8 +60,15 @@ impl Rsd {
         }
     }
 
-    /// Refuses numbers that make no sense.
-    pub fn check(&self) -> Result<(), InvalidOption> {
+    fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    fn timesteps(&self) -> Timesteps {
+        self.timesteps
+    }
+
+    fn check(&self) -> Result<(), InvalidOption> {
         positive("guidance.rate", self.rate)?;
         self.timesteps.check()?;
         match self.weight {

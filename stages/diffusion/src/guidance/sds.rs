@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::invalid_option::{InvalidOption, positive};
-use super::{Estimate, Timesteps};
+use super::{Estimate, Rule, Timesteps};
 use crate::schedule::{Schedule, scale};
 
 /// Options of score distillation sampling.
@@ -30,9 +30,9 @@ impl Default for Sds {
     }
 }
 
-impl Sds {
+impl Rule for Sds {
     /// The direction (1 - alpha_bar) (eps_hat - eps).
-    pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
         let surplus = sub(
             &schedule.noise(estimate.noisy, estimate.velocity, estimate.t),
             estimate.noise,
@@ -40,8 +40,15 @@ impl Sds {
         scale(&surplus, estimate.t, |t| 1.0 - schedule.alpha_bar(t))
     }
 
-    /// Refuses numbers that make no sense.
-    pub fn check(&self) -> Result<(), InvalidOption> {
+    fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    fn timesteps(&self) -> Timesteps {
+        self.timesteps
+    }
+
+    fn check(&self) -> Result<(), InvalidOption> {
         positive("guidance.rate", self.rate)?;
         self.timesteps.check()
     }

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::invalid_option::{InvalidOption, at_least_one, not_negative, positive, share};
-use super::{Estimate, Timesteps, rsd};
+use super::{Estimate, LoraTraining, Rule, Timesteps, rsd};
 use crate::schedule::{Schedule, scale};
 
 /// Options of variational score distillation.
@@ -62,10 +62,10 @@ impl Default for Vsd {
     }
 }
 
-impl Vsd {
+impl Rule for Vsd {
     /// The direction (1 - alpha_bar) (eps_prior - eps_lora) = (1 - alpha_bar) a (v_prior - v_lora),
     /// plus the anchor.
-    pub fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
         let disagreement = sub(
             estimate.velocity,
             estimate.lora_velocity.unwrap_or(estimate.velocity),
@@ -82,8 +82,25 @@ impl Vsd {
         ])
     }
 
-    /// Refuses numbers that make no sense.
-    pub fn check(&self) -> Result<(), InvalidOption> {
+    fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    fn timesteps(&self) -> Timesteps {
+        self.timesteps
+    }
+
+    fn lora(&self) -> Option<LoraTraining> {
+        Some(LoraTraining {
+            every: self.lora_every,
+            warm_up: self.warm_up,
+            rate: self.lora_rate,
+            rank: self.lora_rank,
+            camera_drop: self.camera_drop,
+        })
+    }
+
+    fn check(&self) -> Result<(), InvalidOption> {
         positive("guidance.rate", self.rate)?;
         self.timesteps.check()?;
         at_least_one("guidance.lora_every", self.lora_every)?;

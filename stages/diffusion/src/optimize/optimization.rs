@@ -8,7 +8,7 @@ use super::{
     Denoiser, GuidanceLog, LoraState, OptimizeError, Optimized, Options, Query, Residual, State,
     StepLog, ViewLatents, view,
 };
-use crate::guidance::{Estimate, Guidance, Vsd, at_most, classifier_free};
+use crate::guidance::{Estimate, LoraTraining, at_most, classifier_free};
 
 /// The optimisation step by step, for callers that keep its state.
 pub struct Optimization<'a> {
@@ -46,7 +46,8 @@ impl<'a> Optimization<'a> {
                 &options.optimizer,
             )
         };
-        let lora = vsd(options).map(|vsd| LoraState::new(prior.new_lora(vsd.lora_rank, seed)));
+        let lora = options.guidance.rule().lora();
+        let lora = lora.map(|lora| LoraState::new(prior.new_lora(lora.rank, seed)));
         Ok(Self {
             prior,
             views,
@@ -101,9 +102,10 @@ impl<'a> Optimization<'a> {
         let guidance = guided
             .map(|guided| self.guide(&batch, guided))
             .transpose()?;
-        let lora_loss = vsd(self.options)
-            .filter(|vsd| guided.is_none_or(|guided| guided % u64::from(vsd.lora_every) == 0))
-            .and_then(|vsd| self.train_lora(&batch, &vsd));
+        let training = self.options.guidance.rule().lora();
+        let lora_loss = training
+            .filter(|lora| guided.is_none_or(|guided| guided % u64::from(lora.every) == 0))
+            .and_then(|training| self.train_lora(&batch, &training));
         self.state.step += 1;
         Ok(StepLog {
             step,
@@ -139,7 +141,7 @@ impl<'a> Optimization<'a> {
     }
 
     fn timesteps(&self, guided: u64, views: usize) -> Vec<u32> {
-        let timesteps = self.options.guidance.timesteps();
+        let timesteps = self.options.guidance.rule().timesteps();
         let len = self.prior.schedule().len();
         timesteps.at(
             guided,
@@ -174,7 +176,7 @@ impl<'a> Optimization<'a> {
             lora_velocity,
             t,
         };
-        self.options.guidance.direction(schedule, &estimate)
+        self.options.guidance.rule().direction(schedule, &estimate)
     }
 
     fn query<'q>(&self, noisy: &'q Array, batch: &'q Batch, t: &'q [u32]) -> Query<'q> {
@@ -190,7 +192,7 @@ impl<'a> Optimization<'a> {
         let gradient = gradient.to_vec();
         let per_view = gradient.chunks(gradient.len() / batch.len());
         for ((view, window), gradient) in batch.windows.iter().zip(per_view) {
-            let rate = self.options.guidance.rate();
+            let rate = self.options.guidance.rule().rate();
             let optimizer = &self.options.optimizer;
             self.state.residuals[*view].descend(window, gradient, rate, optimizer);
         }
@@ -198,7 +200,7 @@ impl<'a> Optimization<'a> {
 
     /// One step of the LoRA towards the velocity of the current latents, at timesteps of the whole
     /// schedule.
-    fn train_lora(&mut self, batch: &Batch, vsd: &Vsd) -> Option<f64> {
+    fn train_lora(&mut self, batch: &Batch, training: &LoraTraining) -> Option<f64> {
         let step = self.state.step;
         let schedule = self.prior.schedule();
         let lora = self.state.lora.as_mut()?;
@@ -221,12 +223,13 @@ impl<'a> Optimization<'a> {
         };
         let target = schedule.velocity_target(&latent, &noise, &t);
         // Without a camera now and then, the LoRA learns what all views share, too.
-        let cameras = batch
-            .cameras_kept(|i| self.streams.camera_drop.uniform(step, i) >= vsd.camera_drop as f32);
+        let cameras = batch.cameras_kept(|i| {
+            self.streams.camera_drop.uniform(step, i) >= training.camera_drop as f32
+        });
         let (loss, gradients) =
             self.prior
                 .lora_gradients(&query, &cameras, &target, &lora.parameters);
-        lora.descend(&gradients, vsd.lora_rate);
+        lora.descend(&gradients, training.rate);
         Some(loss)
     }
 
@@ -253,13 +256,6 @@ impl Streams {
             lora_timestep: stream("optimize/lora_timestep"),
             camera_drop: stream("optimize/camera_drop"),
         }
-    }
-}
-
-fn vsd(options: &Options) -> Option<Vsd> {
-    match options.guidance {
-        Guidance::Vsd(vsd) => Some(vsd),
-        Guidance::Rsd(_) | Guidance::Sds(_) => None,
     }
 }
 

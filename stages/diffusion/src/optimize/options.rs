@@ -100,7 +100,7 @@ impl Default for Moments {
 impl Options {
     /// Refuses numbers that make no sense, by field.
     pub fn check(&self) -> Result<(), InvalidOption> {
-        self.guidance.check()?;
+        self.guidance.rule().check()?;
         at_least_one("steps", self.steps)?;
         at_least_one("batch", self.batch)?;
         self.optimizer.check()?;
@@ -110,10 +110,7 @@ impl Options {
 
     /// Steps of the LoRA alone before the first guidance step.
     pub fn warm_up(&self) -> u32 {
-        match self.guidance {
-            Guidance::Vsd(vsd) => vsd.warm_up,
-            Guidance::Rsd(_) | Guidance::Sds(_) => 0,
-        }
+        self.guidance.rule().lora().map_or(0, |lora| lora.warm_up)
     }
 }
 

@@ -1,5 +1,5 @@
 //! (i) With the exact denoiser of N(mean, TAU^2), every rule has one fixed point: z' = mean.
-//! Guidance from another mean at scale s moves it to bad + s (good - bad), as x0_hat is linear in
+//! Guidance from another mean at scale s moves it to negative + s (positive - negative), as x0_hat is linear in
 //! the mean.
 
 use diffusion::guidance::{Guidance, Rsd, Sds, Timesteps, Vsd, Weight};

@@ -29,21 +29,21 @@ pub fn schedule() -> Schedule {
 pub struct Gaussian {
     device: Device,
     schedule: Schedule,
-    good: f32,
-    bad: f32,
+    positive: f32,
+    negative: f32,
     /// Elements of a view.
     len: usize,
-    /// How often the bad prompt was asked.
+    /// How often the negative prompt was asked.
     pub asked_bad: Cell<u32>,
 }
 
 impl Gaussian {
-    pub fn new(good: f32, bad: f32, len: usize) -> Self {
+    pub fn new(positive: f32, negative: f32, len: usize) -> Self {
         Self {
             device: Device::cpu(),
             schedule: schedule(),
-            good,
-            bad,
+            positive,
+            negative,
             len,
             asked_bad: Cell::new(0),
         }
@@ -96,17 +96,20 @@ impl Denoiser for Gaussian {
 
     fn velocities(&self, query: &Query, prompts: &[Prompt]) -> Vec<Array> {
         let velocity = |prompt: &Prompt| match prompt {
-            Prompt::Good => self.exact(query, |_, _| self.good),
-            Prompt::Bad => {
+            Prompt::Positive => self.exact(query, |_, _| self.positive),
+            Prompt::Negative => {
                 self.asked_bad.set(self.asked_bad.get() + 1);
-                self.exact(query, |_, _| self.bad)
+                self.exact(query, |_, _| self.negative)
             }
         };
         prompts.iter().map(velocity).collect()
     }
 
     fn new_lora(&self, _rank: u32, _seed: u64) -> LoraParameters {
-        LoraParameters::from([("mean".into(), self.device.full(&[self.len, 16], self.good))])
+        LoraParameters::from([(
+            "mean".into(),
+            self.device.full(&[self.len, 16], self.positive),
+        )])
     }
 
     fn lora_velocity(&self, query: &Query, cameras: &Array, lora: &LoraParameters) -> Array {

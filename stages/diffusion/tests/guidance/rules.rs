@@ -2,7 +2,9 @@
 
 use compute::elementwise::{scale, sub};
 use compute::{Array, Device, Rng};
-use diffusion::guidance::{Estimate, Loss, Prompt, Rsd, Sds, Vsd, Weight, classifier_free, kappa};
+use diffusion::guidance::{
+    Estimate, Loss, Prompt, Rsd, Rule, Sds, Vsd, Weight, classifier_free, kappa,
+};
 use diffusion::schedule::Schedule;
 
 use crate::gaussian::schedule;
@@ -13,8 +15,8 @@ struct Draw {
     latent: Array,
     noise: Array,
     noisy: Array,
-    good: Array,
-    bad: Array,
+    positive: Array,
+    negative: Array,
 }
 
 const T: [u32; 2] = [980, 500];
@@ -29,8 +31,8 @@ fn draw() -> Draw {
         latent: normals(0),
         noise: normals(1),
         noisy,
-        good: normals(2),
-        bad: normals(3),
+        positive: normals(2),
+        negative: normals(3),
     }
 }
 
@@ -55,11 +57,11 @@ impl Draw {
             weight,
             ..Rsd::default()
         }
-        .direction(&self.schedule, &self.estimate(&self.good, None))
+        .direction(&self.schedule, &self.estimate(&self.positive, None))
     }
 
     fn sds(&self) -> Array {
-        Sds::default().direction(&self.schedule, &self.estimate(&self.good, None))
+        Sds::default().direction(&self.schedule, &self.estimate(&self.positive, None))
     }
 }
 
@@ -86,7 +88,7 @@ fn the_renoised_difference_is_kappa_times_the_distance_to_the_estimate() {
     // one noise for both.
     let d = draw();
     let renoised = d.schedule.add_noise(&d.latent, &d.noise, &[979, 499]);
-    let clean = d.schedule.clean(&d.noisy, &d.good, &T);
+    let clean = d.schedule.clean(&d.noisy, &d.positive, &T);
     let to_clean = halves(&d.rsd(Weight::One));
     for (i, t) in T.into_iter().enumerate() {
         let kappa = kappa(&d.schedule, t, 1);
@@ -160,17 +162,17 @@ fn vsd_with_a_lora_that_changes_nothing_is_the_pure_difference_of_prompts() {
     // (e) (cfg - 1) (v_good - v_bad) a (1 - alpha_bar).
     let d = draw();
     let guided = classifier_free(7.5, |prompts| {
-        assert_eq!(prompts, [Prompt::Good, Prompt::Bad]);
-        vec![d.good.clone(), d.bad.clone()]
+        assert_eq!(prompts, [Prompt::Positive, Prompt::Negative]);
+        vec![d.positive.clone(), d.negative.clone()]
     });
     let rule = Vsd {
         anchor: 0.0,
         ..Vsd::default()
     };
-    let direction = rule.direction(&d.schedule, &d.estimate(&guided, Some(&d.good)));
+    let direction = rule.direction(&d.schedule, &d.estimate(&guided, Some(&d.positive)));
     for ((direction, difference), t) in halves(&direction)
         .iter()
-        .zip(halves(&sub(&d.good, &d.bad)))
+        .zip(halves(&sub(&d.positive, &d.negative)))
         .zip(T)
     {
         let weight = 6.5 * d.schedule.a(t) * (1.0 - d.schedule.alpha_bar(t));
@@ -185,7 +187,7 @@ fn vsd_with_a_lora_that_changes_nothing_is_the_pure_difference_of_prompts() {
 #[test]
 fn the_anchor_adds_a_share_of_rsd() {
     let d = draw();
-    let estimate = d.estimate(&d.good, Some(&d.bad));
+    let estimate = d.estimate(&d.positive, Some(&d.negative));
     let vsd = |anchor| {
         Vsd {
             anchor,
@@ -208,8 +210,8 @@ fn the_anchor_adds_a_share_of_rsd() {
 fn at_scale_one_the_bad_prompt_is_not_asked() {
     let d = draw();
     let guided = classifier_free(1.0, |prompts| {
-        assert_eq!(prompts, [Prompt::Good]);
-        vec![d.good.clone()]
+        assert_eq!(prompts, [Prompt::Positive]);
+        vec![d.positive.clone()]
     });
-    assert_eq!(guided.to_vec(), d.good.to_vec());
+    assert_eq!(guided.to_vec(), d.positive.to_vec());
 }

@@ -23,7 +23,7 @@ fn field() -> Field {
         finest_resolution: 24,
         occupancy_resolution: 8,
         march_steps: 24,
-        march_cone: 0.02,
+        march_cone: Some(0.02),
     };
     let mut field = Field::new(&config, [[0.0; 3], [2.0, 1.0, 1.5]], 11);
     let rng = Rng::new(11, "block test");

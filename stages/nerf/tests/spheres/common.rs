@@ -104,7 +104,7 @@ pub fn config() -> FieldConfig {
         finest_resolution: 96,
         occupancy_resolution: 32,
         march_steps: 96,
-        march_cone: 0.0,
+        march_cone: Some(0.0),
     }
 }
 
