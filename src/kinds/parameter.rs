@@ -67,6 +67,17 @@ impl<'a> Definitions<'a> {
             .replace('|', "\\|")
     }
 
+    /// The same of a parameter, with what each plain value of it means.
+    fn meaning(&self, schema: &Value) -> String {
+        let choices = choices(self.resolve(schema)).unwrap_or_default();
+        let plain = choices.iter().filter(|choice| choice.inner.is_none());
+        let values = plain.map(|choice| (choice.name, self.description(choice.schema)));
+        let own = self.description(schema);
+        let documented = values.filter(|(_, text)| !text.is_empty() && *text != own);
+        let values = documented.map(|(name, text)| format!(" `{name}`: {text}"));
+        own.clone() + &values.collect::<String>()
+    }
+
     /// The parameters of an object, each followed by those that it consists of.
     pub fn parameters(&self, path: &str, object: &Value) -> Vec<Parameter> {
         let object = self.resolve(object);
@@ -97,7 +108,7 @@ impl<'a> Definitions<'a> {
         let parameter = Parameter {
             values: self.values(schema),
             default,
-            meaning: self.description(schema),
+            meaning: self.meaning(schema),
             variants: self.variants(&path, resolved),
             path,
         };
@@ -228,7 +239,7 @@ fn choices(schema: &Value) -> Option<Vec<Choice<'_>>> {
         return Some(
             names
                 .iter()
-                .filter_map(|name| plain_choice(name, schema))
+                .filter_map(|name| plain_choice(name, &Value::Null))
                 .collect(),
         );
     }
@@ -249,7 +260,8 @@ fn named(schema: &Value) -> Vec<Choice<'_>> {
         return vec![choice];
     }
     let names = schema["enum"].as_array().into_iter().flatten();
-    let plain = names.filter_map(|name| plain_choice(name, schema));
+    // Values without documentation of their own stand in one list; what it says is said of the enum.
+    let plain = names.filter_map(|name| plain_choice(name, &Value::Null));
     let properties = schema["properties"].as_object().into_iter().flatten();
     let variants = properties.map(|(name, inner)| Choice {
         name,

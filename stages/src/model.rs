@@ -22,13 +22,13 @@ pub enum Model {
     Folder(PathBuf),
 }
 
-/// To what the UNet rounds the factors of its products; it sums them in `f32` always.
+/// The number format of the factors in the UNet's products; sums are always in `f32`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Factors {
-    /// Not at all.
+    /// Single precision.
     #[default]
     F32,
-    /// To the upper half of an `f32`, which costs some 2e-3 of a product's norm.
+    /// Brain floats, the upper half of an `f32`: the error is some 2e-3 of a product's norm.
     Bf16,
 }
 
