@@ -145,7 +145,11 @@ pub fn conv2d_finished(
     }
     let shape = [n, o, g.out_height, g.out_width];
     if let Finish::Add(other) = finish {
-        assert_eq!(other.shape(), shape, "conv2d: what is added has another shape");
+        assert_eq!(
+            other.shape(),
+            shape,
+            "conv2d: what is added has another shape"
+        );
     }
     match x.device().backend() {
         Backend::Cpu => {

@@ -221,7 +221,11 @@ impl<'a> Product<'a> {
         // Where the depth is cut, bias and finish come after its parts are joined.
         let whole = Product {
             bias: self.bias.filter(|_| parts == 1),
-            finish: if parts == 1 { self.finish } else { Finish::None },
+            finish: if parts == 1 {
+                self.finish
+            } else {
+                Finish::None
+            },
             ..*self
         };
         let mut reads = vec![self.a.numbers, self.b.numbers];

@@ -23,6 +23,9 @@ const BANDS: usize = 16;
 /// Fewer bands leave too little to do for several threads.
 const FEWEST: usize = 4;
 
+/// Outputs between what is transformed back and what is asked of memory.
+const AHEAD: usize = 2;
+
 /// Rows of tiles per band.
 fn rows(g: &Geometry) -> usize {
     let tiles = g.batch * down(g) * across(g);
@@ -43,6 +46,9 @@ pub fn convolve(task: &Task, kernels: &Kernels) -> Buffer {
         for panel in Panel::all(g, share.panels.clone()) {
             space.transform(&panel, task.x);
             for block in 0..g.outputs.div_ceil(BLOCK) {
+                for output in block * BLOCK..g.outputs.min(block * BLOCK + AHEAD) {
+                    panel.prefetch_outputs((&mut share, output), task.finish);
+                }
                 space.multiply(kernels, block);
                 space.transform_back(&panel, block, task, &mut share);
             }
@@ -93,7 +99,11 @@ impl Space {
 
     fn transform_back(&mut self, panel: &Panel, block: usize, task: &Task, share: &mut Share) {
         let outputs = block * BLOCK..task.g.outputs.min((block + 1) * BLOCK);
-        for (row, output) in outputs.enumerate() {
+        for (row, output) in outputs.clone().enumerate() {
+            // The first ones were asked for before the products.
+            if outputs.contains(&(output + AHEAD)) {
+                panel.prefetch_outputs((share, output + AHEAD), task.finish);
+            }
             let spots = &self.sums[row * SPOTS * COLUMNS..];
             panel.transform_outputs(spots, (share, output), task.bias(output), task.finish);
         }

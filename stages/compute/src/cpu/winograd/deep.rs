@@ -92,9 +92,7 @@ fn multiply(
             Source::Whole(_) => None,
         };
         let kernels = |block: usize, spot: usize| match (source, &part) {
-            (Source::Whole(all), _) => {
-                all.at(outputs.start / BLOCK + block, spot, depth.clone())
-            }
+            (Source::Whole(all), _) => all.at(outputs.start / BLOCK + block, spot, depth.clone()),
             (_, Some(part)) => part.at(block, spot, 0..depth.len()),
             (_, None) => &[],
         };

@@ -5,9 +5,7 @@
 #![allow(unsafe_code)]
 
 use super::quads::{Kernel, Quads};
-use super::transform::{
-    SIDE, SIGHT, SPOTS, input_transform, kernel_transform, output_transform,
-};
+use super::transform::{SIDE, SIGHT, SPOTS, input_transform, kernel_transform, output_transform};
 use crate::conv::Finish;
 use crate::cpu::matrix::MatrixMut;
 use crate::cpu::tile::{COLUMNS, Old};
@@ -56,7 +54,10 @@ impl Kernel for TransformInputs<'_> {
     unsafe fn run<V: Quads>(mut self) {
         assert!(
             self.zeros + self.source[0].len() <= SEEN
-                && self.source.iter().all(|line| line.len() == self.source[0].len())
+                && self
+                    .source
+                    .iter()
+                    .all(|line| line.len() == self.source[0].len())
                 && self.spots.rows() == SPOTS
                 && self.spots.columns() == COLUMNS
                 && self.at + self.count <= COLUMNS,
@@ -287,7 +288,11 @@ impl TransformOutputs<'_> {
             }
             let x = self.x + SIDE * tile;
             let pixels = (SIDE * V::LANES).min(self.width - x);
-            for (y, down) in down.into_iter().enumerate().take(self.lines.len() / self.width) {
+            for (y, down) in down
+                .into_iter()
+                .enumerate()
+                .take(self.lines.len() / self.width)
+            {
                 let columns = output_transform(down).map(|value| value.add(V::splat(self.bias)));
                 let quad = V::to_pixels(columns);
                 if pixels == SIDE * V::LANES && self.count - tile >= V::LANES {

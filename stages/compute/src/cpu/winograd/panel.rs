@@ -8,10 +8,14 @@ use super::quads::run;
 use super::transform::{SIDE, SIGHT, SPOTS};
 use crate::conv::{Finish, Geometry};
 use crate::cpu::matrix::{Cut, MatrixMut, Share};
+use crate::cpu::simd::prefetch;
 use crate::cpu::tile::COLUMNS;
 
 /// What tiles see of lines beyond the image.
 const ZEROS: [f32; SEEN] = [0.0; SEEN];
+
+/// Channels between what is transformed and what is asked of memory.
+const AHEAD: usize = 2;
 
 /// At most [`COLUMNS`] tiles.
 pub struct Panel<'a> {
@@ -87,26 +91,18 @@ impl<'a> Panel<'a> {
         spots: &mut MatrixMut,
     ) {
         let g = self.g;
-        let [top, _, left, _] = g.conv.pad;
         for tiles in self.runs() {
-            let plane = &x[(tiles.image * g.channels + channel) * g.plane()..][..g.plane()];
-            // The pixels that the tiles see lie `left` further left in the image: `begin..end`, as far as there are any.
-            let first = SIDE * tiles.tile;
-            let begin = first.saturating_sub(left).min(g.width);
-            let end = (first + SIDE * tiles.count + SIGHT - SIDE)
-                .saturating_sub(left)
-                .clamp(begin, g.width);
-            let zeros = (left + begin - first).min(SIDE * tiles.count + SIGHT - SIDE);
-            let source = std::array::from_fn(|line| {
-                let y = (SIDE * tiles.row + line).wrapping_sub(top);
-                if y < g.height {
-                    &plane[y * g.width + begin..y * g.width + end]
-                } else {
-                    &ZEROS[..end - begin]
+            let (zeros, columns) = self.columns(&tiles);
+            let ahead = channel + AHEAD;
+            for line in 0..SIGHT {
+                if ahead < g.channels {
+                    prefetch(self.line(x, ahead, &tiles, line, columns.clone()));
                 }
-            });
+            }
             run(TransformInputs {
-                source,
+                source: std::array::from_fn(|line| {
+                    self.line(x, channel, &tiles, line, columns.clone())
+                }),
                 zeros,
                 lines,
                 spots: spots.block(0..SPOTS, 0..COLUMNS),
@@ -114,6 +110,60 @@ impl<'a> Panel<'a> {
                 count: tiles.count,
             });
         }
+    }
+
+    /// The image's columns that some tiles see, and how many they see before its first. They begin as far left of the
+    /// tiles as the image is padded.
+    fn columns(&self, tiles: &Run) -> (usize, Range<usize>) {
+        let [_, _, left, _] = self.g.conv.pad;
+        let seen = SIDE * tiles.count + SIGHT - SIDE;
+        let first = SIDE * tiles.tile;
+        let begin = first.saturating_sub(left).min(self.g.width);
+        let end = (first + seen)
+            .saturating_sub(left)
+            .clamp(begin, self.g.width);
+        (left.saturating_sub(first).min(seen), begin..end)
+    }
+
+    /// Those columns of one of the six lines that the tiles see.
+    fn line<'x>(
+        &self,
+        x: &'x [f32],
+        channel: usize,
+        tiles: &Run,
+        line: usize,
+        columns: Range<usize>,
+    ) -> &'x [f32] {
+        let g = self.g;
+        let y = (SIDE * tiles.row + line).wrapping_sub(g.conv.pad[0]);
+        if y >= g.height {
+            return &ZEROS[..columns.len()];
+        }
+        let first = ((tiles.image * g.channels + channel) * g.height + y) * g.width;
+        &x[first + columns.start..first + columns.end]
+    }
+
+    /// Asks for what [`transform_outputs`](Self::transform_outputs) will read and write.
+    pub fn prefetch_outputs(&self, (share, row): (&mut Share, usize), finish: Finish<&[f32]>) {
+        let g = self.g;
+        for tiles in self.runs() {
+            let x = SIDE * tiles.tile..g.out_width.min(SIDE * (tiles.tile + tiles.count));
+            let first = self.first(&tiles, share, row);
+            let mut block = share.block(row..row + 1, tiles.image * down(g) + tiles.row);
+            for (y, line) in block.row(0).chunks(g.out_width).enumerate() {
+                prefetch(&line[x.clone()]);
+                if let Finish::Add(other) = finish {
+                    let line = &other[first + y * g.out_width..];
+                    prefetch(&line[x.clone()]);
+                }
+            }
+        }
+    }
+
+    /// Where the lines of some tiles begin in the whole result, in output channel `row` of the share.
+    fn first(&self, tiles: &Run, share: &Share, row: usize) -> usize {
+        let plane = tiles.image * self.g.outputs + share.rows.start + row;
+        plane * self.g.pixels() + SIDE * tiles.row * self.g.out_width
     }
 
     /// A^T m A of one output channel, number `row` of the share: its pixels. `spots` is (S, P), and some numbers beyond.
@@ -126,8 +176,7 @@ impl<'a> Panel<'a> {
     ) {
         let g = self.g;
         for tiles in self.runs() {
-            let plane = tiles.image * g.outputs + share.rows.start + row;
-            let first = plane * g.pixels() + SIDE * tiles.row * g.out_width;
+            let first = self.first(&tiles, share, row);
             let mut block = share.block(row..row + 1, tiles.image * down(g) + tiles.row);
             let lines = block.row(0);
             run(TransformOutputs {

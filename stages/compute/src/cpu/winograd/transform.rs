@@ -56,9 +56,7 @@ pub unsafe fn output_transform<V: Quads>(m: [V; SIGHT]) -> [V; SIDE] {
         let difference_a = m[1].minus(m[2]);
         let sum_b = m[3].add(m[4]);
         let difference_b = m[3].minus(m[4]);
-        let cubes = difference_a
-            .times(A * AA)
-            .add(difference_b.times(B * BB));
+        let cubes = difference_a.times(A * AA).add(difference_b.times(B * BB));
         [
             m[0].add(sum_a).add(sum_b),
             difference_a.times(A).add(difference_b.times(B)),

@@ -54,10 +54,13 @@ impl<'a> Stored<'a> {
     pub fn transform(&self) -> Kernels {
         let block = SPOTS * self.channels * BLOCK;
         let mut values = Buffer::stale(self.outputs.div_ceil(BLOCK) * block);
-        values.par_chunks_mut(block).enumerate().for_each(|(i, out)| {
-            let outputs = i * BLOCK..self.outputs.min((i + 1) * BLOCK);
-            self.transform_block(outputs, 0..self.channels, out);
-        });
+        values
+            .par_chunks_mut(block)
+            .enumerate()
+            .for_each(|(i, out)| {
+                let outputs = i * BLOCK..self.outputs.min((i + 1) * BLOCK);
+                self.transform_block(outputs, 0..self.channels, out);
+            });
         Kernels {
             values,
             channels: self.channels,
