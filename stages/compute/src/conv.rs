@@ -36,6 +36,28 @@ impl Conv {
     }
 }
 
+/// What becomes of a convolution's results before they are stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Finish<T> {
+    /// Nothing.
+    None,
+    /// `x` above 0, this slope times `x` below.
+    Leaky(f32),
+    /// The sum with another array of the same shape.
+    Add(T),
+}
+
+impl<T> Finish<T> {
+    /// The same with the other array as someone else sees it.
+    pub(crate) fn map<U>(self, see: impl FnOnce(T) -> U) -> Finish<U> {
+        match self {
+            Finish::None => Finish::None,
+            Finish::Leaky(slope) => Finish::Leaky(slope),
+            Finish::Add(other) => Finish::Add(see(other)),
+        }
+    }
+}
+
 /// All extents of one convolution.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Geometry {
@@ -96,8 +118,20 @@ impl Geometry {
 
 /// Convolves `x [N, C, H, W]` with `weight [O, C, kh, kw]` and adds `bias [O]`: `[N, O, H', W']`.
 pub fn conv2d(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>, conv: Conv) -> Array {
+    conv2d_finished(x, weight, bias, conv, Finish::None)
+}
+
+/// The same, and finished before it is stored; what is added has the result's shape.
+pub fn conv2d_finished(
+    x: &Array,
+    weight: impl Into<Weight>,
+    bias: Option<&Array>,
+    conv: Conv,
+    finish: Finish<&Array>,
+) -> Array {
     let weight = weight.into();
-    let ([_, c, _, _], [o, wc, kh, kw]) = (nchw("conv2d", x), kernels("conv2d", &weight));
+    let [n, c, height, width] = nchw("conv2d", x);
+    let [o, wc, kh, kw] = kernels("conv2d", &weight);
     assert_eq!(
         c,
         wc,
@@ -105,32 +139,31 @@ pub fn conv2d(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>, conv: 
         x.shape(),
         weight.shape()
     );
-    let geometry = Geometry::new("conv2d", nchw("conv2d", x), o, [kh, kw], conv);
+    let g = Geometry::new("conv2d", [n, c, height, width], o, [kh, kw], conv);
     if let Some(bias) = bias {
         vector("conv2d", "bias", bias, o);
     }
+    let shape = [n, o, g.out_height, g.out_width];
+    if let Finish::Add(other) = finish {
+        assert_eq!(
+            other.shape(),
+            shape,
+            "conv2d: what is added has another shape"
+        );
+    }
     match x.device().backend() {
         Backend::Cpu => {
-            let values = cpu::conv::forward(
-                x.host(),
-                (weight.host(), weight.precision()),
-                bias.map(Array::host),
-                &geometry,
-            );
-            Array::on_cpu(
-                &[geometry.batch, o, geometry.out_height, geometry.out_width],
-                values,
-            )
+            let bias = bias.map(Array::host);
+            let finish = finish.map(Array::host);
+            let values = cpu::conv::forward(x.host(), &weight, bias, finish, &g);
+            Array::on_cpu(&shape, values)
         }
         Backend::Gpu(gpu) => {
             let bias = bias.map(Array::device_buffer);
-            let values =
-                gpu::conv::forward(gpu, x.device_buffer(), weight.factor(gpu), bias, &geometry);
-            Array::on_gpu(
-                gpu,
-                &[geometry.batch, o, geometry.out_height, geometry.out_width],
-                values,
-            )
+            let finish = finish.map(Array::device_buffer);
+            let weight = weight.factor(gpu);
+            let values = gpu::conv::forward(gpu, x.device_buffer(), weight, bias, finish, &g);
+            Array::on_gpu(gpu, &shape, values)
         }
     }
 }

@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::array::Array;
 use crate::cpu;
+use crate::cpu::winograd::Kernels;
 use crate::device::{Backend, Device};
 use crate::gpu;
 use crate::gpu::context::Gpu;
@@ -54,6 +55,8 @@ pub struct Weight {
     shape: Arc<[usize]>,
     storage: Storage,
     precision: Precision,
+    /// Where the CPU keeps its transformed kernels, if it is to.
+    transformed: Option<Arc<OnceLock<Kernels>>>,
 }
 
 #[derive(Clone)]
@@ -117,6 +120,7 @@ impl Weight {
             shape: shape.into(),
             storage,
             precision: Precision::default(),
+            transformed: None,
         }
     }
 
@@ -146,6 +150,15 @@ impl Weight {
         Weight { precision, ..self }
     }
 
+    /// The same weight of a 3x3 convolution, whose transforms the CPU keeps once it has needed them: for networks that
+    /// run often, and can spare four times what the numbers take in `f32`. Clones share them.
+    pub fn keeping_transforms(self) -> Weight {
+        Weight {
+            transformed: Some(Arc::default()),
+            ..self
+        }
+    }
+
     /// How products with the weight are computed.
     pub fn precision(&self) -> Precision {
         self.precision
@@ -170,6 +183,7 @@ impl Weight {
         assert_eq!(old, new, "weight: {:?} does not fit {shape:?}", self.shape);
         Weight {
             shape: shape.into(),
+            transformed: None,
             ..self.clone()
         }
     }
@@ -207,6 +221,11 @@ impl Weight {
         }
     }
 
+    /// The place for transformed kernels, for CPU kernels only.
+    pub(crate) fn transformed(&self) -> Option<&OnceLock<Kernels>> {
+        self.transformed.as_deref()
+    }
+
     /// The values for CPU kernels only.
     pub(crate) fn host(&self) -> cpu::weight::Values<'_> {
         match &self.storage {
@@ -222,6 +241,7 @@ impl From<Array> for Weight {
             shape: array.shape().into(),
             storage: Storage::Array(array),
             precision: Precision::default(),
+            transformed: None,
         }
     }
 }

@@ -1,11 +1,9 @@
-"""Prints the median time in milliseconds that PyTorch takes with the embedded upsampler, in the faster of its two memory
-layouts, with as many threads as there are cores.
+"""For every line of its input, runs the embedded upsampler once in PyTorch in each of its two memory layouts, and prints
+the milliseconds of the faster.
 
-python enlarge.py SIDE RUNS
+python enlarge.py SIDE THREADS
 """
 
-import os
-import statistics
 import sys
 import time
 from pathlib import Path
@@ -17,22 +15,26 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "tests" / "reference"))
 from networks import Residual
 
-side, runs = map(int, sys.argv[1:])
-torch.set_num_threads(len(os.sched_getaffinity(0)))
+side, threads = map(int, sys.argv[1:])
+torch.set_num_threads(threads)
 weights = load_file(HERE.parent / "models" / "residual-x4.safetensors")
 width = weights["first.bias"].numel()
 network = Residual(width, sum(name.startswith("a.") and name.endswith(".bias") for name in weights))
 network.load_state_dict({name: tensor.float() for name, tensor in weights.items()})
 
+LAYOUTS = [torch.contiguous_format, torch.channels_last]
 
-def median(layout):
-    model, image, times = network.to(memory_format=layout), torch.rand(1, 3, side, side).contiguous(memory_format=layout), []
-    for _ in range(runs + 1):
-        start = time.perf_counter()
-        model(image)
-        times.append((time.perf_counter() - start) * 1e3)
-    return statistics.median(times[1:])
+
+def milliseconds(layout):
+    model = network.to(memory_format=layout)
+    image = torch.rand(1, 3, side, side).contiguous(memory_format=layout)
+    start = time.perf_counter()
+    model(image)
+    return (time.perf_counter() - start) * 1e3
 
 
 with torch.no_grad():
-    print(min(median(layout) for layout in [torch.contiguous_format, torch.channels_last]))
+    for layout in LAYOUTS:
+        milliseconds(layout)
+    for _ in sys.stdin:
+        print(min(map(milliseconds, LAYOUTS)), flush=True)

@@ -1,65 +1,93 @@
-//! Prints the time that the embedded network takes for a megapixel of its result, in tiles and as a whole: `enlarge.py`
-//! beside this file puts PyTorch's beside it, where `PYTHON` names one that has torch.
+//! Prints the time that the embedded network takes for a megapixel of its result, in tiles and as a whole, with one thread
+//! and with two: `enlarge.py` beside this file puts PyTorch's beside it, where `PYTHON` names one that has torch.
+//!
+//! Both run in turns, and the least time of each counts, since other programs only ever add to it.
 
-use std::process::Command;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Command, Stdio};
 use std::time::Instant;
 
 use compute::{Device, Rng};
 use upsampler::{Options, Upsampler, UpsamplerError, UpsamplerSource};
 
-const RUNS: usize = 5;
+const RUNS: usize = 7;
 /// A megapixel four times smaller.
 const SIDE: usize = 256;
 
-/// The median of some runs, in milliseconds.
-fn median(run: impl Fn()) -> f64 {
-    let time = |_| {
-        let start = Instant::now();
-        run();
-        start.elapsed().as_secs_f64() * 1e3
-    };
-    let mut times: Vec<f64> = (0..RUNS).map(time).collect();
-    times.sort_by(f64::total_cmp);
-    times[RUNS / 2]
+/// PyTorch in a process of its own, which runs once for every line that it is sent.
+struct Torch(Child);
+
+impl Torch {
+    fn start(threads: usize) -> Option<Torch> {
+        let python = std::env::var("PYTHON")
+            .ok()
+            .filter(|name| !name.is_empty())?;
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/enlarge.py");
+        let child = Command::new(python)
+            .args([script, &SIDE.to_string(), &threads.to_string()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn();
+        child.ok().map(Torch)
+    }
+
+    /// The milliseconds of one run, in the faster of two memory layouts; none if it has failed.
+    fn run(&mut self) -> Option<f64> {
+        writeln!(self.0.stdin.as_mut()?).ok()?;
+        let mut said = String::new();
+        // It says no more than a line at a time, so nothing is lost with the reader.
+        BufReader::new(self.0.stdout.as_mut()?)
+            .read_line(&mut said)
+            .ok()?;
+        said.trim().parse().ok()
+    }
+}
+
+impl Drop for Torch {
+    fn drop(&mut self) {
+        // Without its input it ends by itself.
+        drop(self.0.stdin.take());
+        let _ = self.0.wait();
+    }
+}
+
+fn milliseconds(run: impl Fn()) -> f64 {
+    let start = Instant::now();
+    run();
+    start.elapsed().as_secs_f64() * 1e3
+}
+
+/// Times the network in a pool of so many threads.
+fn compare(network: &Upsampler, threads: usize) {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("a pool of threads");
+    let image = Rng::new(0, "timing").normals(0, &[1, 3, SIDE, SIDE], &Device::cpu());
+    let ensemble = false;
+    let enlarge = |tile| pool.install(|| drop(network.enlarge(&image, Options { tile, ensemble })));
+    let mut torch = Torch::start(threads);
+    let [mut whole, mut tiled, mut theirs] = [f64::INFINITY; 3];
+    for _ in 0..RUNS {
+        whole = whole.min(milliseconds(|| enlarge(SIDE)));
+        tiled = tiled.min(milliseconds(|| enlarge(SIDE / 2)));
+        let time = torch.as_mut().and_then(Torch::run);
+        theirs = theirs.min(time.unwrap_or(f64::INFINITY));
+    }
+    println!("{threads} threads: {whole:.0} ms, in tiles of 128 {tiled:.0} ms");
+    if theirs.is_finite() {
+        let ratio = whole / theirs;
+        println!("  PyTorch, the faster of two memory layouts: {theirs:.0} ms; ratio {ratio:.2}");
+    } else if torch.is_some() {
+        println!("  PyTorch's time could not be had");
+    }
 }
 
 fn main() -> Result<(), UpsamplerError> {
-    let device = Device::cpu();
-    let network = Upsampler::load(&UpsamplerSource::Embedded, &device)?;
-    let image = Rng::new(0, "timing").normals(0, &[1, 3, SIDE, SIDE], &device);
-    let ours = [SIDE, SIDE / 2].map(|tile| {
-        median(|| {
-            drop(network.enlarge(
-                &image,
-                Options {
-                    tile,
-                    ensemble: false,
-                },
-            ))
-        })
-    });
-    println!(
-        "embedded upsampler, {SIDE}x{SIDE} to four times the side: {:.0} ms, in tiles of 128 {:.0} ms",
-        ours[0], ours[1]
-    );
-    let python = std::env::var("PYTHON").unwrap_or_default();
-    if !python.is_empty() {
-        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/enlarge.py");
-        let theirs = Command::new(python)
-            .args([script, &SIDE.to_string(), &RUNS.to_string()])
-            .output();
-        let said = theirs
-            .map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
-            .unwrap_or_default();
-        match said.trim().parse::<f64>() {
-            Ok(theirs) => {
-                println!(
-                    "PyTorch, the faster of two memory layouts: {theirs:.0} ms; ratio {:.2}",
-                    ours[0] / theirs
-                )
-            }
-            Err(_) => println!("PyTorch's time could not be had: {said:?}"),
-        }
+    let network = Upsampler::load(&UpsamplerSource::Embedded, &Device::cpu())?;
+    println!("embedded upsampler, {SIDE}x{SIDE} to four times the side");
+    for threads in [1, 2] {
+        compare(&network, threads);
     }
     Ok(())
 }

@@ -1,14 +1,15 @@
 //! A convolution with bias that keeps the image's size: what all of these networks are made of.
 
-use compute::Array;
-use compute::conv::{Conv, conv2d};
+use compute::conv::{Conv, Finish, conv2d_finished};
+use compute::{Array, Weight};
 
 use crate::error::UpsamplerError;
 use crate::tensors::Tensors;
 
 /// A convolution of stride 1 whose padding makes up for its kernel.
 pub struct Convolution {
-    weight: Array,
+    /// Networks run tile after tile, so what is made of a weight is kept.
+    weight: Weight,
     bias: Option<Array>,
     pad: [usize; 4],
 }
@@ -18,7 +19,7 @@ impl Convolution {
     pub fn new(weight: Array, bias: Option<Array>) -> Self {
         let [height, width] = [weight.shape()[2] / 2, weight.shape()[3] / 2];
         Self {
-            weight,
+            weight: Weight::from(weight).keeping_transforms(),
             bias,
             pad: [height, height, width, width],
         }
@@ -51,14 +52,15 @@ impl Convolution {
 
     /// `x [N, C, H, W]` convolved: `[N, O, H, W]`.
     pub fn apply(&self, x: &Array) -> Array {
-        conv2d(
-            x,
-            &self.weight,
-            self.bias.as_ref(),
-            Conv {
-                stride: 1,
-                pad: self.pad,
-            },
-        )
+        self.finished(x, Finish::None)
+    }
+
+    /// The same, finished before it is stored; what is added is `[N, O, H, W]`.
+    pub fn finished(&self, x: &Array, finish: Finish<&Array>) -> Array {
+        let conv = Conv {
+            stride: 1,
+            pad: self.pad,
+        };
+        conv2d_finished(x, &self.weight, self.bias.as_ref(), conv, finish)
     }
 }

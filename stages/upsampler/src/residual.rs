@@ -2,8 +2,8 @@
 //! what is missing from bicubic enlargement at four times it (as EDSR, Lim et al. 2017, without its long way up).
 
 use compute::Array;
-use compute::activation::relu;
-use compute::elementwise::{add, offset, scale, scaled_sum};
+use compute::conv::Finish;
+use compute::elementwise::{offset, scale, scaled_sum};
 use compute::resize::{Filter, resize};
 use compute::shape::pixel_shuffle;
 
@@ -62,15 +62,15 @@ impl Residual {
 
 impl Network for Residual {
     fn forward(&self, x: &Array) -> Array {
-        let (height, width) = (SCALE * x.shape()[2], SCALE * x.shape()[3]);
+        let [height, width] = [SCALE * x.shape()[2], SCALE * x.shape()[3]];
         let first = self.first.apply(&scale(&offset(x, -GREY), SPREAD));
         let deep = self.pairs.iter().fold(first.clone(), |h, [a, b]| {
-            add(&h, &b.apply(&relu(&a.apply(&h))))
+            // A slope of 0 is a ReLU.
+            let inner = a.finished(&h, Finish::Leaky(0.0));
+            b.finished(&inner, Finish::Add(&h))
         });
-        let detail = pixel_shuffle(
-            &self.last.apply(&add(&first, &self.after.apply(&deep))),
-            SCALE,
-        );
+        let deep = self.after.finished(&deep, Finish::Add(&first));
+        let detail = pixel_shuffle(&self.last.apply(&deep), SCALE);
         scaled_sum(&[
             (1.0, &resize(x, height, width, Filter::BicubicTorch, false)),
             (SHARE, &detail),

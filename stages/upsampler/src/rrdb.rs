@@ -5,8 +5,8 @@
 //! [`rename`] gives the names that are used here.
 
 use compute::Array;
-use compute::activation::leaky_relu;
-use compute::elementwise::{add, scaled_sum};
+use compute::conv::Finish;
+use compute::elementwise::scaled_sum;
 use compute::shape::{concat, pixel_unshuffle, upsample_nearest};
 
 use crate::convolution::Convolution;
@@ -107,7 +107,7 @@ impl Dense {
     fn apply(&self, x: &Array) -> Array {
         let [grow @ .., last] = &self.0;
         let seen = grow.iter().fold(x.clone(), |seen, layer| {
-            let new = leaky_relu(&layer.apply(&seen), SLOPE);
+            let new = layer.finished(&seen, Finish::Leaky(SLOPE));
             concat(&[&seen, &new], 1)
         });
         scaled_sum(&[(SHARE, &last.apply(&seen)), (1.0, x)])
@@ -177,11 +177,12 @@ impl Network for Rrdb {
             let y = block.iter().fold(x.clone(), |x, dense| dense.apply(&x));
             scaled_sum(&[(SHARE, &y), (1.0, &x)])
         });
-        let start = add(&first, &self.after.apply(&deep));
+        let start = self.after.finished(&deep, Finish::Add(&first));
         let high = self.ups.iter().fold(start, |h, up| {
-            leaky_relu(&up.apply(&upsample_nearest(&h, 2)), SLOPE)
+            up.finished(&upsample_nearest(&h, 2), Finish::Leaky(SLOPE))
         });
-        self.last.apply(&leaky_relu(&self.high.apply(&high), SLOPE))
+        let high = self.high.finished(&high, Finish::Leaky(SLOPE));
+        self.last.apply(&high)
     }
 
     fn facts(&self) -> Facts {

@@ -5,14 +5,15 @@ use std::ops::Range;
 
 use super::buffer::Buffer;
 use super::factor::{DEPTH, GRAIN, Right, Stored, Turned};
+use super::map;
 use super::matrix::{Cut, Matrix};
 use super::product::{Packed, Start, add_product, cut, product};
 use super::tile::{COLUMNS, Old};
 use super::transpose::transpose_into;
 use super::weight::Values;
-use super::winograd;
-use crate::conv::{Conv, Geometry};
-use crate::weight::Precision;
+use super::winograd::{self, Direction};
+use crate::conv::{Conv, Finish, Geometry};
+use crate::weight::{Precision, Weight};
 
 /// The fewest channels per task of the general gradient to the input.
 const CHANNELS: usize = 8;
@@ -190,19 +191,30 @@ impl Right for TurnedPatches<'_> {
     }
 }
 
-/// `weight [O, C, kh, kw]` over every image of `x`, plus `bias`.
+/// `weight [O, C, kh, kw]` over every image of `x`, plus `bias`, finished.
 pub fn forward(
     x: &[f32],
-    (weight, precision): (Values, Precision),
+    weight: &Weight,
     bias: Option<&[f32]>,
+    finish: Finish<&[f32]>,
     g: &Geometry,
 ) -> Buffer {
     if winograd::suits(g) {
-        return winograd::convolve(x, weight, winograd::Direction::Forward, bias, g);
+        let task = winograd::Task { g, x, bias, finish };
+        let stored = winograd::Stored::new(weight.host(), Direction::Forward, g);
+        return winograd::convolve(&task, stored, weight.transformed());
     }
-    let (g, depth) = (g.flat(), g.channels * g.taps());
+    let mut out = forward_by_product(x, weight, bias, g);
+    map::finish(&mut out, finish);
+    out
+}
+
+fn forward_by_product(x: &[f32], weight: &Weight, bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+    let g = g.flat();
+    let depth = g.channels * g.taps();
+    let precision = weight.precision();
     let weight = Stored {
-        values: weight,
+        values: weight.host(),
         columns: depth,
     };
     let start = bias.map_or(Start::Zero, Start::Rows);
@@ -223,7 +235,14 @@ pub fn backward_input(
     g: &Geometry,
 ) -> Buffer {
     if let Some(turned) = g.turned().filter(winograd::suits) {
-        return winograd::convolve(dy, weight, winograd::Direction::Backward, None, &turned);
+        let task = winograd::Task {
+            g: &turned,
+            x: dy,
+            bias: None,
+            finish: Finish::None,
+        };
+        let stored = winograd::Stored::new(weight, Direction::Backward, &turned);
+        return winograd::convolve(&task, stored, None);
     }
     if let Some(turned) = g.turned().filter(Geometry::is_pointwise) {
         let weight = Turned(Stored {

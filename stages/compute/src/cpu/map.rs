@@ -6,6 +6,7 @@ use super::activation::{QUICK, gelu_slope, quick_gelu_slope, silu, silu_slope};
 use super::buffer::Buffer;
 use super::math::{normal_cdf, sigmoid};
 use super::simd::vectorize;
+use crate::conv::Finish;
 use crate::function::{Binary, Reduction, Unary};
 
 /// Elements per task: large enough to hide the cost of a task, small enough to stay in the first cache.
@@ -90,6 +91,31 @@ pub fn binary(function: Binary, x: &[f32], y: &[f32]) -> Buffer {
         Binary::GeluSlope => zip!(x, y, |x, dy| dy * gelu_slope(x)),
         Binary::QuickGeluSlope => zip!(x, y, |x, dy| dy * quick_gelu_slope(x)),
     }
+}
+
+/// Finishes what a convolution gave, in place.
+pub fn finish(x: &mut [f32], finish: Finish<&[f32]>) {
+    if finish == Finish::None {
+        return;
+    }
+    fill(x, CHUNK, |i, x| {
+        vectorize(
+            #[inline(always)]
+            || match finish {
+                Finish::None => (),
+                Finish::Leaky(slope) => {
+                    for x in x {
+                        *x = if *x > 0.0 { *x } else { slope * *x };
+                    }
+                }
+                Finish::Add(other) => {
+                    for (x, other) in x.iter_mut().zip(&other[i * CHUNK..]) {
+                        *x += other;
+                    }
+                }
+            },
+        );
+    });
 }
 
 /// A number from all elements: chunk by chunk, then over the chunks in their order.

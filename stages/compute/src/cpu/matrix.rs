@@ -295,6 +295,28 @@ impl Share<'_> {
     }
 }
 
+impl Share<'_> {
+    /// One row of the share in each of `matrices`, which have a single panel: as the rows of one matrix.
+    pub fn through(&mut self, row: usize, matrices: Range<usize>) -> MatrixMut<'_> {
+        let inside = matrices.start >= self.panels.start && matrices.end <= self.panels.end;
+        assert!(
+            inside && row < self.rows.len() && self.cut.panels_per_matrix() == 1,
+            "matrix: row {row} of {matrices:?} is no part of a share"
+        );
+        let first = matrices.start * self.cut.rows + self.rows.start + row;
+        // SAFETY: every row lies within the stack and the share, whose values no other task may touch; `&mut self`
+        // keeps other blocks from being handed out.
+        let start = unsafe { self.start.add(first * self.cut.columns) };
+        MatrixMut {
+            start,
+            rows: matrices.len(),
+            columns: self.cut.columns,
+            row_stride: self.cut.rows * self.cut.columns,
+            borrow: PhantomData,
+        }
+    }
+}
+
 /// The start of values that several threads write to, each to its own.
 struct Start(*mut f32);
 

@@ -114,7 +114,7 @@ const UPPER: u32 = 0xffff_0000;
 
 /// Four lanes for the compiler to make vectors of: SSE2 or NEON.
 #[derive(Clone, Copy)]
-pub struct Lanes([f32; 4]);
+pub struct Lanes(pub [f32; 4]);
 
 impl Vector for Lanes {
     const LANES: usize = 4;

@@ -3,7 +3,7 @@
 use super::context::Gpu;
 use super::pool::Buffer;
 use super::product::{Along, Factor, Product};
-use crate::conv::Geometry;
+use crate::conv::{Finish, Geometry};
 
 fn product<'a>(
     factors: &'static str,
@@ -32,15 +32,17 @@ fn product<'a>(
     }
 }
 
-/// `x` convolved with `weight`, plus `bias`.
+/// `x` convolved with `weight`, plus `bias`, finished.
 pub fn forward(
     gpu: &Gpu,
     x: &Buffer,
     weight: Factor,
     bias: Option<&Buffer>,
+    finish: Finish<&Buffer>,
     g: &Geometry,
 ) -> Buffer {
-    forward_product(x, weight, bias, g).run(gpu)
+    let product = forward_product(x, weight, bias, g);
+    Product { finish, ..product }.run(gpu)
 }
 
 /// The product that this is.
@@ -50,10 +52,8 @@ pub fn forward_product<'a>(
     bias: Option<&'a Buffer>,
     g: &Geometry,
 ) -> Product<'a> {
-    let (depth, pixels) = (
-        g.channels * g.kernel[0] * g.kernel[1],
-        g.out_height * g.out_width,
-    );
+    let depth = g.channels * g.kernel[0] * g.kernel[1];
+    let pixels = g.out_height * g.out_width;
     Product {
         bias: bias.map(|bias| (bias, Along::Rows)),
         extents: [g.outputs, depth, g.batch * pixels],
@@ -66,7 +66,8 @@ pub fn forward_product<'a>(
 
 /// The gradient to the input.
 pub fn backward_input(gpu: &Gpu, dy: &Buffer, weight: Factor, g: &Geometry) -> Buffer {
-    let (taps, pixels) = (g.kernel[0] * g.kernel[1], g.height * g.width);
+    let taps = g.kernel[0] * g.kernel[1];
+    let pixels = g.height * g.width;
     let factors = include_str!("wgsl/conv_backward_input.wgsl");
     let mut product = Product {
         extents: [g.channels, g.outputs * taps, g.batch * pixels],

@@ -5,9 +5,10 @@ use std::fmt;
 
 use super::context::Gpu;
 use super::kernel::Kernel;
-use super::launch::{Each, one};
+use super::launch::{Each, bits, one};
 use super::pool::Buffer;
 use super::tuning::Class;
+use crate::conv::Finish;
 use crate::weight::Format;
 
 const PRODUCT: &str = include_str!("wgsl/product.wgsl");
@@ -48,6 +49,8 @@ pub struct Product<'a> {
     pub b: Factor<'a>,
     /// Added to every row's (of an image's channel) or column's results.
     pub bias: Option<(&'a Buffer, Along)>,
+    /// What becomes of the results, bias and all.
+    pub finish: Finish<&'a Buffer>,
     /// Rows, depth and columns.
     pub extents: [usize; 3],
     /// Whether neighbours along the depth lie side by side in memory, in each factor.
@@ -178,6 +181,7 @@ impl<'a> Product<'a> {
             a,
             b,
             bias: None,
+            finish: Finish::None,
             extents,
             depth_first: [strides[1] == 1, strides[2] == 1 && strides[3] != 1],
             pixels: extents[2],
@@ -206,21 +210,31 @@ impl<'a> Product<'a> {
     /// Computes it in tiles of one's choice.
     pub fn run_in(&self, gpu: &Gpu, tile: Tile) -> Buffer {
         let [rows, depth, columns] = self.extents;
-        let (usual, tiles) = (Tile::usual(rows, columns), tile.count(rows, columns));
+        let usual = Tile::usual(rows, columns);
+        let tiles = tile.count(rows, columns);
         let enough = usual.count(rows, columns).iter().product::<usize>();
         let parts = (depth / LEAST_DEPTH)
             .min(ENOUGH_TILES / enough.max(1))
             .clamp(1, 32);
         let chunk = depth.div_ceil(parts).next_multiple_of(usual.depth);
         let parts = depth.div_ceil(chunk).max(1);
-        let bias = self.bias.filter(|_| parts == 1);
-        let reads: Vec<&Buffer> = [self.a.numbers, self.b.numbers]
-            .into_iter()
-            .chain(bias.map(|(bias, _)| bias))
-            .collect();
+        // Where the depth is cut, bias and finish come after its parts are joined.
+        let whole = Product {
+            bias: self.bias.filter(|_| parts == 1),
+            finish: if parts == 1 {
+                self.finish
+            } else {
+                Finish::None
+            },
+            ..*self
+        };
+        let mut reads = vec![self.a.numbers, self.b.numbers];
+        reads.extend(whole.bias.map(|(bias, _)| bias));
+        reads.extend(whole.added());
         let groups = [tiles[0] as u32, tiles[1] as u32, parts as u32];
-        let (len, operations) = (rows * columns, 2 * (rows * depth * columns) as u64);
-        let kernel = self.kernel(tile, bias.is_some(), gpu.has_halves());
+        let len = rows * columns;
+        let operations = 2 * (rows * depth * columns) as u64;
+        let kernel = whole.kernel(tile, gpu.has_halves());
         let out = one(
             gpu,
             &kernel,
@@ -237,11 +251,20 @@ impl<'a> Product<'a> {
         }
     }
 
-    fn kernel(&self, tile: Tile, bias: bool, halves: bool) -> Kernel {
+    /// What the finish adds.
+    fn added(&self) -> Option<&'a Buffer> {
+        match self.finish {
+            Finish::Add(other) => Some(other),
+            _ => None,
+        }
+    }
+
+    fn kernel(&self, tile: Tile, halves: bool) -> Kernel {
+        let bias = self.bias.is_some();
         let mut constants = tile.constants();
         let [kh, kw] = self.kernel.map(|extent| extent as u32);
         let [a, b] = self.depth_first.map(u32::from);
-        let out = 3 + u32::from(bias);
+        let reads = 2 + usize::from(bias) + usize::from(self.added().is_some());
         constants.extend([
             ("KH", kh),
             ("KW", kw),
@@ -249,7 +272,7 @@ impl<'a> Product<'a> {
             ("B_MOVES", b),
             ("B_STAYS", 1 - b),
         ]);
-        constants.push(("OUT", out));
+        constants.push(("OUT", 1 + reads as u32));
         let start = if bias {
             BIASED
         } else {
@@ -264,11 +287,11 @@ impl<'a> Product<'a> {
                 }
             });
         let halves = halves && [self.a.format, self.b.format].contains(&Format::F16);
-        let kernel =
-            Kernel::new(self.name, &[PRODUCT], [2 + usize::from(bias), 1]).with(&constants);
+        let kernel = Kernel::new(self.name, &[PRODUCT], [reads, 1]).with(&constants);
+        let finish = finisher(self.finish, reads);
         Kernel {
             halves,
-            ..kernel.having([a, b, start.into(), self.factors.into()].concat())
+            ..kernel.having([a, b, start.into(), finish, self.factors.into()].concat())
         }
     }
 
@@ -299,27 +322,40 @@ impl<'a> Product<'a> {
             .chain(&self.strides)
             .chain(&self.image)
             .map(|&word| word as u32)
+            .chain([self.slope()])
             .collect()
     }
 
-    /// Sums the parts of the depth in their order, and adds the bias.
+    /// The bits of the finish's slope; without one, any.
+    fn slope(&self) -> u32 {
+        match self.finish {
+            Finish::Leaky(slope) => bits(slope),
+            _ => 0,
+        }
+    }
+
+    /// Sums the parts of the depth in their order, adds the bias and finishes.
     fn join(&self, gpu: &Gpu, parts: &Buffer, count: usize, len: usize) -> Buffer {
         let [inner, biases] = self.bias_at();
         let words = [
             ("parts: u32", count as u32),
             ("inner: u32", inner as u32),
             ("count: u32", biases as u32),
+            ("slope: f32", self.slope()),
         ];
         let sum = "var sum = 0.0;
     for (var part = 0u; part < p.parts; part++) {
         sum += x[part * p.len + i];
     }
-    return sum";
-        let (mut reads, mut value) = (vec![("x: f32", parts)], format!("{sum};"));
+";
+        let mut reads = vec![("x: f32", parts)];
+        let mut value = String::from(sum);
         if let Some((bias, _)) = self.bias {
             reads.push(("bias: f32", bias));
-            value = format!("{sum} + bias[i / p.inner % p.count];");
+            value += "    sum += bias[i / p.inner % p.count];\n";
         }
+        reads.extend(self.added().map(|added| ("added: f32", added)));
+        value += &format!("    return {};", finished("sum", self.finish));
         Each {
             name: "join",
             reads: &reads,
@@ -336,6 +372,27 @@ fn start(i: u32) -> f32 {
     return bias[i / p.bias_inner % p.bias_count];
 }
 ";
+
+/// The number `x`, finished, as WGSL: the same as on the CPU.
+fn finished(x: &str, finish: Finish<&Buffer>) -> String {
+    match finish {
+        Finish::None => x.to_owned(),
+        Finish::Leaky(_) => format!("select(p.slope * {x}, {x}, {x} > 0.0)"),
+        Finish::Add(_) => format!("{x} + added[i]"),
+    }
+}
+
+/// A function that finishes result `i`, and the declaration of what it adds, at `binding`.
+fn finisher(finish: Finish<&Buffer>, binding: usize) -> String {
+    let declared = match finish {
+        Finish::Add(_) => {
+            format!("@group(0) @binding({binding}) var<storage, read> added: array<f32>;\n")
+        }
+        _ => String::new(),
+    };
+    let value = finished("x", finish);
+    format!("{declared}fn finish(i: u32, x: f32) -> f32 {{\n    return {value};\n}}\n")
+}
 
 /// The declaration of a factor, and a function that reads and widens one number of it.
 fn reader(name: &str, binding: u32, format: Format) -> String {

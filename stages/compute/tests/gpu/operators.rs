@@ -8,7 +8,9 @@ use compute::activation::{
 };
 use compute::adam::{Adam, AdamState, update};
 use compute::attention::{attention, attention_backward};
-use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
+use compute::conv::{
+    Conv, Finish, conv2d, conv2d_backward_input, conv2d_backward_weight, conv2d_finished,
+};
 use compute::elementwise::{add_channels, clamp, mul, offset, scale, scaled_sum, sign, sub};
 use compute::linear::{linear, linear_backward_input, linear_backward_weight};
 use compute::matmul::matmul;
@@ -64,6 +66,24 @@ proptest! {
             conv2d_backward_input(&x[3], &x[1], conv, [h, w]),
             conv2d_backward_weight(&x[0], &x[3], conv, [kh, kw]),
         ]);
+    }
+
+    #[test]
+    fn finished_convolutions(
+        // With 64 channels the depth of a small product is cut, and finished where its parts are joined.
+        c in prop::sample::select(vec![1usize, 7, 64]),
+        (n, o) in (1usize..3, 1usize..40),
+        (h, w) in (3usize..24, 3usize..24),
+        bias: bool,
+        slope in prop::sample::select(vec![0.0f32, 0.2]),
+    ) {
+        let (x, weight) = (pattern(1, &[n, c, h, w]), pattern(2, &[o, c, 3, 3]));
+        agree("conv2d_finished", &[x, weight, pattern(3, &[o]), pattern(4, &[n, o, h, w])], |x| {
+            let finished = |finish| {
+                conv2d_finished(&x[0], &x[1], bias.then_some(&x[2]), Conv::padded(1), finish)
+            };
+            vec![finished(Finish::Leaky(slope)), finished(Finish::Add(&x[3]))]
+        });
     }
 
     #[test]

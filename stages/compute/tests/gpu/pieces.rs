@@ -6,7 +6,9 @@ use std::sync::{Arc, LazyLock};
 use compute::activation::{geglu, geglu_backward, gelu, silu_backward};
 use compute::adam::{Adam, AdamState, update};
 use compute::attention::{attention, attention_backward};
-use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
+use compute::conv::{
+    Conv, Finish, conv2d, conv2d_backward_input, conv2d_backward_weight, conv2d_finished,
+};
 use compute::device::attempt;
 use compute::elementwise::{add_channels, mul, scaled_sum};
 use compute::linear::{linear, linear_backward_input, linear_backward_weight};
@@ -85,6 +87,7 @@ fn products() {
             conv2d(&x[0], &x[1], Some(&x[2]), conv),
             conv2d_backward_input(&x[3], &x[1], conv, [31, 33]),
             conv2d_backward_weight(&x[0], &x[3], conv, [3, 3]),
+            conv2d_finished(&x[0], &x[1], Some(&x[2]), conv, Finish::Add(&x[3])),
         ]
     });
 }

@@ -2,11 +2,13 @@
 
 use crate::common::pattern;
 use compute::adam::{Adam, AdamState, update};
-use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
+use compute::conv::{
+    Conv, Finish, conv2d, conv2d_backward_input, conv2d_backward_weight, conv2d_finished,
+};
 use compute::norm::{Activation, group_norm, group_norm_backward, layer_norm, layer_norm_backward};
 use compute::resize::{Filter, resize};
 use compute::{
-    Array, Device, Rng, activation, attention, elementwise, linear, matmul, reduce, shape,
+    Array, Device, Rng, Weight, activation, attention, elementwise, linear, matmul, reduce, shape,
 };
 
 /// Fails unless `work` gives the same bits in pools of 1, 2 and 7 threads.
@@ -71,6 +73,31 @@ fn convolutions() {
                 conv2d(&x, &w, None, conv),
                 conv2d_backward_input(&dy, &w, conv, [33, 47]),
                 conv2d_backward_weight(&x, &dy, conv, [kernel, kernel]),
+                conv2d_finished(&x, &w, None, conv, Finish::Leaky(0.2)),
+                conv2d_finished(&x, &w, None, conv, Finish::Add(&dy)),
+            ]
+        });
+    }
+}
+
+#[test]
+fn filtered_convolutions() {
+    // By bands of several images and of one; by outputs, for want of tiles and for their channels.
+    for shape in [
+        [2, 64, 47, 33],
+        [1, 48, 256, 16],
+        [4, 96, 8, 8],
+        [1, 140, 40, 36],
+    ] {
+        let (x, w) = (pattern(1, &shape), pattern(2, &[70, shape[1], 3, 3]));
+        let conv = Conv::padded(1);
+        let dy = pattern(3, conv2d(&x, &w, None, conv).shape());
+        assert_same_bits(&format!("conv {shape:?}"), || {
+            let kept = Weight::from(&w).keeping_transforms();
+            vec![
+                conv2d(&x, &w, None, conv),
+                conv2d_finished(&x, &kept, None, conv, Finish::Add(&dy)),
+                conv2d_backward_input(&dy, &w, conv, [shape[2], shape[3]]),
             ]
         });
     }

@@ -51,6 +51,7 @@ fn operators_widen_as_to_array_does() {
             (40, 33, 3, 1, 24),
             (17, 20, 1, 1, 13),
             (9, 20, 3, 2, 21),
+            (64, 50, 3, 1, 24),
         ] {
             let weight = stored(format, &[o, c, kernel, kernel]);
             let (wide, conv) = (

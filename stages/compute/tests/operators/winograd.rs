@@ -1,7 +1,9 @@
 //! Convolutions large enough for Winograd's filtering, against sums in `f64`.
 
-use compute::conv::{Conv, conv2d, conv2d_backward_input};
-use compute::{Array, Device, Rng};
+use compute::activation::leaky_relu;
+use compute::conv::{Conv, Finish, conv2d, conv2d_backward_input, conv2d_finished};
+use compute::elementwise::add;
+use compute::{Array, Device, Rng, Weight};
 use proptest::prelude::*;
 
 use crate::common::{assert_adjoint, dot};
@@ -73,6 +75,57 @@ proptest! {
         let y = conv2d(&x, &weight, None, conv);
         let dy = normals(3, y.shape());
         assert_adjoint("input", &y, &dy, dot(&x, &conv2d_backward_input(&dy, &weight, conv, [h, w])));
+    }
+
+    /// Whether filtered or not, by bands or by outputs, and of whatever size.
+    #[test]
+    fn finishing_a_result_is_the_operator_behind_it(
+        n in 1usize..3,
+        c in prop::sample::select(vec![3usize, 48, 61, 64, 130]),
+        o in prop::sample::select(vec![5usize, 48, 64, 67]),
+        (h, w) in (5usize..60, 5usize..60),
+        pad in prop::array::uniform4(0usize..3),
+        slope in prop::sample::select(vec![0.0f32, 0.2, -1.5]),
+    ) {
+        let (x, weight) = (normals(1, &[n, c, h, w]), normals(2, &[o, c, 3, 3]));
+        let (bias, conv) = (normals(3, &[o]), Conv { stride: 1, pad });
+        let finished = |finish| conv2d_finished(&x, &weight, Some(&bias), conv, finish);
+        let y = conv2d(&x, &weight, Some(&bias), conv);
+        let other = normals(4, y.shape());
+        prop_assert_eq!(finished(Finish::None).to_vec(), y.to_vec());
+        prop_assert_eq!(finished(Finish::Leaky(slope)).to_vec(), leaky_relu(&y, slope).to_vec());
+        prop_assert_eq!(finished(Finish::Add(&other)).to_vec(), add(&other, &y).to_vec());
+    }
+
+    #[test]
+    fn kept_transforms_are_those_of_their_weight(
+        c in prop::sample::select(vec![48usize, 64, 130]),
+        o in prop::sample::select(vec![48usize, 67]),
+        (h, w) in (13usize..60, 13usize..60),
+    ) {
+        let weight = normals(2, &[o, c, 3, 3]);
+        let kept = Weight::from(&weight).keeping_transforms();
+        // The second time they are found.
+        for salt in [1, 3] {
+            let x = normals(salt, &[1, c, h, w]);
+            let expected = conv2d(&x, &weight, None, Conv::padded(1));
+            prop_assert_eq!(conv2d(&x, &kept, None, Conv::padded(1)).to_vec(), expected.to_vec());
+        }
+    }
+}
+
+/// A sum of short sums must not depend on how tiles and outputs are shared out: wide images and narrow ones, of the same
+/// pixels around the one that is compared.
+#[test]
+fn a_pixel_does_not_know_how_large_its_image_is() {
+    for (c, o) in [(64, 64), (130, 50)] {
+        let (x, weight) = (normals(1, &[1, c, 64, 76]), normals(2, &[o, c, 3, 3]));
+        let whole = conv2d(&x, &weight, None, Conv::padded(1));
+        let part = compute::shape::crop(&x, 8, 16, 36, 40);
+        let part = conv2d(&part, &weight, None, Conv::padded(1));
+        // Beyond the edges, where one sees padding and the other does not.
+        let inside = |y: &Array, top, left| compute::shape::crop(y, top, left, 28, 32).to_vec();
+        assert_eq!(inside(&part, 4, 4), inside(&whole, 12, 20), "{c} to {o}");
     }
 }
 

@@ -1,6 +1,7 @@
 //! The layers that are computed, with their weights. Knows arrays, no files.
 
 use compute::activation::{leaky_relu, prelu, sigmoid, silu};
+use compute::conv::Finish;
 use compute::elementwise::{add, add_channels, clamp, mul, offset, scale, scaled_sum, sub};
 use compute::resize::{Filter, resize};
 use compute::shape::{concat, pixel_shuffle, pixel_unshuffle, upsample_nearest};
@@ -57,6 +58,9 @@ impl Operation {
     pub fn apply(&self, inputs: &[&Array]) -> Array {
         let (x, last) = (inputs[0], inputs[inputs.len() - 1]);
         match self {
+            Self::Convolution(convolution, Function::Leaky(slope)) => {
+                convolution.finished(x, Finish::Leaky(*slope))
+            }
             Self::Convolution(convolution, function) => function.apply(&convolution.apply(x)),
             Self::Function(function) => function.apply(x),
             Self::Prelu(slopes) => prelu(x, slopes),

@@ -1,4 +1,4 @@
-// out = A B + bias, a tile of TM rows and TN columns per workgroup, RM by RN sums per invocation, in registers. Slabs
+// out = finish(A B + bias), a tile of TM rows and TN columns per workgroup, RM by RN sums per invocation, in registers. Slabs
 // of TK of the depth go through workgroup memory. What A and B are, the functions factor_a, column and factor_b say:
 // nothing is unfolded in memory.
 struct Params {
@@ -24,6 +24,8 @@ struct Params {
     stride: u32,
     top: u32,
     left: u32,
+    // What results below 0 are multiplied by, where that is the finish.
+    slope: f32,
 }
 
 @group(0) @binding(0) var<uniform> p: Params;
@@ -50,7 +52,7 @@ fn guarded_b(k: u32, end: u32, column: u32, place: vec4i) -> f32 {
 fn put(row: u32, column: u32, part: u32, value: f32) {
     if (row < p.rows && column < p.columns) {
         let i = (column / p.pixels) * p.rows * p.pixels + row * p.pixels + column % p.pixels;
-        out[part * p.rows * p.columns + i] = value + start(i);
+        out[part * p.rows * p.columns + i] = finish(i, value + start(i));
     }
 }
 
