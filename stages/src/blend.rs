@@ -177,6 +177,7 @@ impl Blend {
             rgb,
             alpha,
             depth: None,
+            mask: None,
         }
     }
 }
@@ -269,6 +270,7 @@ impl Stage for Blend {
             &ImageSet {
                 views,
                 bounds: images.bounds,
+                to_source: images.to_source,
             },
         )
     }

@@ -110,6 +110,7 @@ impl Decode {
             rgb: convert::disk_pixels_of_signed(&image, alpha.as_deref()),
             alpha,
             depth: None,
+            mask: None,
         }
     }
 
@@ -211,6 +212,7 @@ impl Stage for Decode {
             &ImageSet {
                 views,
                 bounds: latents.bounds,
+                to_source: None,
             },
         )
     }

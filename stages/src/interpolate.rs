@@ -109,6 +109,7 @@ impl Interpolate {
             rgb,
             alpha,
             depth: None,
+            mask: None,
         }
     }
 
@@ -204,6 +205,7 @@ impl Stage for Interpolate {
             &ImageSet {
                 views,
                 bounds: images.bounds,
+                to_source: images.to_source,
             },
         )
     }

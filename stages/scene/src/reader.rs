@@ -53,7 +53,7 @@ pub trait Reader {
     /// # Errors
     /// Those of [`Reader::survey`].
     fn digest(&self) -> Result<[u8; 32], SceneError> {
-        source_files::digest(self.survey()?.files())
+        self.survey()?.digest()
     }
 }
 
@@ -94,6 +94,14 @@ impl Survey {
     /// What was left out or had to be guessed, as far as that can be said before photos are decoded.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// A BLAKE3 digest over the names and bytes of all files.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn digest(&self) -> Result<[u8; 32], SceneError> {
+        source_files::digest(self.files())
     }
 
     fn files(&self) -> impl Iterator<Item = &Path> {
@@ -198,6 +206,9 @@ pub(crate) fn sift(
     test: &mut Vec<Posed>,
     size: Option<(u32, u32)>,
 ) -> Result<Vec<String>, SceneError> {
+    if train.is_empty() {
+        return Err(SceneError::content(path, "the photos", "are none that can be used"));
+    }
     refuse_twice(path, train)?;
     refuse_twice(path, test)?;
     let mut notes = leave_out_strays(train, test);

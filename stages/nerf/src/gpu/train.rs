@@ -338,6 +338,7 @@ mod tests {
             camera,
             rgb,
             alpha: None,
+            mask: None,
             weight: 1.0,
             supersample: 1,
         };

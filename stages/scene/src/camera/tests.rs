@@ -10,6 +10,10 @@ const NONE: Distortion = Distortion {
     k3: 0.0,
     p1: 0.0,
     p2: 0.0,
+    k4: 0.0,
+    k5: 0.0,
+    k6: 0.0,
+    fisheye: false,
 };
 
 /// None, or one as phones have it.
@@ -25,9 +29,9 @@ fn any_lens() -> impl Strategy<Value = Distortion> {
         bent.prop_map(|(k1, k2, p1, p2)| Distortion {
             k1,
             k2,
-            k3: 0.0,
             p1,
-            p2
+            p2,
+            ..NONE
         })
     ]
 }
