@@ -95,7 +95,9 @@ impl Task<'_> {
             }
             messages(message);
         };
-        let end = catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(&messages))));
+        let end = catch_unwind(AssertUnwindSafe(|| {
+            pool.install(|| self.compute(&messages))
+        }));
         if let Some(holder) = self.work.lost_to() {
             return Err(Failure::Lost(holder));
         }

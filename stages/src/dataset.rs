@@ -43,9 +43,8 @@ pub fn write(folder: &Path, train: &ImageSet, test: Option<&ImageSet>) -> Result
 /// not be one any more.
 fn shift(to_source: [[f64; 4]; 4]) -> Option<(DVec3, f64)> {
     let scale = to_source[0][0];
-    let is_plain = (0..3).all(|i| {
-        (0..3).all(|j| to_source[i][j] == if i == j { scale } else { 0.0 })
-    });
+    let is_plain =
+        (0..3).all(|i| (0..3).all(|j| to_source[i][j] == if i == j { scale } else { 0.0 }));
     let offset = DVec3::new(to_source[0][3], to_source[1][3], to_source[2][3]);
     is_plain.then_some((offset, scale))
 }

@@ -72,7 +72,12 @@ impl Picked {
 
     /// The image with the truth's own pixels where the truth is masked, so that these do not count.
     fn masked_by(mut self, truth: &Picked, mask: Option<&[bool]>) -> Self {
-        for (i, _) in mask.into_iter().flatten().enumerate().filter(|(_, counts)| !**counts) {
+        for (i, _) in mask
+            .into_iter()
+            .flatten()
+            .enumerate()
+            .filter(|(_, counts)| !**counts)
+        {
             let pixel = 3 * i..3 * i + 3;
             self.rgb[pixel.clone()].copy_from_slice(&truth.rgb[pixel]);
         }

@@ -6,10 +6,7 @@ use std::collections::BTreeMap;
 ///
 /// A squared error there is 0 and a similarity 1: means over all pixels become means over those that count. A figure
 /// that is no such mean, as of an image without a truth, is left out.
-pub fn counted(
-    figures: BTreeMap<String, f64>,
-    mask: Option<&[bool]>,
-) -> BTreeMap<String, f64> {
+pub fn counted(figures: BTreeMap<String, f64>, mask: Option<&[bool]>) -> BTreeMap<String, f64> {
     let Some(mask) = mask else {
         return figures;
     };

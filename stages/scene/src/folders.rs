@@ -59,7 +59,8 @@ pub(crate) fn choose(
         possible().find(fits).or(possible().next_back())
     };
     let by_size = best(&|_| true);
-    let chosen = best(&|one| one.has == most).ok_or_else(|| no_photos(scene, scene.join("images")))?;
+    let chosen =
+        best(&|one| one.has == most).ok_or_else(|| no_photos(scene, scene.join("images")))?;
     let note = by_size
         .filter(|other| other.folder != chosen.folder)
         .map(|other| {

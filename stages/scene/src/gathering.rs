@@ -35,7 +35,11 @@ pub(crate) struct Gathering {
 
 impl Gathering {
     /// Looks for the photo that `named` means, seen from `folder`. One that is not there is remembered.
-    pub(crate) fn find(&mut self, folder: &Path, named: &str) -> Result<Option<Spotted>, SceneError> {
+    pub(crate) fn find(
+        &mut self,
+        folder: &Path,
+        named: &str,
+    ) -> Result<Option<Spotted>, SceneError> {
         match self.finder.find(folder, named) {
             Found::Photo(file) => {
                 self.found += 1;

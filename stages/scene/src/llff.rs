@@ -50,7 +50,8 @@ impl Reader for Llff {
             return Err(SceneError::Missing {
                 path: poses_file,
                 expected: "the table of camera poses",
-                remedy: "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses".into(),
+                remedy: "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses"
+                    .into(),
             });
         }
         let photos = folders::choose(&self.folder, self.images.as_deref(), self.size, &[])?;

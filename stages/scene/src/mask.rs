@@ -87,7 +87,10 @@ pub(crate) fn reduced(counts: &[bool], size: (u32, u32), new_size: (u32, u32)) -
     if size == new_size {
         return counts.to_vec();
     }
-    let parts: Vec<f32> = counts.iter().map(|counts| f32::from(u8::from(*counts))).collect();
+    let parts: Vec<f32> = counts
+        .iter()
+        .map(|counts| f32::from(u8::from(*counts)))
+        .collect();
     shrink(&parts, 1, size, new_size, Reduction::Area)
         .into_iter()
         .map(|part| part >= WHOLE)

@@ -23,10 +23,7 @@ pub(crate) fn normalize(cameras: &[Camera]) -> (Vec<Camera>, DMat4) {
         .iter()
         .map(|camera| camera.moved(to_average, 1.0 / nearest))
         .collect();
-    (
-        moved,
-        average * DMat4::from_scale(DVec3::splat(nearest)),
-    )
+    (moved, average * DMat4::from_scale(DVec3::splat(nearest)))
 }
 
 /// The mean position and the mean viewing and up directions, made orthonormal. Where those cancel out, as for cameras

@@ -24,10 +24,7 @@ impl Crowd {
     fn of(cameras: &[Camera]) -> Self {
         let middle_of = |axis: usize| {
             let along = cameras.iter().map(|camera| camera.position()[axis]);
-            sorted(along)
-                .get(cameras.len() / 2)
-                .copied()
-                .unwrap_or(0.0)
+            sorted(along).get(cameras.len() / 2).copied().unwrap_or(0.0)
         };
         let middle = DVec3::new(middle_of(0), middle_of(1), middle_of(2));
         let distances: Vec<f64> = cameras

@@ -95,9 +95,8 @@ pub(crate) fn sees_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> bool {
     const GRID: u32 = 16;
     let middle = [0, 1, 2].map(|axis| 0.5 * (bounds[0][axis] + bounds[1][axis]));
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let in_image = |[px, py, _]: [f64; 3]| {
-        (0.0..=width).contains(&px) && (0.0..=height).contains(&py)
-    };
+    let in_image =
+        |[px, py, _]: [f64; 3]| (0.0..=width).contains(&px) && (0.0..=height).contains(&py);
     if camera.project(middle).is_some_and(in_image) {
         return true;
     }

@@ -207,7 +207,11 @@ pub(crate) fn sift(
     size: Option<(u32, u32)>,
 ) -> Result<Vec<String>, SceneError> {
     if train.is_empty() {
-        return Err(SceneError::content(path, "the photos", "are none that can be used"));
+        return Err(SceneError::content(
+            path,
+            "the photos",
+            "are none that can be used",
+        ));
     }
     refuse_twice(path, train)?;
     refuse_twice(path, test)?;
@@ -268,9 +272,13 @@ fn leave_out_strays(train: &mut Vec<Posed>, test: &mut Vec<Posed>) -> Vec<String
         let name = name(index);
         let end = match few {
             true => "left out, its pose must be wrong",
-            false => "such cameras are too many to be left out, and make the scene box far too large",
+            false => {
+                "such cameras are too many to be left out, and make the scene box far too large"
+            }
         };
-        format!("the camera of photo {name} stands {times:.0} times as far away as nine tenths of them: {end}")
+        format!(
+            "the camera of photo {name} stands {times:.0} times as far away as nine tenths of them: {end}"
+        )
     };
     let notes = strays.iter().map(note).collect();
     if few {

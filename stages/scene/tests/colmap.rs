@@ -285,9 +285,7 @@ fn what_is_wrong_is_named_by_file_and_record() {
     let turn = fault("bin", |files| overwrite(&mut files.images, 12, &[0; 32]));
     told(
         turn,
-        &[
-            "images.bin: photo 0.png: its rotation (0, 0, 0, 0) or translation",
-        ],
+        &["images.bin: photo 0.png: its rotation (0, 0, 0, 0) or translation"],
     );
     let named = |from: &'static str, to: &'static str| {
         move |files: &mut Files| {

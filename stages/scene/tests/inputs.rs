@@ -21,13 +21,20 @@ fn ring(count: usize) -> Vec<Camera> {
     let camera = |i: usize| {
         let angle = std::f64::consts::TAU * i as f64 / count as f64;
         let position = DVec3::new(3.0 * angle.sin(), 0.6, 3.0 * angle.cos());
-        Camera::centered(SIZE, 15.0, Camera::look_at(position, DVec3::ZERO), [1.0, 5.0])
+        Camera::centered(
+            SIZE,
+            15.0,
+            Camera::look_at(position, DVec3::ZERO),
+            [1.0, 5.0],
+        )
     };
     (0..count).map(camera).collect()
 }
 
 fn photo(i: usize) -> RgbImage {
-    RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| Rgb([x as u8 * 15, y as u8 * 20, i as u8]))
+    RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+        Rgb([x as u8 * 15, y as u8 * 20, i as u8])
+    })
 }
 
 fn save(image: impl Into<DynamicImage>, path: &Path, format: ImageFormat) {
@@ -71,7 +78,10 @@ fn transforms(folder: &TempDir) -> Result<SceneData, scene::SceneError> {
 /// The photos read, and the notes as one text.
 fn read(folder: &TempDir) -> (usize, String) {
     let scene = transforms(folder).unwrap();
-    (scene.photos.len() + scene.test.len(), scene.notes.join("\n"))
+    (
+        scene.photos.len() + scene.test.len(),
+        scene.notes.join("\n"),
+    )
 }
 
 fn refusal(folder: &TempDir) -> String {
@@ -87,7 +97,10 @@ fn holds(text: &str, parts: &[&str]) {
 
 fn for_frames(page: &mut Value, change: impl Fn(usize, &mut Value)) {
     let frames = page["frames"].as_array_mut().unwrap();
-    frames.iter_mut().enumerate().for_each(|(i, frame)| change(i, frame));
+    frames
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, frame)| change(i, frame));
 }
 
 #[test]
@@ -123,7 +136,11 @@ fn names_in_another_case_or_with_another_ending_are_found() {
 #[test]
 fn validation_photos_are_held_out_where_there_is_no_list_for_testing() {
     let list = |range: std::ops::Range<usize>| {
-        json!(range.map(|i| format!("./images/{i:04}.png")).collect::<Vec<_>>())
+        json!(
+            range
+                .map(|i| format!("./images/{i:04}.png"))
+                .collect::<Vec<_>>()
+        )
     };
     let folder = capture(|page| {
         page["train_filenames"] = list(0..6);
@@ -150,7 +167,9 @@ fn validation_photos_are_held_out_where_there_is_no_list_for_testing() {
 #[test]
 fn rounding_in_the_last_row_is_forgiven() {
     let folder = capture(|page| {
-        for_frames(page, |_, frame| frame["transform_matrix"][3][2] = json!(2.2e-16));
+        for_frames(page, |_, frame| {
+            frame["transform_matrix"][3][2] = json!(2.2e-16)
+        });
     });
     assert_eq!(read(&folder).0, 9);
 }
@@ -177,7 +196,9 @@ fn one_bad_frame_of_nine_is_left_out_by_name_and_two_are_refused() {
                 }
             });
         });
-        rewrite(&folder, |text| text.replace("\"VALUE\"", value).into_bytes());
+        rewrite(&folder, |text| {
+            text.replace("\"VALUE\"", value).into_bytes()
+        });
         folder
     };
     for value in ["NaN", "Infinity", "-Infinity", "null", "1e999"] {
@@ -188,13 +209,19 @@ fn one_bad_frame_of_nine_is_left_out_by_name_and_two_are_refused() {
             _ => {
                 let (count, notes) = read(&folder);
                 assert_eq!(count, 8, "{value}");
-                holds(&notes, &["frame \"images/0003.png\" is left out", "not finite"]);
+                holds(
+                    &notes,
+                    &["frame \"images/0003.png\" is left out", "not finite"],
+                );
             }
         }
     }
     holds(
         &refusal(&spoilt(2, "NaN")),
-        &["frame \"images/0003.png\": transform_matrix holds", "(and 1 more of 9 photos)"],
+        &[
+            "frame \"images/0003.png\": transform_matrix holds",
+            "(and 1 more of 9 photos)",
+        ],
     );
 }
 
@@ -202,7 +229,10 @@ fn one_bad_frame_of_nine_is_left_out_by_name_and_two_are_refused() {
 fn a_file_that_was_cut_short_says_so() {
     let folder = capture(|_| {});
     rewrite(&folder, |text| text.as_bytes()[..text.len() / 2].to_vec());
-    holds(&refusal(&folder), &["SCENE/transforms.json: line 1, column", "was cut short"]);
+    holds(
+        &refusal(&folder),
+        &["SCENE/transforms.json: line 1, column", "was cut short"],
+    );
 }
 
 #[test]
@@ -212,7 +242,14 @@ fn a_lens_that_folds_the_image_is_told_in_numbers_with_a_remedy() {
         page["p1"] = json!(0.6);
     });
     let said = refusal(&folder);
-    holds(&said, &["frame \"images/0000.png\"", "k1 = -44, p1 = 0.6", "undistort"]);
+    holds(
+        &said,
+        &[
+            "frame \"images/0000.png\"",
+            "k1 = -44, p1 = 0.6",
+            "undistort",
+        ],
+    );
     assert!(!said.contains('{'), "no debug print: {said}");
 }
 
@@ -256,7 +293,12 @@ fn a_box_that_no_camera_sees_is_refused_with_what_to_set() {
     });
     holds(
         &refusal(&folder),
-        &["the scene box", "is seen by no camera", "(40.00, 3.00, 25.00)", "`bounds`"],
+        &[
+            "the scene box",
+            "is seen by no camera",
+            "(40.00, 3.00, 25.00)",
+            "`bounds`",
+        ],
     );
 }
 
@@ -273,7 +315,10 @@ fn cameras_at_one_place_are_refused() {
 #[test]
 fn a_principal_point_outside_the_photo_is_noted_and_one_far_outside_refused() {
     let folder = capture(|page| page["cx"] = json!(20.0));
-    holds(&read(&folder).1, &["the principal point (20, 6)", "outside its 16x12 pixels"]);
+    holds(
+        &read(&folder).1,
+        &["the principal point (20, 6)", "outside its 16x12 pixels"],
+    );
     let folder = capture(|page| page["cx"] = json!(400.0));
     holds(&refusal(&folder), &["(400, 6) lies far outside"]);
 }
@@ -291,12 +336,18 @@ fn georeferenced_cameras_keep_their_digits_and_the_way_back() {
         });
     });
     let scene = transforms(&folder).unwrap();
-    holds(&scene.notes.join("\n"), &["far from the origin", "goes back"]);
+    holds(
+        &scene.notes.join("\n"),
+        &["far from the origin", "goes back"],
+    );
     for (photo, known) in scene.photos.iter().zip(ring(9)) {
         let position = photo.camera.position();
         assert!(position.length() < 3.0, "{position}");
         let back = scene.to_source.transform_point3(position);
-        assert!(back.distance(known.position() + DVec3::from(offset)) < 1e-6, "{back}");
+        assert!(
+            back.distance(known.position() + DVec3::from(offset)) < 1e-6,
+            "{back}"
+        );
     }
 }
 
@@ -304,18 +355,25 @@ fn georeferenced_cameras_keep_their_digits_and_the_way_back() {
 fn masks_beside_photos_and_in_mask_path_leave_pixels_out() {
     // The left half is white.
     let half = |white: bool| {
-        image::GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| Luma([255 * u8::from((x < 8) == white)]))
+        image::GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| {
+            Luma([255 * u8::from((x < 8) == white)])
+        })
     };
     let masked = |folder: &TempDir| {
         let scene = transforms(folder).unwrap();
         assert_eq!(scene.photos.len(), 9, "masks are no photos");
-        holds(&scene.notes.join("\n"), &["9 of 9 photos are masked (50.0 %"]);
+        holds(
+            &scene.notes.join("\n"),
+            &["9 of 9 photos are masked (50.0 %"],
+        );
         let mask = scene.photos[4].mask.clone().unwrap();
         (mask[0], mask[15])
     };
     let dynamic = capture(|_| {});
     for i in 0..9 {
-        let path = dynamic.path().join(format!("images/dynamic_mask_{i:04}.png"));
+        let path = dynamic
+            .path()
+            .join(format!("images/dynamic_mask_{i:04}.png"));
         save(half(true), &path, ImageFormat::Png);
     }
     assert_eq!(masked(&dynamic), (false, true), "instant-ngp: white is out");
@@ -361,7 +419,10 @@ fn exif_orientation_turns_photos_where_their_cameras_are_for_that() {
         (first.camera.width, first.rgb[0], scene.notes.join("\n"))
     };
     let (width, red, notes) = turned(12, 16);
-    holds(&notes, &["9 photos have the EXIF orientation 6 and are turned"]);
+    holds(
+        &notes,
+        &["9 photos have the EXIF orientation 6 and are turned"],
+    );
     // Red grows to the right; turned clockwise it grows downwards, from the same corner's row.
     assert_eq!(width, 12);
     assert!(red < 0.2, "{red}");
@@ -375,7 +436,9 @@ fn a_jpeg_that_was_cut_short_is_refused_by_name() {
     let folder = capture(|_| {});
     let path = folder.path().join("images/0003.png");
     let noise = |x: u32, y: u32| (x * 37 + y * 91 + x * y * 13) as u8;
-    let busy = RgbImage::from_fn(64, 48, |x, y| Rgb([noise(x, y), noise(y, x), noise(x + 7, y)]));
+    let busy = RgbImage::from_fn(64, 48, |x, y| {
+        Rgb([noise(x, y), noise(y, x), noise(x + 7, y)])
+    });
     let jpeg = with_orientation(&busy, 1);
     std::fs::write(&path, &jpeg).unwrap();
     assert_eq!(read(&folder).0, 9, "the whole one is read");
@@ -383,13 +446,21 @@ fn a_jpeg_that_was_cut_short_is_refused_by_name() {
     let half = jpeg[..jpeg.len() / 2].to_vec();
     for bytes in [half.clone(), [&half[..], &[0xFF, 0xD9]].concat()] {
         std::fs::write(&path, bytes).unwrap();
-        holds(&refusal(&folder), &["SCENE/images/0003.png: not a readable photo", "copy it again"]);
+        holds(
+            &refusal(&folder),
+            &[
+                "SCENE/images/0003.png: not a readable photo",
+                "copy it again",
+            ],
+        );
     }
 }
 
 #[test]
 fn exr_tiff_webp_and_deep_pngs_are_read() {
-    let linear = Rgb32FImage::from_fn(SIZE.0, SIZE.1, |x, _| Rgb([0.214_041_14, x as f32 / 8.0, 0.0]));
+    let linear = Rgb32FImage::from_fn(SIZE.0, SIZE.1, |x, _| {
+        Rgb([0.214_041_14, x as f32 / 8.0, 0.0])
+    });
     let deep = image::ImageBuffer::from_fn(SIZE.0, SIZE.1, |_, _| Rgb([32_896u16, 257, 65_535]));
     let with = |name: &str, save: &dyn Fn(&Path)| {
         let folder = capture(|_| {});
@@ -400,13 +471,21 @@ fn exr_tiff_webp_and_deep_pngs_are_read() {
         (scene.photos[4].rgb[..3].to_vec(), scene.notes.join("\n"))
     };
     let near = |values: &[f32], wanted: [f32; 3]| {
-        values.iter().zip(wanted).for_each(|(a, b)| assert!((a - b).abs() < 1e-4, "{values:?}"));
+        values
+            .iter()
+            .zip(wanted)
+            .for_each(|(a, b)| assert!((a - b).abs() < 1e-4, "{values:?}"));
     };
-    let (exr, notes) = with("0004.exr", &|path| save(linear.clone(), path, ImageFormat::OpenExr));
+    let (exr, notes) = with("0004.exr", &|path| {
+        save(linear.clone(), path, ImageFormat::OpenExr)
+    });
     near(&exr, [0.5, 0.0, 0.0]);
     holds(&notes, &["1 photos hold linear values above 1"]);
     let deep_values = [32_896.0 / 65_535.0, 257.0 / 65_535.0, 1.0];
-    for (name, format) in [("0004.tif", ImageFormat::Tiff), ("0004.png", ImageFormat::Png)] {
+    for (name, format) in [
+        ("0004.tif", ImageFormat::Tiff),
+        ("0004.png", ImageFormat::Png),
+    ] {
         let (values, _) = with(name, &|path| save(deep.clone(), path, format));
         near(&values, deep_values);
         assert_ne!(values[0], 128.0 / 255.0, "all sixteen bits count");
@@ -422,13 +501,29 @@ fn what_is_there_is_not_called_missing() {
         let old = folder.path().join(format!("images/{i:04}.png"));
         std::fs::rename(old, folder.path().join(format!("images/{i:04}.HEIC"))).unwrap();
     }
-    holds(&refusal(&folder), &["SCENE/images/0000.HEIC", "HEIC, which is not read", "convert it to"]);
+    holds(
+        &refusal(&folder),
+        &[
+            "SCENE/images/0000.HEIC",
+            "HEIC, which is not read",
+            "convert it to",
+        ],
+    );
     let folder = capture(|_| {});
     let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n";
     std::fs::write(folder.path().join("images/0002.png"), pointer).unwrap();
-    holds(&refusal(&folder), &["SCENE/images/0002.png: is a git-lfs pointer", "git lfs pull"]);
+    holds(
+        &refusal(&folder),
+        &[
+            "SCENE/images/0002.png: is a git-lfs pointer",
+            "git lfs pull",
+        ],
+    );
     rewrite(&folder, |_| pointer.into());
-    holds(&refusal(&folder), &["SCENE/transforms.json: is a git-lfs pointer"]);
+    holds(
+        &refusal(&folder),
+        &["SCENE/transforms.json: is a git-lfs pointer"],
+    );
 }
 
 #[test]
@@ -449,7 +544,10 @@ fn photos_that_are_enlarged_are_noted() {
         size: Some((32, 24)),
         ..Transforms::default()
     };
-    holds(&scene.read().unwrap().notes.join("\n"), &["9 photos are smaller than the 32x24"]);
+    holds(
+        &scene.read().unwrap().notes.join("\n"),
+        &["9 photos are smaller than the 32x24"],
+    );
 }
 
 #[test]
@@ -459,7 +557,14 @@ fn another_programs_camera_path_is_refused_by_what_it_is() {
     let page = json!({"camera_type": "perspective", "camera_path": [{"camera_to_world": [1, 0], "fov": 50}]});
     std::fs::write(&path, page.to_string()).unwrap();
     let said = scene::path_digest(&path).unwrap_err().to_string();
-    holds(&said, &["camera_path.json", "a camera path of nerfstudio's viewer", "expected a list of frames"]);
+    holds(
+        &said,
+        &[
+            "camera_path.json",
+            "a camera path of nerfstudio's viewer",
+            "expected a list of frames",
+        ],
+    );
 }
 
 /// A reconstruction in text of so many cameras, with photos under `images`; the text of the images may be changed.
@@ -473,11 +578,23 @@ fn reconstruction(cameras: &[Camera], lens: &str, line_of_points: bool) -> TempD
         let (_, turn, t) = pose.inverse().to_scale_rotation_translation();
         let turn: DQuat = turn;
         let (w, x, y, z) = (turn.w, turn.x, turn.y, turn.z);
-        writeln!(images, "{} {w} {x} {y} {z} {} {} {} 1 {i:04}.png", i + 1, t.x, t.y, t.z).unwrap();
+        writeln!(
+            images,
+            "{} {w} {x} {y} {z} {} {} {} 1 {i:04}.png",
+            i + 1,
+            t.x,
+            t.y,
+            t.z
+        )
+        .unwrap();
         if line_of_points {
             images.push('\n');
         }
-        save(photo(i), &folder.path().join(format!("images/{i:04}.png")), ImageFormat::Png);
+        save(
+            photo(i),
+            &folder.path().join(format!("images/{i:04}.png")),
+            ImageFormat::Png,
+        );
     }
     for i in 0..40 {
         let at = |k: u32| f64::from((i * k) % 11) / 11.0 - 0.5;
@@ -523,7 +640,11 @@ fn photos_in_folders_within_the_folder_are_read() {
 fn photos_that_are_not_registered_are_counted() {
     let folder = reconstruction(&ring(9), PINHOLE, true);
     (9..30).for_each(|i| {
-        save(photo(i), &folder.path().join(format!("images/{i:04}.png")), ImageFormat::Png);
+        save(
+            photo(i),
+            &folder.path().join(format!("images/{i:04}.png")),
+            ImageFormat::Png,
+        );
     });
     let (scene, notes) = scene_of(&folder, None);
     assert_eq!(scene.photos.len(), 9);
@@ -535,12 +656,22 @@ fn records_of_one_line_are_all_read() {
     let folder = reconstruction(&ring(9), PINHOLE, false);
     let (scene, notes) = scene_of(&folder, None);
     assert_eq!(scene.photos.len(), 9);
-    holds(&notes, &["8 of 9 records of images.txt have no line of points"]);
+    holds(
+        &notes,
+        &["8 of 9 records of images.txt have no line of points"],
+    );
     let images = folder.path().join("sparse/0/images.txt");
     let text = std::fs::read_to_string(&images).unwrap();
-    std::fs::write(&images, text.replacen("0000.png\n", "0000.png\n1.5 2.5\n", 1)).unwrap();
+    std::fs::write(
+        &images,
+        text.replacen("0000.png\n", "0000.png\n1.5 2.5\n", 1),
+    )
+    .unwrap();
     let error = colmap(folder.path(), None, None).read().unwrap_err();
-    holds(&words(error, folder.path()), &["images.txt: line 2", "X Y POINT3D_ID"]);
+    holds(
+        &words(error, folder.path()),
+        &["images.txt: line 2", "X Y POINT3D_ID"],
+    );
 }
 
 #[test]
@@ -559,7 +690,10 @@ fn lenses_without_distortion_or_with_all_of_opencvs_are_read() {
     assert!(scene.photos[0].camera.distortion.fisheye);
     let folder = reconstruction(&ring(9), "FOV 16 12 15 15 8 6 0.9", true);
     let error = colmap(folder.path(), None, None).read().unwrap_err();
-    holds(&words(error, folder.path()), &["cameras.txt: line 1", "omega = 0.9", "image_undistorter"]);
+    holds(
+        &words(error, folder.path()),
+        &["cameras.txt: line 1", "omega = 0.9", "image_undistorter"],
+    );
 }
 
 #[test]
@@ -567,11 +701,18 @@ fn the_folder_that_has_all_photos_is_taken() {
     let folder = reconstruction(&ring(9), PINHOLE, true);
     for i in 0..3 {
         let small = RgbImage::new(8, 6);
-        save(small, &folder.path().join(format!("images_2/{i:04}.png")), ImageFormat::Png);
+        save(
+            small,
+            &folder.path().join(format!("images_2/{i:04}.png")),
+            ImageFormat::Png,
+        );
     }
     let (scene, notes) = scene_of(&folder, Some((8, 6)));
     assert_eq!(scene.photos.len(), 9);
-    holds(&notes, &["images_2 has 3 of 9 photos and is passed over: those of images are taken"]);
+    holds(
+        &notes,
+        &["images_2 has 3 of 9 photos and is passed over: those of images are taken"],
+    );
 }
 
 #[test]
@@ -582,9 +723,18 @@ fn a_camera_far_from_all_others_is_left_out_by_name() {
     cameras[7].camera_to_world.w_axis.w = 1.0;
     let (scene, notes) = scene_of(&reconstruction(&cameras, PINHOLE, true), None);
     assert_eq!(scene.photos.len(), 23);
-    holds(&notes, &["the camera of photo 0007 stands", "times as far away", "left out"]);
+    holds(
+        &notes,
+        &[
+            "the camera of photo 0007 stands",
+            "times as far away",
+            "left out",
+        ],
+    );
     let widest = |scene: &SceneData| {
-        (0..3).map(|i| scene.bounds[1][i] - scene.bounds[0][i]).fold(0.0, f64::max)
+        (0..3)
+            .map(|i| scene.bounds[1][i] - scene.bounds[0][i])
+            .fold(0.0, f64::max)
     };
     assert!(widest(&scene) < 1.2 * widest(&clean));
 }
@@ -592,12 +742,23 @@ fn a_camera_far_from_all_others_is_left_out_by_name() {
 #[test]
 fn of_several_reconstructions_the_largest_is_read_and_the_others_named() {
     let folder = reconstruction(&ring(9), PINHOLE, true);
-    std::fs::rename(folder.path().join("sparse/0"), folder.path().join("sparse/1")).unwrap();
+    std::fs::rename(
+        folder.path().join("sparse/0"),
+        folder.path().join("sparse/1"),
+    )
+    .unwrap();
     let small = reconstruction(&ring(3), PINHOLE, true);
-    std::fs::rename(small.path().join("sparse/0"), folder.path().join("sparse/0")).unwrap();
+    std::fs::rename(
+        small.path().join("sparse/0"),
+        folder.path().join("sparse/0"),
+    )
+    .unwrap();
     let (scene, notes) = scene_of(&folder, None);
     assert_eq!(scene.photos.len(), 9);
-    holds(&notes, &["there are 2 reconstructions (0 with 3 photos, 1 with 9 photos): 1 is read"]);
+    holds(
+        &notes,
+        &["there are 2 reconstructions (0 with 3 photos, 1 with 9 photos): 1 is read"],
+    );
 }
 
 #[test]
@@ -608,17 +769,30 @@ fn points_without_tracks_are_not_called_missing() {
     let without = |line: &str| line.split(' ').take(8).collect::<Vec<_>>().join(" ") + "\n";
     std::fs::write(&points, text.lines().map(without).collect::<String>()).unwrap();
     let (scene, notes) = scene_of(&folder, None);
-    holds(&notes, &["they have no tracks", "all points in each photo's view"]);
+    holds(
+        &notes,
+        &["they have no tracks", "all points in each photo's view"],
+    );
     let camera = &scene.photos[0].camera;
-    assert!(camera.far / camera.near < 2.0, "{} {}", camera.near, camera.far);
+    assert!(
+        camera.far / camera.near < 2.0,
+        "{} {}",
+        camera.near,
+        camera.far
+    );
 }
 
 #[test]
 fn a_number_that_occurs_twice_is_refused_by_line() {
     let folder = reconstruction(&ring(9), PINHOLE, true);
     let images = folder.path().join("sparse/0/images.txt");
-    let text = std::fs::read_to_string(&images).unwrap().replace("\n3 ", "\n2 ");
+    let text = std::fs::read_to_string(&images)
+        .unwrap()
+        .replace("\n3 ", "\n2 ");
     std::fs::write(&images, text).unwrap();
     let error = colmap(folder.path(), None, None).read().unwrap_err();
-    holds(&words(error, folder.path()), &["images.txt: line 6: IMAGE_ID 2 is also that of 0001.png"]);
+    holds(
+        &words(error, folder.path()),
+        &["images.txt: line 6: IMAGE_ID 2 is also that of 0001.png"],
+    );
 }

@@ -255,8 +255,7 @@ fn a_missing_part_is_named_with_what_to_do() {
         .unwrap_err()
         .to_string();
     assert!(
-        misspelt
-            .contains("image_4: a folder of photos is missing; there is: images_4"),
+        misspelt.contains("image_4: a folder of photos is missing; there is: images_4"),
         "{misspelt}"
     );
 }
@@ -338,7 +337,9 @@ fn photos_must_be_as_many_as_poses_whole_and_of_one_size() {
         std::fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
     });
     assert!(
-        cut.starts_with("SCENE/images_4/photo1.png: not a readable photo: it ends before its last row"),
+        cut.starts_with(
+            "SCENE/images_4/photo1.png: not a readable photo: it ends before its last row"
+        ),
         "{cut}"
     );
 }

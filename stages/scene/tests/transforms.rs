@@ -6,9 +6,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{
-    BENT, SIZE, any_damage, known_cameras, photos, real, transforms, words, write_photo,
-};
+use common::{BENT, SIZE, any_damage, known_cameras, photos, real, transforms, words, write_photo};
 use proptest::prelude::*;
 use scene::{Distortion, Reader, SceneData, Transforms, write_transforms};
 use serde_json::{Value, json};
@@ -177,7 +175,10 @@ fn nerfstudio_names_its_splits_and_may_leave_the_box_to_us() {
         (vec!["0".to_owned()], vec!["1".to_owned()])
     );
     assert!(
-        scene.notes.iter().any(|note| note.contains("gives no scene box")),
+        scene
+            .notes
+            .iter()
+            .any(|note| note.contains("gives no scene box")),
         "{:?}",
         scene.notes
     );
@@ -245,8 +246,8 @@ fn the_digest_follows_cameras_and_photos() {
 fn what_is_wrong_is_named_by_file_and_field() {
     let fault = |change: &dyn Fn(&mut Value), expected: &[&str]| {
         let folder = written("transforms.json", change);
-        let error = transforms(folder.path(), &Transforms::default())
-            .expect_err("the scene is spoilt");
+        let error =
+            transforms(folder.path(), &Transforms::default()).expect_err("the scene is spoilt");
         let words = words(error, folder.path());
         for part in [&["SCENE/"], expected].concat() {
             assert!(words.contains(part), "{part} is not in: {words}");
@@ -265,7 +266,10 @@ fn what_is_wrong_is_named_by_file_and_field() {
         &|page| page["frames"] = json!([]),
         &["transforms.json: frames: is empty"],
     );
-    fault(&|page| *page = json!({}), &["has no `frames`; expected a list of frames"]);
+    fault(
+        &|page| *page = json!({}),
+        &["has no `frames`; expected a list of frames"],
+    );
     fault(
         &|page| page["frames"][1]["fl_x"] = json!(-3.0),
         &[frame, "focal lengths -3"],

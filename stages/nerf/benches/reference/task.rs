@@ -2,7 +2,10 @@
 //! nothing of training.
 
 use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
-use scene::{Llff, Photo, Reader, Reduction, SceneData, Transforms, downscale, object, split_holdout, still_life, write_transforms};
+use scene::{
+    Llff, Photo, Reader, Reduction, SceneData, Transforms, downscale, object, split_holdout,
+    still_life, write_transforms,
+};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 use std::error::Error;

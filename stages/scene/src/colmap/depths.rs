@@ -40,7 +40,10 @@ pub(super) fn set(model: &Model, photos: &mut [(u32, Posed)]) -> Option<String> 
 /// tell, and a note says so.
 pub(super) fn guess(photos: &mut [Posed]) -> Option<String> {
     let range_of = |posed: &Posed| [posed.camera.near, posed.camera.far];
-    let known = photos.iter().map(range_of).filter(|range| *range != UNKNOWN);
+    let known = photos
+        .iter()
+        .map(range_of)
+        .filter(|range| *range != UNKNOWN);
     let widest = known.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
     let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera.clone()).collect();
     let range = widest.unwrap_or_else(|| pose::guess_depths(&cameras));

@@ -135,7 +135,8 @@ fn largest(models: &[Place], notes: &mut Vec<String>) -> Result<Place, SceneErro
     }
     let most = counted.iter().map(|(count, _)| *count).max().unwrap_or(0);
     let chosen = counted.iter().find(|(count, _)| *count == most);
-    let (_, chosen) = chosen.ok_or_else(|| SceneError::content(&models[0].folder, "it", "is empty"))?;
+    let (_, chosen) =
+        chosen.ok_or_else(|| SceneError::content(&models[0].folder, "it", "is empty"))?;
     let name = |place: &Place| {
         let name = place.folder.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()

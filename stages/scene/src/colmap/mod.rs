@@ -50,11 +50,21 @@ impl Reader for Colmap {
             model,
             mut notes,
         } = files::read(&self.folder)?;
-        let names: Vec<&str> = model.images.values().map(|image| image.name.as_str()).collect();
+        let names: Vec<&str> = model
+            .images
+            .values()
+            .map(|image| image.name.as_str())
+            .collect();
         let photos = folders::choose(&self.folder, self.images.as_deref(), self.size, &names)?;
         notes.extend(photos.note);
         let file_of_images = sources[1].clone();
-        let mut found = gather(&self.folder, &file_of_images, &model, &photos.folder, &mut notes)?;
+        let mut found = gather(
+            &self.folder,
+            &file_of_images,
+            &model,
+            &photos.folder,
+            &mut notes,
+        )?;
         notes.extend(depths::set(&model, &mut found));
         let mut train: Vec<Posed> = found.into_iter().map(|(_, posed)| posed).collect();
         train.sort_by(|a, b| a.name.cmp(&b.name));

@@ -47,7 +47,8 @@ fn records(
     bytes: &[u8],
     mut record: impl FnMut(Words, &mut Lines) -> Result<(), String>,
 ) -> Result<(), (String, String)> {
-    let text = source_files::as_text(bytes.to_vec()).map_err(|fault| ("the file".to_owned(), fault))?;
+    let text =
+        source_files::as_text(bytes.to_vec()).map_err(|fault| ("the file".to_owned(), fault))?;
     let mut lines = Lines {
         rest: text.lines().enumerate().peekable(),
     };

@@ -199,16 +199,20 @@ mod tests {
     }
 
     fn any_fisheye() -> impl Strategy<Value = Distortion> {
-        (-0.05..0.05f64, -0.01..0.01f64, -0.005..0.005f64, -0.001..0.001f64).prop_map(
-            |(k1, k2, k3, k4)| Distortion {
+        (
+            -0.05..0.05f64,
+            -0.01..0.01f64,
+            -0.005..0.005f64,
+            -0.001..0.001f64,
+        )
+            .prop_map(|(k1, k2, k3, k4)| Distortion {
                 k1,
                 k2,
                 k3,
                 k4,
                 fisheye: true,
                 ..Distortion::default()
-            },
-        )
+            })
     }
 
     proptest! {

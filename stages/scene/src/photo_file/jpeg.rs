@@ -16,9 +16,15 @@ pub(super) fn decode(bytes: &[u8], largest: u32) -> Result<DynamicImage, String>
         .set_max_width(largest as usize)
         .set_max_height(largest as usize);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    decoder.decode_headers().map_err(|fault| fault.to_string())?;
+    decoder
+        .decode_headers()
+        .map_err(|fault| fault.to_string())?;
     let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
-    let wanted = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
+    let wanted = if grey {
+        ColorSpace::Luma
+    } else {
+        ColorSpace::RGB
+    };
     decoder.set_options(options.jpeg_set_out_colorspace(wanted));
     let pixels = decoder.decode().map_err(|fault| fault.to_string())?;
     let (width, height) = decoder.dimensions().ok_or("it has no size")?;

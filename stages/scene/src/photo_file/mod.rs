@@ -62,7 +62,10 @@ pub(crate) fn header(path: &Path) -> Result<Header, SceneError> {
         .map_err(|error| unreadable(path, error))?;
     let size = non_empty(path, decoder.dimensions())?;
     if size.0.max(size.1) > LARGEST_SIDE {
-        let fault = format!("it says {}x{} pixels, more than any camera has", size.0, size.1);
+        let fault = format!(
+            "it says {}x{} pixels, more than any camera has",
+            size.0, size.1
+        );
         return Err(SceneError::image(path, fault));
     }
     // A tag that cannot be read turns nothing.
@@ -101,7 +104,10 @@ pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Pixels, SceneError>
 }
 
 /// Values from 0 to 1 of a mask: its alpha if that is all it has, else its brightness.
-pub(crate) fn read_grey(path: &Path, turn: Orientation) -> Result<((u32, u32), Vec<f32>), SceneError> {
+pub(crate) fn read_grey(
+    path: &Path,
+    turn: Orientation,
+) -> Result<((u32, u32), Vec<f32>), SceneError> {
     let Pixels {
         size, rgb, alpha, ..
     } = read(path, turn)?;
@@ -161,7 +167,10 @@ fn channels(image: DynamicImage, format: Format) -> (Vec<f32>, Option<Vec<f32>>,
     let has_alpha = image.color().has_alpha();
     let rgba = image.into_rgba32f();
     // Many tools write an alpha channel of ones: such a photo is opaque.
-    let alpha: Vec<f32> = rgba.pixels().map(|pixel| pixel[3].clamp(0.0, 1.0)).collect();
+    let alpha: Vec<f32> = rgba
+        .pixels()
+        .map(|pixel| pixel[3].clamp(0.0, 1.0))
+        .collect();
     let alpha = Some(alpha).filter(|alpha| has_alpha && alpha.iter().any(|value| *value < 1.0));
     let mut rgb: Vec<f32> = rgba
         .pixels()
@@ -173,7 +182,11 @@ fn channels(image: DynamicImage, format: Format) -> (Vec<f32>, Option<Vec<f32>>,
     // EXR's colours are multiplied by alpha.
     if let Some(alpha) = alpha.as_ref().filter(|_| format == Format::Exr) {
         for (i, value) in rgb.iter_mut().enumerate() {
-            *value = if alpha[i / 3] > 0.0 { *value / alpha[i / 3] } else { 0.0 };
+            *value = if alpha[i / 3] > 0.0 {
+                *value / alpha[i / 3]
+            } else {
+                0.0
+            };
         }
     }
     let clipped = rgb.iter().any(|value| *value > 1.0);
@@ -295,6 +308,8 @@ mod tests {
         }
         std::fs::write(&path, png_claiming(1, 1)).unwrap();
         assert!(
-            read(&path, Orientation::NoTransforms).is_ok(), "the forged header itself is sound");
+            read(&path, Orientation::NoTransforms).is_ok(),
+            "the forged header itself is sound"
+        );
     }
 }

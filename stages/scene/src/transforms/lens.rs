@@ -88,13 +88,18 @@ impl Lens {
             model: match fields.get("camera_model") {
                 None | Some(Value::Null) => None,
                 Some(Value::String(model)) => Some(model.to_uppercase()),
-                Some(other) => return Err(format!("camera_model is {}; expected a name", kind(other))),
+                Some(other) => {
+                    return Err(format!("camera_model is {}; expected a name", kind(other)));
+                }
             },
             is_fisheye: match fields.get("is_fisheye") {
                 None | Some(Value::Null) => None,
                 Some(Value::Bool(fisheye)) => Some(*fisheye),
                 Some(other) => {
-                    return Err(format!("is_fisheye is {}; expected true or false", kind(other)));
+                    return Err(format!(
+                        "is_fisheye is {}; expected true or false",
+                        kind(other)
+                    ));
                 }
             },
         })

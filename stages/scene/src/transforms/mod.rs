@@ -61,7 +61,9 @@ impl Reader for Transforms {
         source_files::check_size(&self.path, self.size)?;
         place::check_box(&self.path, self.bounds.as_ref())?;
         let (mut parts, mut notes) = self.parts()?;
-        parts.iter_mut().for_each(|part| notes.append(&mut part.notes));
+        parts
+            .iter_mut()
+            .for_each(|part| notes.append(&mut part.notes));
         let ranged = parts.iter().all(|part| part.ranged);
         let sources = parts.iter().map(|part| part.path.clone()).collect();
         let mut parts = parts.into_iter();
@@ -74,7 +76,10 @@ impl Reader for Transforms {
         split
             .test
             .extend(parts.flat_map(|part| part.photos).map(|(_, posed)| posed));
-        let splits::Split { mut train, mut test } = split;
+        let splits::Split {
+            mut train,
+            mut test,
+        } = split;
         notes.extend(sift(&first.path, &mut train, &mut test, self.size)?);
         let step = self.test_every.max(1) as usize;
         let test: Vec<Posed> = test.into_iter().step_by(step).collect();
@@ -103,8 +108,15 @@ impl Reader for Transforms {
 }
 
 impl Transforms {
+    /// Names of all fields of the JSON that are read, and of those that are passed over without a word, since they say
+    /// nothing about what a camera sees. Any other is noted.
+    pub fn known_fields() -> (Vec<&'static str>, Vec<&'static str>) {
+        Page::known_fields()
+    }
+
     fn nothing(&self) -> SceneError {
-        let remedy = "point to a folder with transforms.json or transforms_train.json, or to such a file";
+        let remedy =
+            "point to a folder with transforms.json or transforms_train.json, or to such a file";
         SceneError::Missing {
             path: self.path.join("transforms.json"),
             expected: "the cameras' file",
@@ -125,7 +137,9 @@ impl Transforms {
         };
         let mut notes = Vec::new();
         if whole.is_some() {
-            notes.push("transforms.json is not read, since transforms_train.json is beside it".into());
+            notes.push(
+                "transforms.json is not read, since transforms_train.json is beside it".into(),
+            );
         }
         let mut parts = vec![Part::read(&train, false)?];
         let held_out = beside("transforms_test.json").or_else(|| {
@@ -176,7 +190,12 @@ impl Part {
         let mut gathering = Gathering::default();
         let mut faults = Faults::default();
         let mut used = Vec::new();
-        for (frame, name) in self.page.frames.iter().zip(source_files::view_names(&paths)) {
+        for (frame, name) in self
+            .page
+            .frames
+            .iter()
+            .zip(source_files::view_names(&paths))
+        {
             let Some(spotted) = gathering.find(folder, &frame.file_path)? else {
                 continue;
             };
@@ -205,9 +224,13 @@ impl Part {
         self.notes.extend(gathering.settle(REMEDY)?);
         self.notes.extend(faults.settle(&self.path, paths.len())?);
         if alone {
-            let masks = self.photos.iter().filter_map(|(_, posed)| posed.mask.as_ref());
+            let masks = self
+                .photos
+                .iter()
+                .filter_map(|(_, posed)| posed.mask.as_ref());
             let masks: Vec<PathBuf> = masks.map(|mask| mask.path.clone()).collect();
-            self.notes.extend(without_pose(&beside(&used)?, used.iter().chain(&masks)));
+            self.notes
+                .extend(without_pose(&beside(&used)?, used.iter().chain(&masks)));
         }
         Ok(())
     }
@@ -230,7 +253,10 @@ fn mask(
     if let Some(named) = &frame.mask_path {
         match gathering.finder.find(folder, named).photo() {
             Some(path) => return Some(MaskFile::black_is_out(path)),
-            None => notes.push(format!("the mask {named} of {} is missing", frame.file_path)),
+            None => notes.push(format!(
+                "the mask {named} of {} is missing",
+                frame.file_path
+            )),
         }
     }
     MaskFile::of(&gathering.finder, folder, &spotted.file, &frame.file_path)
@@ -260,7 +286,8 @@ fn camera(page: &Page, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool)
         cx: lens.center[0].unwrap_or(0.5 * f64::from(width)),
         cy: lens.center[1].unwrap_or(0.5 * f64::from(height)),
         distortion: lens.distortion()?,
-        camera_to_world: pose::rigid(&matrix).map_err(|fault| format!("transform_matrix {fault}"))?,
+        camera_to_world: pose::rigid(&matrix)
+            .map_err(|fault| format!("transform_matrix {fault}"))?,
         near: near.unwrap_or(1.0),
         far: far.unwrap_or(2.0),
     };
@@ -281,13 +308,19 @@ fn whole(stated: Option<f64>, found: u32) -> Option<u32> {
 pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>, SceneError> {
     let page = Page::read(path)?;
     let one = |frame: &Frame| {
-        let (camera, has_range) = camera(&page, frame, (like.width, like.height))
-            .map_err(|fault| SceneError::content(path, format!("frame {:?}", frame.file_path), fault))?;
+        let (camera, has_range) =
+            camera(&page, frame, (like.width, like.height)).map_err(|fault| {
+                SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
+            })?;
         let [near, far] = match has_range {
             true => [camera.near, camera.far],
             false => [like.near, like.far],
         };
-        Ok(Camera { near, far, ..camera })
+        Ok(Camera {
+            near,
+            far,
+            ..camera
+        })
     };
     page.frames.iter().map(one).collect()
 }

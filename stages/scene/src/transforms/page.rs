@@ -73,7 +73,8 @@ impl Page {
         let bytes = source_files::read_file(path)?;
         let text = source_files::as_text(bytes)
             .map_err(|fault| SceneError::content(path, "the file", fault))?;
-        let value = parse(&text).map_err(|(place, fault)| SceneError::content(path, place, fault))?;
+        let value =
+            parse(&text).map_err(|(place, fault)| SceneError::content(path, place, fault))?;
         Self::of(&value).map_err(|(place, fault)| SceneError::content(path, place, fault))
     }
 
@@ -84,7 +85,9 @@ impl Page {
             .ok_or_else(|| whole(format!("is {}; {EXPECTED}", kind(value))))?;
         let frames = match fields.get("frames") {
             Some(Value::Array(frames)) => frames,
-            Some(other) => return Err(("frames".into(), format!("is {}; {EXPECTED}", kind(other)))),
+            Some(other) => {
+                return Err(("frames".into(), format!("is {}; {EXPECTED}", kind(other))));
+            }
             None => return Err(whole(without_frames(fields))),
         };
         match frames.len() {
@@ -116,6 +119,12 @@ impl Page {
             unused: unused(fields),
             frames,
         })
+    }
+
+    /// Names of all fields that are read, and of those that are passed over without a word.
+    pub(crate) fn known_fields() -> (Vec<&'static str>, Vec<&'static str>) {
+        let read = [READ, READ_OF_FRAMES, &Lens::FIELDS].concat();
+        (read, QUIET.to_vec())
     }
 
     /// Whether the lens is given by its field of view alone, as in NeRF-synthetic.
@@ -162,7 +171,8 @@ fn parse(text: &str) -> Result<Value, (String, String)> {
         .map_err(|error| {
             let place = format!("line {}, column {}", error.line(), error.column());
             let fault = if error.is_eof() {
-                "the file ends in the middle of a value: it was cut short; copy or write it again".into()
+                "the file ends in the middle of a value: it was cut short; copy or write it again"
+                    .into()
             } else {
                 let said = error.to_string();
                 let said = said.split(" at line ").next().unwrap_or(&said);
@@ -225,10 +235,7 @@ fn unused(fields: &Map<String, Value>) -> Vec<String> {
     let is_unused = |name: &str, read: &[&str]| {
         !read.contains(&name) && !QUIET.contains(&name) && !Lens::FIELDS.contains(&name)
     };
-    let own = fields
-        .keys()
-        .filter(|name| is_unused(name, READ))
-        .cloned();
+    let own = fields.keys().filter(|name| is_unused(name, READ)).cloned();
     let frames = fields.get("frames").and_then(Value::as_array);
     let of_frames = frames
         .into_iter()

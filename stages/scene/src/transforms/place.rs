@@ -60,7 +60,11 @@ impl Placed {
                 [camera.near, camera.far] = range;
             }
         }
-        let train: Vec<Camera> = self.train.iter().map(|posed| posed.camera.clone()).collect();
+        let train: Vec<Camera> = self
+            .train
+            .iter()
+            .map(|posed| posed.camera.clone())
+            .collect();
         Ok(bounds.unwrap_or_else(|| pose::hull(&train)))
     }
 

@@ -101,7 +101,12 @@ mod tests {
 
     #[test]
     fn lists_name_photos_by_paths_not_by_texts() {
-        for path in ["images/a.png", "./images/a.png", "images\\a.png", "images//a"] {
+        for path in [
+            "images/a.png",
+            "./images/a.png",
+            "images\\a.png",
+            "images//a",
+        ] {
             assert_eq!(same(path), "images/a");
         }
     }
