@@ -47,12 +47,14 @@ fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreErro
     })
 }
 
-/// Whether a result has tables or figures.
+/// Whether a result has tables, figures or remarks.
 pub fn tells(record: &Record) -> bool {
-    record
+    let has_remarks = !record.remarks.is_empty();
+    let shows = record
         .outputs
         .values()
-        .any(|output| matches!(output.kind, ArtifactKind::Metrics | ArtifactKind::Figures))
+        .any(|output| matches!(output.kind, ArtifactKind::Metrics | ArtifactKind::Figures));
+    has_remarks || shows
 }
 
 /// The tables of all metrics artifacts of a result.

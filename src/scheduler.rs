@@ -226,6 +226,7 @@ impl Scheduler<'_> {
             key,
             bytes,
         });
+        board.remark(at, &record);
         self.view.show(self.context.store, self.name(at), &record)?;
         board.done(at, StageRun::cached(key), record);
         Ok(true)

@@ -88,7 +88,16 @@ impl Task<'_> {
         messages: &(dyn Fn(Message) + Sync),
     ) -> Result<Record, Failure> {
         let begun = Instant::now();
-        let end = catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages))));
+        let remarks = Mutex::new(Vec::new());
+        let messages = |message| {
+            if let (Message::Remark(text), Ok(mut remarks)) = (&message, remarks.lock()) {
+                remarks.push(text.clone());
+            }
+            messages(message);
+        };
+        let end = catch_unwind(AssertUnwindSafe(|| {
+            pool.install(|| self.compute(&messages))
+        }));
         if let Some(holder) = self.work.lost_to() {
             return Err(Failure::Lost(holder));
         }
@@ -108,6 +117,7 @@ impl Task<'_> {
                     stage,
                     seconds: begun.elapsed().as_secs_f64(),
                     device,
+                    remarks: remarks.into_inner().unwrap_or_default(),
                 };
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }

@@ -9,7 +9,7 @@ use crate::error::SchemaError;
 /// Images are at most this wide and high.
 const LARGEST_EXTENT: u32 = 1 << 16;
 
-/// OpenCV's radial and tangential lens distortion, in focal lengths with y down; all zero is a pinhole.
+/// OpenCV's lens distortion, in focal lengths with y down: radial and tangential, or its fisheye; all zero is a pinhole.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Distortion {
@@ -23,6 +23,22 @@ pub struct Distortion {
     pub p1: f64,
     /// Second tangential coefficient.
     pub p2: f64,
+    /// Coefficient of r² below the line, or a fisheye's fourth.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub k4: f64,
+    /// Coefficient of r⁴ below the line.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub k5: f64,
+    /// Coefficient of r⁶ below the line.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub k6: f64,
+    /// Whether k1 to k4 are those of OpenCV's fisheye, of angles instead of r.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub fisheye: bool,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Distortion {
@@ -31,9 +47,15 @@ impl Distortion {
         *self == Self::default()
     }
 
-    /// All coefficients, in the order of the fields.
-    pub(crate) fn coefficients(&self) -> [f64; 5] {
-        [self.k1, self.k2, self.k3, self.p1, self.p2]
+    /// All coefficients, in the order of the fields, and 1 for a fisheye; the last four only where one of them is not 0.
+    pub(crate) fn coefficients(&self) -> Vec<f64> {
+        let first = [self.k1, self.k2, self.k3, self.p1, self.p2];
+        let fisheye = f64::from(u8::from(self.fisheye));
+        let last = [self.k4, self.k5, self.k6, fisheye];
+        match last == [0.0; 4] {
+            true => first.to_vec(),
+            false => [&first[..], &last].concat(),
+        }
     }
 }
 

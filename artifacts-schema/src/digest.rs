@@ -167,6 +167,15 @@ impl ContentHasher {
         }
     }
 
+    /// Which pixels count; nothing where all do, so that the digest is that of the days before there were masks.
+    pub fn mask(&mut self, mask: Option<&[bool]>) {
+        if let Some(mask) = mask {
+            let bytes: Vec<u8> = mask.iter().map(|counts| u8::from(*counts)).collect();
+            self.text("mask");
+            self.bytes(&bytes);
+        }
+    }
+
     pub fn tensor(&mut self, tensor: &Tensor) {
         self.text("f32");
         self.count(tensor.shape.len());
@@ -206,7 +215,7 @@ impl ContentHasher {
             &[
                 &lens[..],
                 if camera.distortion.is_none() {
-                    &[]
+                    &[][..]
                 } else {
                     &bent
                 },

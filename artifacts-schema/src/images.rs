@@ -25,6 +25,8 @@ pub struct View {
     pub alpha: Option<Vec<f32>>,
     /// Height x width, depth along the viewing axis in scene units.
     pub depth: Option<Vec<f32>>,
+    /// Height x width, which pixels count where some do not: what is masked is neither trained on nor measured.
+    pub mask: Option<Vec<bool>>,
 }
 
 /// Posed images of one scene.
@@ -34,6 +36,9 @@ pub struct ImageSet {
     pub views: Vec<View>,
     /// The scene box: its lower and its upper corner.
     pub bounds: [[f64; 3]; 2],
+    /// Rows of the similarity that takes the scene's coordinates to those of the files that it was read from; `None` where
+    /// they are the same.
+    pub to_source: Option<[[f64; 4]; 4]>,
 }
 
 impl View {
@@ -54,7 +59,13 @@ impl View {
                 ));
             }
         }
-        Ok(())
+        match self.mask.as_ref().map(Vec::len) {
+            Some(found) if found != pixels => Err(SchemaError::content(
+                &place,
+                format!("mask has {found} values; expected {pixels}"),
+            )),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -78,7 +89,10 @@ impl Artifact for ImageSet {
             .iter()
             .map(|view| (view.name.as_str(), view.camera))
             .collect();
-        let page = canonical::page(&Transforms::new(&cameras, self.bounds, provenance))?;
+        let page = canonical::page(&Transforms {
+            to_source: self.to_source,
+            ..Transforms::new(&cameras, self.bounds, provenance)
+        })?;
         canonical::write(folder, transforms::FILE, page.as_bytes())?;
         views.par_iter().try_for_each(|view| {
             openexr::write(&folder.join(format!("{}.exr", view.name)), view, provenance)
@@ -95,6 +109,7 @@ impl Artifact for ImageSet {
         Ok(Self {
             views: views.into_iter().collect::<Result<_, _>>()?,
             bounds: transforms.aabb,
+            to_source: transforms.to_source,
         })
     }
 
@@ -108,6 +123,11 @@ impl Artifact for ImageSet {
             hasher.values(&view.rgb);
             hasher.optional_values(view.alpha.as_deref());
             hasher.optional_values(view.depth.as_deref());
+            hasher.mask(view.mask.as_deref());
+        }
+        if let Some(to_source) = &self.to_source {
+            hasher.text("to_source");
+            hasher.reals(to_source.as_flattened());
         }
         hasher.finish()
     }

@@ -1,4 +1,4 @@
-//! One view as one OpenEXR file: float channels R, G, B (A) (Z), scene-linear Rec.709, and the camera in the standard
+//! One view as one OpenEXR file: float channels R, G, B (A) (Z) (mask), scene-linear Rec.709, and the camera in the standard
 //! attributes.
 //!
 //! The `exr` crate writes custom attributes in random order, so that there is one per list: `srnerf`, the provenance as
@@ -33,6 +33,9 @@ const REC_709: Chromaticities = Chromaticities {
     white: Vec2(0.3127, 0.3290),
 };
 
+/// The channel of masks: 1 where a pixel counts, 0 where not.
+const MASK: &str = "mask";
+
 /// Writes a view.
 pub fn write(path: &Path, view: &View, provenance: &Provenance) -> Result<(), SchemaError> {
     let mut image = Image::from_layer(Layer::new(
@@ -63,9 +66,14 @@ fn channels(view: &View) -> Vec<AnyChannel<FlatSamples>> {
     let color = [("R", plane(0)), ("G", plane(1)), ("B", plane(2))].into_iter();
     let alpha = view.alpha.iter().map(|alpha| ("A", alpha.clone()));
     let depth = view.depth.iter().map(|depth| ("Z", depth.clone()));
+    let mask = view.mask.iter().map(|mask| {
+        let values = mask.iter().map(|counts| f32::from(u8::from(*counts)));
+        (MASK, values.collect())
+    });
     color
         .chain(alpha)
         .chain(depth)
+        .chain(mask)
         .map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)))
         .collect()
 }
@@ -175,12 +183,16 @@ fn view(
         .map(|((r, g), b)| [r, g, b])
         .collect();
     let (alpha, depth) = (planes.remove("A"), planes.remove("Z"));
+    let mask = planes
+        .remove(MASK)
+        .map(|values| values.iter().map(|value| *value > 0.5).collect());
     Some(View {
         name: name.to_owned(),
         camera,
         rgb: rgb.into_flattened(),
         alpha,
         depth,
+        mask,
     })
 }
 
@@ -211,13 +223,17 @@ fn check(
         .map(|channel| channel.name.to_string())
         .collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let without_mask = match names.as_slice() {
+        [names @ .., MASK] => names,
+        names => names,
+    };
     let (["B", "G", "R"] | ["A", "B", "G", "R"] | ["B", "G", "R", "Z"] | ["A", "B", "G", "R", "Z"]) =
-        names[..]
+        without_mask
     else {
         return Err((
             "channels",
             format!(
-                "are {}; expected B, G, R, perhaps A and Z",
+                "are {}; expected B, G, R, perhaps A, Z and mask",
                 names.join(", ")
             ),
         ));

@@ -17,10 +17,15 @@ pub const FILE: &str = "transforms.json";
 /// The file.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Transforms {
-    /// Always `OPENCV`: a pinhole camera, with lens distortion where a lens has coefficients.
+    /// `OPENCV`: a pinhole camera, with lens distortion where a lens has coefficients; `OPENCV_FISHEYE` where all are
+    /// fisheyes.
     pub camera_model: String,
     /// The scene box: its lower and its upper corner.
     pub aabb: [[f64; 3]; 2],
+    /// Rows of the similarity that takes these coordinates to those of the files that the scene was read from; none where
+    /// they are the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to_source: Option<[[f64; 4]; 4]>,
     /// What all cameras share; empty if they differ.
     #[serde(flatten)]
     pub lens: Lens,
@@ -79,6 +84,18 @@ pub struct Lens {
     /// Lens distortion, second tangential coefficient; none for a pinhole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p2: Option<f64>,
+    /// Lens distortion below the line, of r², or a fisheye's fourth coefficient; none for most lenses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k4: Option<f64>,
+    /// Lens distortion below the line, of r⁴; none for most lenses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k5: Option<f64>,
+    /// Lens distortion below the line, of r⁶; none for most lenses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k6: Option<f64>,
+    /// Whether k1 to k4 are those of OpenCV's fisheye; none for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub is_fisheye: Option<bool>,
     /// Where the scene begins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near: Option<f64>,
@@ -90,6 +107,7 @@ pub struct Lens {
 impl Lens {
     fn of(camera: &Camera) -> Self {
         let bent = |coefficient: f64| Some(coefficient).filter(|_| !camera.distortion.is_none());
+        let below = |coefficient: f64| Some(coefficient).filter(|value| *value != 0.0);
         Self {
             w: Some(camera.width),
             h: Some(camera.height),
@@ -102,6 +120,10 @@ impl Lens {
             k3: bent(camera.distortion.k3),
             p1: bent(camera.distortion.p1),
             p2: bent(camera.distortion.p2),
+            k4: below(camera.distortion.k4),
+            k5: below(camera.distortion.k5),
+            k6: below(camera.distortion.k6),
+            is_fisheye: Some(true).filter(|_| camera.distortion.fisheye),
             near: Some(camera.near),
             far: Some(camera.far),
         }
@@ -125,9 +147,17 @@ impl Transforms {
                 Lens::of(&camera)
             },
         };
+        let all_fisheyes =
+            !cameras.is_empty() && cameras.iter().all(|(_, camera)| camera.distortion.fisheye);
+        let model = if all_fisheyes {
+            "OPENCV_FISHEYE"
+        } else {
+            "OPENCV"
+        };
         Self {
-            camera_model: "OPENCV".to_owned(),
+            camera_model: model.to_owned(),
             aabb: bounds,
+            to_source: None,
             lens: shared.unwrap_or_default(),
             frames: cameras.iter().map(frame).collect(),
             provenance: provenance.clone(),
@@ -161,6 +191,10 @@ impl Transforms {
             k3: or_zero(own.k3, self.lens.k3),
             p1: or_zero(own.p1, self.lens.p1),
             p2: or_zero(own.p2, self.lens.p2),
+            k4: or_zero(own.k4, self.lens.k4),
+            k5: or_zero(own.k5, self.lens.k5),
+            k6: or_zero(own.k6, self.lens.k6),
+            fisheye: own.is_fisheye.or(self.lens.is_fisheye) == Some(true),
         }
     }
 

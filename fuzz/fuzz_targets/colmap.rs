@@ -5,7 +5,7 @@
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use scene::colmap;
+use scene::{Colmap, Reader};
 use tempfile::TempDir;
 
 /// A folder for each format with the photo `images/0.png`, kept for all runs.
@@ -28,5 +28,5 @@ fuzz_target!(|bytes: &[u8]| {
     for (name, part) in [("cameras", cameras), ("images", images), ("points3D", points)] {
         std::fs::write(folder.join(format!("sparse/0/{name}.{extension}")), part).expect("the file can be written");
     }
-    let _ = colmap(folder, None, None);
+    let _ = Colmap { folder: folder.to_owned(), images: None, size: None }.read();
 });

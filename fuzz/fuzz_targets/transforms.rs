@@ -4,7 +4,7 @@
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use scene::{TransformsOptions, transforms};
+use scene::{Reader, Transforms};
 use tempfile::TempDir;
 
 /// A folder with the photo `0.png`, kept for all runs.
@@ -17,5 +17,5 @@ static FOLDER: LazyLock<TempDir> = LazyLock::new(|| {
 fuzz_target!(|bytes: &[u8]| {
     let path = FOLDER.path().join("transforms.json");
     std::fs::write(&path, bytes).expect("the file can be written");
-    let _ = transforms(&path, &TransformsOptions::default());
+    let _ = Transforms { path, ..Transforms::default() }.read();
 });

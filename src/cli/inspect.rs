@@ -70,6 +70,9 @@ fn outputs(name: &str, record: &Record, view: &View) {
         "{name}\nkey {}\ncomputed in {:.1} s on {}",
         record.key, record.seconds, record.device
     ));
+    for remark in &record.remarks {
+        print(&format_args!("warning: {remark}"));
+    }
     for (output, artifact) in &record.outputs {
         let folder = view.output(name, output);
         print(&format_args!(

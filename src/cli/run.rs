@@ -150,8 +150,14 @@ impl Run {
             .iter()
             .map(|(name, key)| (name.as_str(), *key))
             .collect();
-        progress::choose(json, self.verbosity(), !self.no_progress)
-            .event(&Event::Cached { results: &results });
+        let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
+        progress.event(&Event::Cached { results: &results });
+        for (stage, result) in told {
+            for text in &result.remarks {
+                progress.event(&Event::Warning { stage, text });
+            }
+        }
+        drop(progress);
         let stages = stages
             .iter()
             .map(|(name, key)| (name.clone(), StageRun::cached(*key)))

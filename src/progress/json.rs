@@ -59,7 +59,7 @@ impl Json {
 
     fn said(&mut self, stage: &str, message: &Message) -> Option<Value> {
         match message {
-            Message::Warning(text) => {
+            Message::Warning(text) | Message::Remark(text) => {
                 Some(json!({"event": "warning", "stage": stage, "text": text}))
             }
             Message::Resumed {

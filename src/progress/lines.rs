@@ -124,7 +124,9 @@ impl Lines {
 
     fn said(&mut self, stage: &str, message: &Message) -> Option<String> {
         match message {
-            Message::Warning(text) => Some(format!("{stage}: warning: {text}")),
+            Message::Warning(text) | Message::Remark(text) => {
+                Some(format!("{stage}: warning: {text}"))
+            }
             Message::Resumed {
                 step,
                 total,

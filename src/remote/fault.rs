@@ -26,6 +26,9 @@ impl Fault {
     }
 }
 
+/// What is said of an endpoint without encryption, which is refused unless it is asked for.
+const NO_TLS: &str = "the endpoint is plain http; give an https address, or set AWS_ALLOW_HTTP=true where traffic may be read";
+
 /// The cause in a few words. Answers of servers may quote request headers, so nothing of their text is repeated.
 fn cause(error: &object_store::Error) -> String {
     use object_store::Error::{NotFound, PermissionDenied, Unauthenticated};
@@ -33,7 +36,10 @@ fn cause(error: &object_store::Error) -> String {
         PermissionDenied { .. } => "permission denied".to_owned(),
         Unauthenticated { .. } => "the credentials in the environment are not taken".to_owned(),
         NotFound { .. } => "there is no such bucket or folder".to_owned(),
-        error => first_words(&root(error).to_string()),
+        error => match root(error).to_string() {
+            text if text.contains("scheme is not") => NO_TLS.to_owned(),
+            text => first_words(&text),
+        },
     }
 }
 

@@ -172,8 +172,17 @@ impl<'p> Board<'p> {
             results: &found.iter().map(name).collect::<Vec<_>>(),
         });
         for (at, record) in found {
+            self.remark(at, &record);
             self.ready.remove(&at);
             self.done(at, StageRun::cached(record.key), record);
+        }
+    }
+
+    /// Says again what whoever uses a result should know, since the stage itself does not run.
+    pub fn remark(&mut self, at: usize, record: &Record) {
+        let stage = &self.graph.nodes[at].name;
+        for text in &record.remarks {
+            self.progress.event(&Event::Warning { stage, text });
         }
     }
 

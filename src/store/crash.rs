@@ -42,6 +42,7 @@ fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Recor
         stage: "s".into(),
         seconds: 1.0,
         device: "cpu".into(),
+        remarks: Vec::new(),
     };
     work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
 }

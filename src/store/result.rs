@@ -31,6 +31,9 @@ pub struct Record {
     pub seconds: f64,
     /// The kind of device that it ran on.
     pub device: String,
+    /// What whoever uses it should know, a sentence each.
+    #[serde(default)]
+    pub remarks: Vec<String>,
 }
 
 /// One output artifact.

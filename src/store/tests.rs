@@ -42,6 +42,7 @@ fn commit(store: &Store, key: Digest, value: f64, stage: &str) -> Record {
         stage: stage.into(),
         seconds: 1.0,
         device: "cpu".into(),
+        remarks: Vec::new(),
     };
     work.commit(&[("m", ArtifactKind::Metrics)], facts, false)
         .unwrap()
@@ -270,6 +271,7 @@ fn an_output_that_was_not_written_is_refused() {
         stage: "s".into(),
         seconds: 1.0,
         device: "cpu".into(),
+        remarks: Vec::new(),
     };
     let error = work
         .commit(&[("m", ArtifactKind::Metrics)], facts, false)

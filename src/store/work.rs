@@ -37,6 +37,8 @@ pub struct Facts {
     pub seconds: f64,
     /// The kind of device that it ran on.
     pub device: String,
+    /// What whoever uses the result should know.
+    pub remarks: Vec<String>,
 }
 
 impl Store {
@@ -149,6 +151,7 @@ impl Work<'_> {
             stage,
             seconds,
             device,
+            remarks,
         } = facts;
         let record = Record {
             key: self.key,
@@ -156,6 +159,7 @@ impl Work<'_> {
             outputs: kept,
             seconds,
             device,
+            remarks,
         };
         let record = self.store.put_result(record, replace)?;
         self.store.clear(&self.folder)?;

@@ -185,6 +185,7 @@ impl Blend {
             rgb,
             alpha,
             depth: None,
+            mask: None,
         }
     }
 }
@@ -279,6 +280,7 @@ impl Stage for Blend {
             &ImageSet {
                 views,
                 bounds: images.bounds,
+                to_source: images.to_source,
             },
         )
     }

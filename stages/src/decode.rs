@@ -113,6 +113,7 @@ impl Decode {
             rgb: convert::disk_pixels_of_signed(&image, alpha.as_deref()),
             alpha,
             depth: None,
+            mask: None,
         }
     }
 
@@ -214,6 +215,7 @@ impl Stage for Decode {
             &ImageSet {
                 views,
                 bounds: latents.bounds,
+                to_source: None,
             },
         )
     }

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
+use crate::masked;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 
 /// Measures a field on views that no other stage saw, beside two baselines of the low-resolution
@@ -71,6 +72,20 @@ impl Picked {
             height: view.camera.height as usize,
             rgb: convert::srgb_before(view, BEHIND),
         }
+    }
+
+    /// The image with the truth's own pixels where the truth is masked, so that these do not count.
+    fn masked_by(mut self, truth: &Picked, mask: Option<&[bool]>) -> Self {
+        for (i, _) in mask
+            .into_iter()
+            .flatten()
+            .enumerate()
+            .filter(|(_, counts)| !**counts)
+        {
+            let pixel = 3 * i..3 * i + 3;
+            self.rgb[pixel.clone()].copy_from_slice(&truth.rgb[pixel]);
+        }
+        self
     }
 
     fn image(&self) -> Image<'_> {
@@ -260,17 +275,19 @@ impl Stage for Evaluate {
         for (done, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
             let truth = Picked::of(view);
+            let mask = view.mask.as_deref();
             let images = [
                 ("bicubic", self.bicubic(&baseline, low, view, io)),
                 ("lr_nerf", self.render(&baseline, view)),
                 ("sr_nerf", self.render(&field, view)),
-            ];
+            ]
+            .map(|(name, image)| (name, image.masked_by(&truth, mask)));
             for (name, image) in &images {
                 add(
                     &mut rows,
                     name,
                     view,
-                    measure(image, &truth, &Picked::of(low)),
+                    masked::counted(measure(image, &truth, &Picked::of(low)), mask),
                 );
             }
             if done < self.figures as usize {
@@ -281,15 +298,16 @@ impl Stage for Evaluate {
             io.progress(done + 1, truths.views.len(), &[])?;
         }
         for view in &train.views {
-            let psnr = metrics::psnr(
-                Picked::of(view).image(),
-                self.render(&baseline, view).image(),
-            );
+            let truth = Picked::of(view);
+            let mask = view.mask.as_deref();
+            let image = self.render(&baseline, view).masked_by(&truth, mask);
+            let psnr = metrics::psnr(truth.image(), image.image());
+            let values = BTreeMap::from([("psnr_lr".to_owned(), psnr)]);
             add(
                 &mut rows,
                 "lr_nerf_on_training_views",
                 view,
-                BTreeMap::from([("psnr_lr".to_owned(), psnr)]),
+                masked::counted(values, mask),
             );
         }
         let rows: BTreeMap<_, _> = rows

@@ -99,6 +99,7 @@ impl Interpolate {
             rgb,
             alpha,
             depth: None,
+            mask: None,
         }
     }
 
@@ -233,6 +234,7 @@ impl Stage for Interpolate {
             &ImageSet {
                 views,
                 bounds: images.bounds,
+                to_source: images.to_source,
             },
         )
     }

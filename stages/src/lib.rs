@@ -10,6 +10,7 @@ pub mod error;
 pub mod files;
 pub mod keeper;
 pub mod learned;
+pub mod masked;
 pub mod merge;
 pub mod model;
 pub mod ply;

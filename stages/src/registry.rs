@@ -27,8 +27,8 @@ macro_rules! registry {
                 match self { $(Self::$Kind(stage) => Box::new(stage)),* }
             }
 
-            /// The JSON Schema of a kind's fields, with defaults and ranges; `None` for a name that is
-            /// no kind.
+            /// The JSON Schema of a kind's fields, with defaults and ranges; `None` for a name that
+            /// is no kind.
             pub fn schema(kind: &str) -> Option<schemars::Schema> {
                 match kind {
                     $(stringify!($Kind) => Some(schemars::schema_for!(crate::$module::$Kind)),)*

@@ -230,6 +230,7 @@ impl Stage for Render {
             &ImageSet {
                 views,
                 bounds: cameras.bounds,
+                to_source: cameras.to_source,
             },
         )
     }

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
-use scene::{Photo, Reduction, SceneData, TransformsOptions};
+use glam::DMat4;
+use scene::{Colmap, Llff, Photo, Reader, Reduction, SceneData, Transforms};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -140,46 +141,72 @@ impl Default for Scene {
 }
 
 impl Origin {
-    fn transforms(&self) -> TransformsOptions {
+    /// The reader of what lies on disk; `None` for a world that is drawn.
+    fn reader(&self) -> Option<Box<dyn Reader>> {
         match self {
+            Origin::Procedural { .. } => None,
+            Origin::Llff { path, images, size } => Some(Box::new(Llff {
+                folder: path.clone(),
+                images: images.clone(),
+                size: *size,
+            })),
+            Origin::Colmap { path, images, size } => Some(Box::new(Colmap {
+                folder: path.clone(),
+                images: images.clone(),
+                size: *size,
+            })),
             Origin::Transforms {
+                path,
                 size,
                 bounds,
                 test_every,
-                ..
-            } => TransformsOptions {
+            } => Some(Box::new(Transforms {
+                path: path.clone(),
                 size: *size,
                 bounds: *bounds,
                 test_every: *test_every,
-            },
-            _ => TransformsOptions::default(),
+            })),
         }
     }
 }
 
 impl Scene {
     fn read(&self, seed: u64) -> Result<SceneData, StageError> {
-        match &self.source {
-            Origin::Procedural {
-                world,
-                views,
-                size,
-                samples,
-            } => {
-                let draw = if world == "object" {
-                    scene::object
-                } else {
-                    scene::still_life
-                };
-                Ok(draw(*views, *size, *samples, seed))
-            }
-            Origin::Llff { path, images, size } => Ok(scene::llff(path, images.as_deref(), *size)?),
-            Origin::Colmap { path, images, size } => {
-                Ok(scene::colmap(path, images.as_deref(), *size)?)
-            }
-            Origin::Transforms { path, .. } => {
-                Ok(scene::transforms(path, &self.source.transforms())?)
-            }
+        if let Some(reader) = self.source.reader() {
+            return Ok(reader.read()?);
+        }
+        let Origin::Procedural {
+            world,
+            views,
+            size,
+            samples,
+        } = &self.source
+        else {
+            return Err(StageError::Mismatch("the source has no reader".into()));
+        };
+        let draw = match world.as_str() {
+            "object" => scene::object,
+            _ => scene::still_life,
+        };
+        Ok(draw(*views, *size, *samples, seed))
+    }
+
+    /// Refuses a source that leaves nothing to train on or nothing to hold out.
+    fn check_counts(&self, train: usize, test: usize) -> Result<(), StageError> {
+        let every = self.holdout as usize;
+        let held_out = match test {
+            0 => train.div_ceil(every),
+            _ => test,
+        };
+        let trained = match test {
+            0 => train - held_out,
+            _ => train,
+        };
+        match trained == 0 || held_out == 0 {
+            true => Err(StageError::Mismatch(format!(
+                "the scene has {train} photos, too few to hold any out and train on the others"
+            ))),
+            false => Ok(()),
         }
     }
 
@@ -201,7 +228,7 @@ impl Stage for Scene {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -249,18 +276,13 @@ impl Stage for Scene {
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        let digest = match &self.source {
-            Origin::Procedural { .. } => return Ok(Vec::new()),
-            Origin::Llff { path, images, size } => {
-                scene::llff_digest(path, images.as_deref(), *size)?
-            }
-            Origin::Colmap { path, images, size } => {
-                scene::colmap_digest(path, images.as_deref(), *size)?
-            }
-            Origin::Transforms { path, .. } => {
-                scene::transforms_digest(path, &self.source.transforms())?
-            }
+        let Some(reader) = self.source.reader() else {
+            return Ok(Vec::new());
         };
+        let survey = reader.survey()?;
+        let (train, test) = survey.counts();
+        self.check_counts(train, test)?;
+        let digest = survey.digest()?;
         Ok(vec![Source {
             name: "photos and poses".into(),
             digest: Digest::new(digest),
@@ -289,20 +311,21 @@ impl Stage for Scene {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let data = self.read(io.seed)?;
         io.progress(1, 2, &[])?;
-        data.notes.iter().for_each(|note| io.warn(note));
+        data.notes.iter().for_each(|note| io.remark(note));
+        self.check_counts(data.photos.len(), data.test.len())?;
         let bounds = data.bounds;
         let (train, test) = match data.test.is_empty() {
             true => scene::split_holdout(data.photos, self.holdout as usize),
             false => (data.photos, data.test),
         };
-        if train.is_empty() || test.is_empty() {
-            return Err(StageError::Mismatch(
-                "the scene has too few photos to hold any out".into(),
-            ));
-        }
+        let to_source = match data.to_source == DMat4::IDENTITY {
+            true => None,
+            false => Some(data.to_source.transpose().to_cols_array_2d()),
+        };
         let set = |photos: &[Photo]| ImageSet {
             views: photos.iter().map(convert::photo_view).collect(),
             bounds,
+            to_source,
         };
         io.write("train", &set(&self.reduce(&train)?))?;
         io.write("test", &set(&test))?;

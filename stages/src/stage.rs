@@ -219,6 +219,9 @@ pub enum Message {
     },
     /// Done, but not as the user might expect.
     Warning(String),
+    /// The same about the result itself: said again whenever the result is used, also when it is
+    /// not computed anew.
+    Remark(String),
 }
 
 /// All that a running stage may touch.
@@ -293,6 +296,12 @@ impl Io<'_> {
     /// Reports something that the user might not expect.
     pub fn warn(&self, text: impl Into<String>) {
         (self.messages)(Message::Warning(text.into()));
+    }
+
+    /// Reports something about the result that the user might not expect, whenever the result is
+    /// used.
+    pub fn remark(&self, text: impl Into<String>) {
+        (self.messages)(Message::Remark(text.into()));
     }
 
     /// An error when the run is being stopped.

@@ -58,6 +58,12 @@ pub fn train(
     options: &TrainOptions,
     io: &Io,
 ) -> Result<(), StageError> {
+    let is_closed = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
+    if views.iter().all(is_closed) {
+        return Err(StageError::Mismatch(
+            "masks leave no pixel of any photo to train on: are they black where they should be white?".into(),
+        ));
+    }
     let mut keeper = Keeper::new(io, options.steps.into());
     let config = field.config().clone();
     let bounds = field.bounds();

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::space::Space;
+use crate::space::{Said, Space};
 
 /// Fits a field, and films it.
 const FILM: &str = r#"(
@@ -185,7 +185,105 @@ fn a_colmap_scene_is_fitted_and_filmed() {
         .collect::<Vec<_>>()
         .join(" ");
     assert!(
-        words.contains("cameras.txt: line 1: the camera model FOV is not known"),
+        words.contains("cameras.txt: line 1: its model FOV has omega = 5"),
         "{words}"
     );
+}
+
+/// A scene in `mine` whose file is changed, and a pipeline that films it.
+fn changed(change: impl Fn(&mut Value)) -> Space {
+    let space = Space::new();
+    exported(&space, "object");
+    let path = space.path("mine/transforms_train.json");
+    let mut page: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    change(&mut page);
+    fs::write(&path, page.to_string()).unwrap();
+    film(&space, "Transforms(path: \"mine\")", "Circle(frames: 2)");
+    space
+}
+
+/// What was said in one line, without the terminal's frame.
+fn words(said: &Said) -> String {
+    let plain = said.err.replace(['│', '×'], " ");
+    plain.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn warnings_of_a_scene_are_said_again_when_it_is_cached_and_by_inspect() {
+    let space = changed(|page| page["shutter"] = json!(0.5));
+    let warning = "warning: not used of mine/transforms_train.json: shutter";
+    for round in ["computed", "cached", "remembered", "still remembered"] {
+        let said = space.ok(&["run", "film.ron", "--target=scene"]);
+        let count = words(&said).matches(warning).count();
+        assert_eq!(count, 1, "{round}: {}", said.err);
+    }
+    let said = space.ok(&["inspect", "scene", "film.ron"]);
+    assert!(said.out.contains(warning), "{}", said.out);
+}
+
+#[test]
+fn a_camera_path_that_cannot_be_flown_is_refused_before_anything_runs() {
+    let space = Space::new();
+    let page = json!({"camera_path": [{"camera_to_world": [1.0], "fov": 50}]});
+    fs::write(space.path("path.json"), page.to_string()).unwrap();
+    let source = "Procedural(views: 3, size: (32, 24), samples: 1)";
+    film(&space, source, "File(path: \"path.json\")");
+    let said = space.say(&["run", "film.ron"]);
+    assert_eq!(said.code, 3, "{}", said.err);
+    let words = words(&said);
+    assert!(
+        words.contains("path.json: the file: is a camera path of nerfstudio's viewer"),
+        "{words}"
+    );
+    assert!(!space.path("out").exists(), "nothing ran");
+}
+
+#[test]
+fn a_box_that_no_camera_sees_is_refused_before_anything_runs() {
+    let space = changed(|page| page["aabb"] = json!([[50, 50, 50], [51, 51, 51]]));
+    let said = space.say(&["run", "film.ron"]);
+    assert_eq!(said.code, 3, "{}", said.err);
+    let words = words(&said);
+    assert!(
+        words.contains("the scene box: [50.000, 50.000, 50.000]"),
+        "{words}"
+    );
+    assert!(words.contains("set `bounds` of the source"), "{words}");
+}
+
+#[test]
+fn a_georeferenced_scene_is_exported_to_where_it_was() {
+    let offset = [448_262.0, 5_411_932.0, 480.0];
+    let shift = |page: &mut Value| {
+        for frame in page["frames"].as_array_mut().unwrap() {
+            for (row, offset) in offset.iter().enumerate() {
+                let at = &mut frame["transform_matrix"][row][3];
+                *at = json!(at.as_f64().unwrap() + offset);
+            }
+        }
+        for corner in page["aabb"].as_array_mut().unwrap() {
+            for (axis, offset) in offset.iter().enumerate() {
+                corner[axis] = json!(corner[axis].as_f64().unwrap() + offset);
+            }
+        }
+    };
+    let space = changed(shift);
+    // What the source itself sets aside has to move along.
+    let test = space.path("mine/transforms_test.json");
+    let mut page: Value = serde_json::from_slice(&fs::read(&test).unwrap()).unwrap();
+    shift(&mut page);
+    fs::write(&test, page.to_string()).unwrap();
+    let said = space.ok(&["run", "film.ron", "--target=scene"]);
+    assert!(words(&said).contains("far from the origin"), "{}", said.err);
+    space.ok(&["export", "transforms", "out/film/scene/train", "-o", "back"]);
+    let position = |file: &str| {
+        let page: Value = serde_json::from_slice(&fs::read(space.path(file)).unwrap()).unwrap();
+        let matrix = &page["frames"][0]["transform_matrix"];
+        [0, 1, 2].map(|row| matrix[row][3].as_f64().unwrap())
+    };
+    let was = position("mine/transforms_train.json");
+    let is = position("back/transforms_train.json");
+    for (was, is) in was.iter().zip(is) {
+        assert!((was - is).abs() < 1e-6, "{was} {is}");
+    }
 }

@@ -215,6 +215,7 @@ static FILES: LazyLock<BTreeMap<String, Vec<u8>>> = LazyLock::new(|| {
         rgb: samples::numbers(360),
         alpha: None,
         depth: None,
+        mask: None,
     });
     images
         .write(&root.path().join("images"), &samples::provenance())

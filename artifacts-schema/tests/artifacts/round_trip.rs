@@ -113,7 +113,21 @@ fn an_empty_image_set_comes_back() {
     comes_back(ImageSet {
         views: Vec::new(),
         bounds: samples::BOUNDS,
+        to_source: None,
     });
+}
+
+#[test]
+fn masks_fisheyes_and_the_way_back_to_the_source_come_back() {
+    let mut images = samples::images();
+    images.views[0].mask = Some((0..20).map(|i| i % 3 != 0).collect());
+    images.views[1].camera.distortion.fisheye = true;
+    images.views[1].camera.distortion.k4 = 0.25;
+    let row = |i: usize| std::array::from_fn(|j| (4 * i + j) as f64 / 3.0);
+    images.to_source = Some(std::array::from_fn(row));
+    let plain = samples::images().semantic_digest();
+    assert_ne!(images.semantic_digest(), plain);
+    comes_back(images);
 }
 
 proptest! {

@@ -61,6 +61,7 @@ pub fn images() -> ImageSet {
         rgb: numbers(60),
         alpha: Some(numbers(20)),
         depth: Some([numbers(19), vec![f32::INFINITY]].concat()),
+        mask: None,
     };
     let plain = View {
         name: "view_001".to_owned(),
@@ -71,6 +72,7 @@ pub fn images() -> ImageSet {
     ImageSet {
         views: vec![full, plain],
         bounds: BOUNDS,
+        to_source: None,
     }
 }
 

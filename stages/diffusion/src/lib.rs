@@ -15,6 +15,7 @@ mod source;
 mod tensor_file;
 pub mod text_encoder;
 pub mod tokenizer;
+mod tokenizer_json;
 pub mod unet;
 pub mod upscaler;
 pub mod vae;

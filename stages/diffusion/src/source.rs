@@ -29,6 +29,10 @@ const DESCRIPTIONS: [&str; 10] = [
     "vae/config.json",
 ];
 
+/// A tokenizer in one file, which counts where the vocabulary has no file of its own.
+const TOKENIZER: &str = "tokenizer/tokenizer.json";
+const VOCABULARY: &str = "tokenizer/vocab.json";
+
 /// Weight files without their endings.
 const WEIGHTS: [&str; 3] = [
     "text_encoder/model",
@@ -149,6 +153,8 @@ impl ModelSource {
             .into_iter()
             .filter(has)
             .collect();
+        let alone = Some(TOKENIZER.to_owned()).filter(|_| !there.contains(VOCABULARY));
+        chosen.extend(alone.filter(has));
         for stem in WEIGHTS {
             let endings = WHOLE.map(str::to_owned);
             let wished = variant.map(|variant| format!(".{variant}.safetensors"));
@@ -178,7 +184,7 @@ impl ModelSource {
     /// Fails where a weight file is missing or a file cannot be read.
     pub fn digest(&self) -> Result<[u8; 32], ModelError> {
         let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag 1 model files");
-        for name in DESCRIPTIONS {
+        for name in DESCRIPTIONS.iter().chain(self.tokenizer()?) {
             if let Some(file) = self.find(name)? {
                 absorb(&mut hasher, name, &file);
             }
@@ -194,13 +200,18 @@ impl ModelSource {
     /// All files that decide what the model computes.
     pub fn files(&self) -> Result<Vec<ModelFile>, ModelError> {
         let mut files = Vec::new();
-        for name in DESCRIPTIONS {
+        for name in DESCRIPTIONS.iter().chain(self.tokenizer()?) {
             files.extend(self.find(name)?);
         }
         for stem in WEIGHTS {
             files.extend(self.weights(stem)?);
         }
         Ok(files)
+    }
+
+    /// The name of a tokenizer's only file, where it has one alone.
+    fn tokenizer(&self) -> Result<Option<&'static &'static str>, ModelError> {
+        Ok(self.find(VOCABULARY)?.is_none().then_some(&TOKENIZER))
     }
 
     /// The file of this name; `None` where there is none.

@@ -13,7 +13,8 @@ use unicode_normalization::UnicodeNormalization;
 
 use crate::config::{self, TextConfig};
 use crate::error::ModelError;
-use crate::source::{ModelFile, ModelSource};
+use crate::source::ModelSource;
+use crate::tokenizer_json::{self, Tables};
 
 /// Contractions, words, single digits and runs of other signs.
 const WORDS: &str = r"'s|'t|'re|'ve|'m|'ll|'d|\p{L}+|\p{N}|[^\s\p{L}\p{N}]+";
@@ -84,22 +85,13 @@ impl Tokenizer {
             "has the id {largest}; the text encoder knows {} ids",
             text.vocab_size
         );
-        Err(ModelError::file(
-            source.file("tokenizer/vocab.json")?.name,
-            problem,
-        ))
+        Err(ModelError::file(Self::tables(source)?.0, problem))
     }
 
     /// Reads the files of `tokenizer/`; `longest` is the number of positions that the text encoder
     /// has.
     fn read(source: &ModelSource, longest: usize) -> Result<Self, ModelError> {
-        let vocabulary_file = source.file("tokenizer/vocab.json")?;
-        let vocabulary = serde_json::from_slice(&vocabulary_file).map_err(|e| {
-            ModelError::file(
-                &vocabulary_file.name,
-                format!("is not a JSON object of ids: {e}"),
-            )
-        })?;
+        let (name, tables) = Self::tables(source)?;
         let mut config = match source.find("tokenizer/tokenizer_config.json")? {
             Some(file) => config::parse::<TokenizerConfig>(&file, &json!({}), &[])?,
             None => TokenizerConfig::default(),
@@ -121,21 +113,34 @@ impl Tokenizer {
         let length = config
             .model_max_length
             .map_or(longest, |length| longest.min(length as usize));
-        Self::new(
-            vocabulary,
-            &source.file("tokenizer/merges.txt")?,
-            &names,
-            length,
-        )
-        .map_err(|problem| ModelError::file(&vocabulary_file.name, problem))
+        Self::new(tables, &names, length).map_err(|problem| ModelError::file(&name, problem))
     }
 
-    fn new(
-        vocabulary: BTreeMap<String, u32>,
-        merges: &ModelFile,
-        names: &[String; 4],
-        length: usize,
-    ) -> Result<Self, String> {
+    /// The vocabulary and its merges, from `vocab.json` and `merges.txt` or else from `tokenizer.json`, and the name of the
+    /// file with the vocabulary.
+    fn tables(source: &ModelSource) -> Result<(String, Tables), ModelError> {
+        let alone = source.find("tokenizer/tokenizer.json")?;
+        let Some(file) = source.find("tokenizer/vocab.json")? else {
+            let file = match alone {
+                Some(file) => file,
+                None => source.file("tokenizer/vocab.json")?,
+            };
+            return Ok((file.name.clone(), tokenizer_json::read(&file)?));
+        };
+        let vocabulary = serde_json::from_slice(&file).map_err(|e| {
+            ModelError::file(&file.name, format!("is not a JSON object of ids: {e}"))
+        })?;
+        let merges = source.file("tokenizer/merges.txt")?;
+        let merges = String::from_utf8_lossy(&merges)
+            .lines()
+            .filter(|line| !line.starts_with("#version") && line.contains(' '))
+            .map(|pair| pair.trim_end().to_owned())
+            .collect();
+        Ok((file.name.clone(), Tables { vocabulary, merges }))
+    }
+
+    fn new(tables: Tables, names: &[String; 4], length: usize) -> Result<Self, String> {
+        let Tables { vocabulary, merges } = tables;
         let id = |name: &String| {
             vocabulary
                 .get(name)
@@ -151,15 +156,9 @@ impl Tokenizer {
         let mut longest_first = names.clone().map(|name| regex::escape(&name));
         longest_first.sort_by_key(|name| std::cmp::Reverse(name.len()));
         let regex = |pattern: &str| Regex::new(pattern).map_err(|e| e.to_string());
-        let merges = String::from_utf8_lossy(merges);
-        let pairs = merges
-            .lines()
-            .filter(|line| !line.starts_with("#version") && line.contains(' '));
+        let ranked = merges.into_iter().enumerate();
         Ok(Self {
-            merges: pairs
-                .enumerate()
-                .map(|(rank, pair)| (pair.trim_end().to_owned(), rank))
-                .collect(),
+            merges: ranked.map(|(rank, pair)| (pair, rank)).collect(),
             words: regex(WORDS)?,
             spaces: regex(r"\s+")?,
             specials: regex(&longest_first.join("|"))?,
@@ -264,6 +263,45 @@ mod tests {
         assert_eq!(
             [letter(b'a'), letter(b' '), letter(0), letter(173)],
             ['a', 'Ġ', 'Ā', 'Ń']
+        );
+    }
+
+    /// transformers 5 writes one file instead of two.
+    #[test]
+    fn one_file_gives_the_same_ids_as_two() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("tokenizer");
+        std::fs::create_dir(&place).unwrap();
+        let embedded = |name: &str| {
+            ModelSource::Embedded
+                .file(&format!("tokenizer/{name}"))
+                .unwrap()
+        };
+        let (_, tables) = Tokenizer::tables(&ModelSource::Embedded).unwrap();
+        let pairs: Vec<_> = tables
+            .merges
+            .iter()
+            .map(|pair| pair.split(' ').collect::<Vec<_>>())
+            .collect();
+        let config = embedded("tokenizer_config.json");
+        std::fs::write(place.join("tokenizer_config.json"), &*config).unwrap();
+        for merges in [json!(pairs), json!(tables.merges)] {
+            let model = json!({"type": "BPE", "vocab": tables.vocabulary, "merges": merges});
+            let page = json!({"version": "1.0", "added_tokens": [], "model": model});
+            std::fs::write(place.join("tokenizer.json"), page.to_string()).unwrap();
+            let one = Tokenizer::read(&ModelSource::Folder(folder.path().into()), 77).unwrap();
+            let two = Tokenizer::read(&ModelSource::Embedded, 77).unwrap();
+            for text in ["a photograph of a fern, 4k", "still life 1999", ""] {
+                assert_eq!(one.encode(text), two.encode(text), "{text}");
+            }
+        }
+        let page = json!({"model": {"type": "WordPiece", "vocab": {}, "merges": []}});
+        std::fs::write(place.join("tokenizer.json"), page.to_string()).unwrap();
+        let refused = Tokenizer::read(&ModelSource::Folder(folder.path().into()), 77);
+        let said = refused.err().unwrap().to_string();
+        assert!(
+            said.contains("tokenizer.json") && said.contains("WordPiece"),
+            "{said}"
         );
     }
 

@@ -34,6 +34,7 @@ fn view(angle: f64) -> TrainView {
         camera,
         rgb,
         alpha: None,
+        mask: None,
         weight: 1.0,
         supersample: 2,
     }

@@ -5,9 +5,8 @@
 use compute::Device;
 use compute::resize::{Filter, resize};
 use nerf::{Field, FieldConfig, RenderOptions, TrainOptions, TrainView, Trainer, render};
-use scene::{Photo, Reduction, SceneData, downscale, llff, split_holdout, still_life};
+use scene::{Llff, Photo, Reader, Reduction, SceneData, downscale, split_holdout, still_life};
 use std::error::Error;
-use std::path::Path;
 use std::time::Instant;
 
 struct Settings {
@@ -41,7 +40,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     settings.config.check()?;
     let scene = match source.as_str() {
         "still_life" => still_life(24, (256, 192), 4, 0),
-        folder => llff(Path::new(folder), Some("images_4"), Some(settings.size))?,
+        folder => Llff {
+            folder: folder.into(),
+            images: Some("images_4".into()),
+            size: Some(settings.size),
+        }
+        .read()?,
     };
     fit(scene, &settings)
 }
@@ -89,6 +93,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
         camera: photo.camera.clone(),
         rgb: photo.rgb.clone(),
         alpha: photo.alpha.clone(),
+        mask: None,
         weight: 1.0,
         supersample: settings.supersample,
     };

@@ -13,6 +13,8 @@ pub struct TrainView {
     pub rgb: Vec<f32>,
     /// Coverage from 0 to 1, `height * width` values; `None` for an opaque photo.
     pub alpha: Option<Vec<f32>>,
+    /// Which pixels are looked at, `height * width` values; `None` for all.
+    pub mask: Option<Vec<bool>>,
     /// Factor on the squared error of every pixel of this view.
     pub weight: f32,
     /// Sub-rays per pixel and axis that are averaged to a pixel, one in each cell of an even grid;
@@ -35,23 +37,30 @@ pub struct Pixel {
     pub background: [f32; 3],
 }
 
-/// Draws batches that mix all views.
+/// Draws batches that mix all views, of pixels that are not masked.
 #[derive(Clone, Debug)]
 pub struct Sampler {
     ends: Vec<u64>,
+    /// Of each view that is masked, the pixels that are not.
+    open: Vec<Option<Vec<u32>>>,
     rng: Rng,
 }
 
 impl Sampler {
     /// A sampler over the pixels of all views.
     pub fn new(views: &[TrainView], seed: u64) -> Self {
-        let count = |view: &TrainView| u64::from(view.camera.width) * u64::from(view.camera.height);
-        let sums = views.iter().scan(0, |end, view| {
-            *end += count(view);
+        let all = |view: &TrainView| u64::from(view.camera.width) * u64::from(view.camera.height);
+        let open: Vec<Option<Vec<u32>>> = views
+            .iter()
+            .map(|view| Some(indices(view.mask.as_ref()?)))
+            .collect();
+        let sums = views.iter().zip(&open).scan(0, |end, (view, open)| {
+            *end += open.as_ref().map_or(all(view), |open| open.len() as u64);
             Some(*end)
         });
         Self {
             ends: sums.collect(),
+            open,
             rng: Rng::new(seed, "training batch"),
         }
     }
@@ -64,6 +73,10 @@ impl Sampler {
         let index = ((place * total as f64) as u64).min(total.saturating_sub(1));
         let view = self.ends.partition_point(|&end| end <= index);
         let inside = index - if view == 0 { 0 } else { self.ends[view - 1] };
+        let inside = match &self.open[view] {
+            Some(open) => u64::from(open[inside as usize]),
+            None => inside,
+        };
         let width = u64::from(views[view].camera.width);
         let background = [1, 2, 3].map(|i| self.random(step, element, i));
         Pixel {
@@ -103,6 +116,12 @@ impl Sampler {
     }
 }
 
+/// Where a mask is open.
+fn indices(mask: &[bool]) -> Vec<u32> {
+    let open = mask.iter().enumerate().filter(|(_, open)| **open);
+    open.map(|(i, _)| i as u32).collect()
+}
+
 impl TrainView {
     /// Sub-rays of a pixel.
     pub(crate) fn rays_per_pixel(&self) -> usize {
@@ -131,6 +150,10 @@ impl TrainView {
             "a training view's alpha does not fit"
         );
         assert!(
+            self.mask.as_ref().is_none_or(|mask| mask.len() == pixels),
+            "a training view's mask does not fit"
+        );
+        assert!(
             (1..=16).contains(&self.supersample),
             "a training view's supersample is not 1 to 16"
         );
@@ -153,6 +176,7 @@ mod tests {
             camera,
             rgb: vec![0.25; (3 * width * height) as usize],
             alpha: None,
+            mask: None,
             weight: 1.0,
             supersample: 2,
         }
@@ -184,6 +208,20 @@ mod tests {
             .collect();
         seen.dedup();
         assert_eq!(seen.len(), 160);
+    }
+
+    #[test]
+    fn masked_pixels_are_never_drawn() {
+        let mut views = [view(8, 4), view(16, 8)];
+        views[1].mask = Some((0..128).map(|i| i % 4 == 3).collect());
+        let sampler = Sampler::new(&views, 1);
+        let mut counts = [0; 2];
+        for element in 0..64 {
+            let pixel = sampler.pixel(&views, 3, element, 64);
+            counts[pixel.view] += 1;
+            assert!(pixel.view == 0 || pixel.x % 4 == 3, "{pixel:?}");
+        }
+        assert_eq!(counts, [32, 32]);
     }
 
     #[test]

@@ -161,22 +161,26 @@ impl Camera {
         })
     }
 
-    /// Whether there is a ray for every part of the image: a lens whose numbers are wrong may fold its rim over.
-    pub fn sees_through_all_its_image(&self) -> bool {
-        let at = |i: u32| f64::from(i) / f64::from(RIM);
-        let (w, h) = (f64::from(self.width), f64::from(self.height));
-        let seen = |i, j| {
-            [
-                (at(i) * w - self.cx) / self.fl_x,
-                (at(j) * h - self.cy) / self.fl_y,
-            ]
+    /// Whether there is a ray for every part of the image: a lens whose numbers are wrong may fold its rim over. A
+    /// fisheye's corners may lie beyond its rim; of it only half must have rays.
+    pub fn sees_through_its_image(&self) -> bool {
+        let at = |i: u32, side: u32| f64::from(i) / f64::from(RIM) * f64::from(side);
+        let points = (0..=RIM).flat_map(|j| (0..=RIM).map(move |i| (i, j)));
+        let without = points
+            .filter(|(i, j)| !self.has_ray(at(*i, self.width), at(*j, self.height)))
+            .count() as u32;
+        let most = if self.distortion.fisheye {
+            (RIM + 1) * (RIM + 1) / 2
+        } else {
+            0
         };
-        let has_ray = |i, j| {
-            self.distortion
-                .undo(seen(i, j))
-                .is_some_and(|point| self.distortion.is_before_fold(point))
-        };
-        (0..=RIM).all(|j| (0..=RIM).all(|i| has_ray(i, j)))
+        without <= most
+    }
+
+    /// Whether there is a ray through a point of the image, in pixels.
+    pub fn has_ray(&self, px: f64, py: f64) -> bool {
+        let undone = self.distortion.undo(self.seen(px, py));
+        undone.is_some_and(|point| self.distortion.is_before_fold(point))
     }
 
     /// A camera pose at `position` that looks at `target` with world +y up.
@@ -211,10 +215,15 @@ impl Camera {
     }
 
     fn at_unit_depth(&self, px: f64, py: f64) -> DVec3 {
-        let seen = [(px - self.cx) / self.fl_x, (py - self.cy) / self.fl_y];
-        // Readers refuse cameras without a ray for every pixel; past the rim the pinhole's ray is as good as any.
+        let seen = self.seen(px, py);
+        // Readers refuse or mask pixels without a ray; past the rim the pinhole's ray is as good as any.
         let [x, y] = self.distortion.undo(seen).unwrap_or(seen);
         DVec3::new(x, -y, -1.0)
+    }
+
+    /// A point of the image in focal lengths from the optical axis.
+    fn seen(&self, px: f64, py: f64) -> [f64; 2] {
+        [(px - self.cx) / self.fl_x, (py - self.cy) / self.fl_y]
     }
 
     /// Where a point of the image plane (y down) is seen through the lens; `None` beyond the rim where it folds over.

@@ -7,7 +7,7 @@
 use compute::Device;
 use compute::resize::{Filter, resize};
 
-use crate::{Camera, Photo, SceneError};
+use crate::{Camera, Photo, SceneError, mask};
 
 /// How [`downscale`] weighs the pixels that become one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,6 +53,10 @@ pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo,
         camera: photo.camera.scaled(size.0, size.1),
         rgb,
         alpha,
+        mask: photo
+            .mask
+            .as_ref()
+            .map(|mask| mask::reduced(mask, (width, height), size)),
     })
 }
 
@@ -157,6 +161,7 @@ mod tests {
             camera,
             rgb,
             alpha: None,
+            mask: None,
         }
     }
 

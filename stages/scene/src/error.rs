@@ -16,7 +16,7 @@ pub enum SceneError {
         remedy: String,
     },
     /// The operating system could not read it.
-    #[error("{path}: cannot be read", path = path.display())]
+    #[error("{path}: cannot be read: {source}", path = path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -66,7 +66,7 @@ pub enum SceneError {
         poses: usize,
     },
     /// A photo that cannot be decoded.
-    #[error("{path}: not a readable PNG or JPEG image ({fault}); replace or convert it", path = path.display())]
+    #[error("{path}: not a readable photo: {fault}; copy it again, or convert it to {formats}", path = path.display(), formats = crate::photo_file::FORMATS)]
     Image {
         /// The file.
         path: PathBuf,
@@ -84,6 +84,12 @@ pub enum SceneError {
         first: PathBuf,
         /// Its width and height.
         first_size: (u32, u32),
+    },
+    /// A text that git-lfs left in a file's place.
+    #[error("{path}: is a git-lfs pointer, the file itself was not fetched; run `git lfs pull` in its repository", path = path.display())]
+    NotFetched {
+        /// The file.
+        path: PathBuf,
     },
     /// A requested size or factor that leaves no pixels.
     #[error("{what}: a {width}x{height} image cannot be made; {remedy}", width = size.0, height = size.1)]
@@ -104,5 +110,28 @@ impl SceneError {
             place: place.into(),
             fault: fault.into(),
         }
+    }
+
+    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io {
+            path: path.into(),
+            source,
+        }
+    }
+
+    pub(crate) fn image(path: &Path, fault: impl Into<String>) -> Self {
+        Self::Image {
+            path: path.into(),
+            fault: fault.into(),
+        }
+    }
+
+    pub(crate) fn not_fetched(path: &Path) -> Self {
+        Self::NotFetched { path: path.into() }
+    }
+
+    /// A photo that is there, in a format that is not read.
+    pub(crate) fn not_read(path: &Path, format: &str) -> Self {
+        Self::image(path, format!("it is {format}, which is not read"))
     }
 }

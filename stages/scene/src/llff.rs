@@ -4,94 +4,184 @@
 //! camera's *down, right and backwards* axes; h, w and f belong to the full-size photos, whatever size lies beside
 //! them. Near and far are percentiles of visible depths, so they hold no outliers.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3};
 
-use crate::llff_files::{self, LlffFiles};
+use crate::faults::a_tenth;
+use crate::finder;
+use crate::folders;
+use crate::gathering::{Gathering, SAME_SHAPE, Spotted};
+use crate::mask::MaskFile;
 use crate::normalize::normalize;
 use crate::npy::{Table, read_table};
-use crate::photo::bounding_box;
-use crate::source_files::{self, Posed, SAME_SHAPE};
-use crate::{Camera, Distortion, SceneData, SceneError};
+use crate::photo_file;
+use crate::reader::{Posed, Reader, Survey, sift};
+use crate::{Camera, Distortion, SceneError, pose, source_files};
 
+const POSES_FILE: &str = "poses_bounds.npy";
 const COLUMNS: usize = 17;
 const EXPECTED: &str =
     "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
 /// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
 const ORTHONORMAL: f64 = 1e-3;
 
-/// Reads the LLFF scene in `folder`.
+/// A folder in the LLFF layout.
 ///
-/// `images` names the subfolder of photos; without it the smallest of `images`, `images_2`, `images_4`, ... that is not
-/// below `size` is taken, or the largest there is. Photos of another size are resized by an antialiased bicubic filter
-/// (see [`crate::downscale`] for the colour space); intrinsics follow exactly. The scene is moved into its average
-/// camera's frame with the nearest near plane at depth 1 (`docs/conventions.md`); its box is the hull of all frusta.
-///
-/// # Errors
-/// Every way in which the folder can be unfit, as a [`SceneError`] that names the file.
-pub fn llff(
-    folder: &Path,
-    images: Option<&str>,
-    size: Option<(u32, u32)>,
-) -> Result<SceneData, SceneError> {
-    let (files, cameras) = survey(folder, images, size)?;
-    let cameras = normalize(&cameras);
-    let target_size = size.unwrap_or((cameras[0].width, cameras[0].height));
-    let photos: Vec<Posed> = files
-        .photos
-        .iter()
-        .zip(&cameras)
-        .map(|(file, camera)| posed(file, camera))
-        .collect();
-    Ok(SceneData {
-        photos: source_files::read_photos(&photos, Some(target_size))?,
-        test: Vec::new(),
-        bounds: bounding_box(cameras.iter().flat_map(Camera::frustum_corners)),
-        description: describe(folder, &files, target_size),
-        notes: Vec::new(),
-    })
+/// Photos of another size are resized by an antialiased bicubic filter (see [`crate::downscale`] for the colour space);
+/// intrinsics follow exactly. The scene is moved into its average camera's frame with the nearest near plane at depth 1
+/// (`docs/conventions.md`); its box is the hull of all frusta.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Llff {
+    /// The folder.
+    pub folder: PathBuf,
+    /// The subfolder of photos; by default the smallest of `images`, `images_2`, `images_4`, ... that has all photos and
+    /// is not below `size`, or the largest.
+    pub images: Option<String>,
+    /// Width and height of all photos; by default those of the files.
+    pub size: Option<(u32, u32)>,
 }
 
-/// Everything that can be known without decoding a photo: the files, and the cameras in their own coordinates.
-pub(crate) fn survey(
-    folder: &Path,
-    images: Option<&str>,
-    size: Option<(u32, u32)>,
-) -> Result<(LlffFiles, Vec<Camera>), SceneError> {
-    source_files::check_size(folder, size)?;
-    let files = llff_files::find(folder, images, size)?;
-    let poses = read_poses(&files.poses)?;
-    check_count(&files, poses.rows)?;
-    let cameras = cameras(&files.poses, &poses, llff_files::one_size(&files.photos)?)?;
-    Ok((files, cameras))
-}
-
-fn check_count(files: &LlffFiles, poses: usize) -> Result<(), SceneError> {
-    let images = files.photos.len();
-    if images == poses {
-        return Ok(());
+impl Reader for Llff {
+    fn survey(&self) -> Result<Survey, SceneError> {
+        source_files::check_size(&self.folder, self.size)?;
+        let poses_file = self.folder.join(POSES_FILE);
+        if !poses_file.is_file() {
+            return Err(SceneError::Missing {
+                path: poses_file,
+                expected: "the table of camera poses",
+                remedy: "point to an LLFF scene's folder, or make the file with LLFF's imgs2poses"
+                    .into(),
+            });
+        }
+        let photos = folders::choose(&self.folder, self.images.as_deref(), self.size, &[])?;
+        let files = finder::list(&photos.folder)?;
+        let poses = read_poses(&poses_file)?;
+        if files.len() != poses.rows {
+            return Err(SceneError::Count {
+                folder: photos.folder,
+                images: files.len(),
+                poses_file,
+                poses: poses.rows,
+            });
+        }
+        let mut notes: Vec<String> = photos.note.into_iter().collect();
+        let mut train = self.gather(&poses_file, &poses, files, &mut notes)?;
+        let mut test = Vec::new();
+        notes.extend(sift(&poses_file, &mut train, &mut test, self.size)?);
+        let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera.clone()).collect();
+        let (moved, to_source) = normalize(&cameras);
+        let bounds = pose::hull(&moved);
+        for (posed, camera) in train.iter_mut().zip(moved) {
+            posed.camera = camera;
+        }
+        let first = &train[0].camera;
+        let size = self.size.unwrap_or((first.width, first.height));
+        Ok(Survey {
+            description: self.describe(&photos.folder, train.len(), size),
+            sources: vec![poses_file],
+            train,
+            test,
+            bounds,
+            to_source,
+            size: Some(size),
+            notes,
+        })
     }
-    Err(SceneError::Count {
-        folder: files.folder.clone(),
-        images,
-        poses_file: files.poses.clone(),
-        poses,
-    })
 }
 
-fn describe(folder: &Path, files: &LlffFiles, (width, height): (u32, u32)) -> String {
-    let name = |path: &Path| {
-        path.file_name()
-            .map(|n| n.to_string_lossy().into_owned())
-            .unwrap_or_default()
-    };
-    format!(
-        "LLFF scene {}: {} photos from {}, {width}x{height}; average camera at the origin, nearest near plane at 1",
-        name(folder),
-        files.photos.len(),
-        name(&files.folder)
-    )
+impl Llff {
+    /// The photos with the cameras of their rows. Rows that are none are left out, up to a tenth of them.
+    fn gather(
+        &self,
+        poses_file: &Path,
+        poses: &Table,
+        files: Vec<PathBuf>,
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<Posed>, SceneError> {
+        let size = one_size(&files)?;
+        let names = names(&files);
+        let count = files.len();
+        let mut gathering = Gathering::default();
+        let mut faults = Vec::new();
+        let mut photos = Vec::new();
+        let rows = poses.values.chunks_exact(COLUMNS).enumerate();
+        for ((row, values), (file, name)) in rows.zip(files.into_iter().zip(names)) {
+            let camera = match camera(values, size).and_then(|camera| {
+                pose::check(&camera)?;
+                Ok(camera)
+            }) {
+                Ok(camera) => camera,
+                Err(fault) => {
+                    faults.push((row, fault));
+                    continue;
+                }
+            };
+            let header = photo_file::header(&file)?;
+            let spotted = Spotted { file, header };
+            let (camera, turn) = gathering.fit(&camera, &spotted)?;
+            let file = spotted.file;
+            let mask = MaskFile::of(&gathering.finder, &self.folder, &file, &file_name(&file));
+            photos.push(Posed {
+                name,
+                file,
+                camera,
+                turn,
+                mask,
+            });
+        }
+        if faults.len() > a_tenth(count) || photos.is_empty() {
+            let (row, fault) = faults.swap_remove(0);
+            return Err(SceneError::Pose {
+                path: poses_file.into(),
+                row,
+                fault,
+            });
+        }
+        notes.extend(faults.iter().map(|(row, fault)| {
+            format!(
+                "{}: row {row} (counted from 0) and its photo are left out: {fault}",
+                poses_file.display()
+            )
+        }));
+        notes.extend(gathering.notes());
+        Ok(photos)
+    }
+
+    fn describe(&self, images: &Path, count: usize, (width, height): (u32, u32)) -> String {
+        format!(
+            "LLFF scene {}: {count} photos from {}, {width}x{height}; average camera at the origin, nearest near plane at 1",
+            file_name(&self.folder),
+            file_name(images)
+        )
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+fn names(files: &[PathBuf]) -> Vec<String> {
+    let names: Vec<String> = files.iter().map(|file| file_name(file)).collect();
+    source_files::view_names(&names.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+/// The one size that all photos have, from their headers, before any of them is decoded.
+fn one_size(files: &[PathBuf]) -> Result<(u32, u32), SceneError> {
+    let sizes = files
+        .iter()
+        .map(|file| photo_file::size(file))
+        .collect::<Result<Vec<_>, _>>()?;
+    match sizes.iter().position(|size| *size != sizes[0]) {
+        None => Ok(sizes[0]),
+        Some(odd) => Err(SceneError::MixedSizes {
+            path: files[odd].clone(),
+            size: sizes[odd],
+            first: files[0].clone(),
+            first_size: sizes[0],
+        }),
+    }
 }
 
 fn read_poses(path: &Path) -> Result<Table, SceneError> {
@@ -105,17 +195,6 @@ fn read_poses(path: &Path) -> Result<Table, SceneError> {
         });
     }
     Ok(table)
-}
-
-fn cameras(path: &Path, poses: &Table, size: (u32, u32)) -> Result<Vec<Camera>, SceneError> {
-    let faulty = |row, fault| SceneError::Pose {
-        path: path.into(),
-        row,
-        fault,
-    };
-    let rows = poses.values.chunks_exact(COLUMNS).enumerate();
-    rows.map(|(row, values)| camera(values, size).map_err(|fault| faulty(row, fault)))
-        .collect()
 }
 
 /// One row of the table as a camera for photos of `size`, in OpenGL axes.
@@ -180,16 +259,4 @@ fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<()
         ));
     }
     Ok(())
-}
-
-fn posed(file: &Path, camera: &Camera) -> Posed {
-    let name = file
-        .file_stem()
-        .map(|stem| stem.to_string_lossy().into_owned())
-        .unwrap_or_default();
-    Posed {
-        name,
-        file: file.to_owned(),
-        camera: camera.clone(),
-    }
 }

@@ -10,16 +10,20 @@ use crate::Camera;
 /// It is a similarity (a rotation, a translation, one scale), so shapes and angles stay as they are. The turn makes an
 /// axis-aligned scene box hug what forward-facing cameras see, so that a hash grid wastes no cells; the scale makes
 /// near, far and step sizes comparable between scenes, whatever unit the pose estimation chose.
-pub(crate) fn normalize(cameras: &[Camera]) -> Vec<Camera> {
+///
+/// Also gives the matrix that takes the new coordinates back to the old ones.
+pub(crate) fn normalize(cameras: &[Camera]) -> (Vec<Camera>, DMat4) {
     let nearest = cameras
         .iter()
         .map(|camera| camera.near)
         .fold(f64::INFINITY, f64::min);
-    let to_average = average_pose(cameras).inverse();
-    cameras
+    let average = average_pose(cameras);
+    let to_average = average.inverse();
+    let moved = cameras
         .iter()
         .map(|camera| camera.moved(to_average, 1.0 / nearest))
-        .collect()
+        .collect();
+    (moved, average * DMat4::from_scale(DVec3::splat(nearest)))
 }
 
 /// The mean position and the mean viewing and up directions, made orthonormal. Where those cancel out, as for cameras
@@ -72,7 +76,7 @@ mod tests {
 
     #[test]
     fn the_average_camera_comes_to_the_origin_and_the_nearest_plane_to_one() {
-        let cameras = normalize(&arc());
+        let cameras = normalize(&arc()).0;
         let mean = cameras.iter().map(Camera::position).sum::<DVec3>() / 3.0;
         assert!(mean.length() < 1e-12, "{mean}");
         let looking = cameras
@@ -87,7 +91,7 @@ mod tests {
 
     #[test]
     fn what_a_camera_sees_stays_in_its_place() {
-        let (before, after) = (arc(), normalize(&arc()));
+        let (before, after) = (arc(), normalize(&arc()).0);
         let points = before.iter().map(|c| c.unproject(7.0, 21.0, 12.0));
         let moved: Vec<_> = after
             .iter()
@@ -109,12 +113,22 @@ mod tests {
     }
 
     #[test]
+    fn the_matrix_leads_back() {
+        let cameras = arc();
+        let (moved, back) = normalize(&cameras);
+        for (was, is) in cameras.iter().zip(&moved) {
+            let returned = back.transform_point3(is.position());
+            assert!(returned.distance(was.position()) < 1e-9, "{returned}");
+        }
+    }
+
+    #[test]
     fn cameras_that_look_at_each_other_still_get_a_frame() {
         let facing = [
             camera(DVec3::Z, DVec3::ZERO, 1.0),
             camera(-DVec3::Z, DVec3::ZERO, 1.0),
         ];
-        for camera in normalize(&facing) {
+        for camera in normalize(&facing).0 {
             assert!(camera.camera_to_world.is_finite());
             assert!((camera.camera_to_world.determinant() - 1.0).abs() < 1e-9);
         }

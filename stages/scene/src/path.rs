@@ -110,11 +110,14 @@ pub fn path_from_file(path: &Path, cameras: &[Camera]) -> Result<Vec<Camera>, Sc
     transforms::cameras_of_file(path, &with_all_depths(cameras))
 }
 
-/// A digest over a file for [`path_from_file`].
+/// A digest over a file for [`path_from_file`], which is read to see whether it can be flown.
 ///
 /// # Errors
-/// A file that cannot be read.
+/// Those of [`path_from_file`].
 pub fn path_digest(path: &Path) -> Result<[u8; 32], SceneError> {
+    // What a file leaves out is the scene's; any camera stands for it here.
+    let like = Camera::centered((64, 48), 60.0, glam::DMat4::IDENTITY, [1.0, 2.0]);
+    transforms::cameras_of_file(path, &like)?;
     Ok(*source_files::content_digest(path)?.as_bytes())
 }
 

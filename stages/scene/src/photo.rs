@@ -1,5 +1,7 @@
 //! Posed photos, and the scenes made of them. Knows nothing of where they come from.
 
+use glam::DMat4;
+
 use crate::Camera;
 
 /// One image with the camera that took it.
@@ -13,6 +15,8 @@ pub struct Photo {
     pub rgb: Vec<f32>,
     /// Coverage, `height * width` values in 0..=1, where the file has it. `rgb` is not premultiplied by it.
     pub alpha: Option<Vec<f32>>,
+    /// Which pixels count, `height * width` values, where some do not: a mask, or a fisheye's rim.
+    pub mask: Option<Vec<bool>>,
 }
 
 /// A scene: what was photographed, from where, and how far it reaches.
@@ -24,6 +28,8 @@ pub struct SceneData {
     pub test: Vec<Photo>,
     /// Lowest and highest corner, in world units, of an axis-aligned box around all that the cameras see.
     pub bounds: [[f64; 3]; 2],
+    /// The similarity that takes the scene's coordinates to those of the files that it was read from.
+    pub to_source: DMat4,
     /// One line for people: what it is and how it was brought into its coordinates.
     pub description: String,
     /// What was left out or had to be guessed: a sentence each.
@@ -57,7 +63,6 @@ pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo
 mod tests {
     use super::*;
     use crate::Distortion;
-    use glam::DMat4;
 
     fn photos(count: usize) -> Vec<Photo> {
         let camera = Camera {
@@ -77,6 +82,7 @@ mod tests {
             camera: camera.clone(),
             rgb: vec![0.0; 3],
             alpha: None,
+            mask: None,
         };
         (0..count).map(photo).collect()
     }

@@ -18,12 +18,11 @@ pub(crate) fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
     if rows.as_flattened().iter().any(|value| !value.is_finite()) {
         return Err("holds a number that is not finite".into());
     }
-    if rows.len() < 3
-        || rows
-            .get(3)
-            .is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0])
-        || rows.len() > 4
-    {
+    let is_last = |row: &[f64; 4]| {
+        let off = |(value, wanted): (&f64, f64)| (value - wanted).abs() <= ORTHONORMAL;
+        row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(off)
+    };
+    if !(3..=4).contains(&rows.len()) || !rows.get(3).is_none_or(is_last) {
         return Err("is not a 4x4 matrix with the last row 0 0 0 1".into());
     }
     let column = |i: usize| DVec3::new(rows[0][i], rows[1][i], rows[2][i]);
@@ -58,10 +57,17 @@ pub(crate) fn check(camera: &Camera) -> Result<(), String> {
             camera.fl_x, camera.fl_y, camera.cx, camera.cy
         ));
     }
-    match camera.sees_through_all_its_image() {
+    let outside = |at: f64, side: u32| at < -f64::from(side) || at > 2.0 * f64::from(side);
+    if outside(camera.cx, camera.width) || outside(camera.cy, camera.height) {
+        return Err(format!(
+            "its principal point ({}, {}) lies far outside its {}x{} pixels: is it for photos of another size?",
+            camera.cx, camera.cy, camera.width, camera.height
+        ));
+    }
+    match camera.sees_through_its_image() {
         true => Ok(()),
         false => Err(format!(
-            "its {:?} folds the image over before its rim",
+            "its lens ({}) folds the image over before its rim: check the coefficients, or undistort the photos first",
             camera.distortion
         )),
     }
@@ -81,6 +87,36 @@ pub(crate) fn depths_of_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> [f64; 2]
     let near = least.max(NEAREST * longest);
     // A camera that looks away from the box sees nothing of it; its range must still be one.
     [near, if most > near { most } else { 2.0 * near }]
+}
+
+/// Whether a camera sees something of a box: one of a grid of its rays meets the box in front of it, or the box is so
+/// small that its middle lies between them.
+pub(crate) fn sees_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> bool {
+    const GRID: u32 = 16;
+    let middle = [0, 1, 2].map(|axis| 0.5 * (bounds[0][axis] + bounds[1][axis]));
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let in_image =
+        |[px, py, _]: [f64; 3]| (0.0..=width).contains(&px) && (0.0..=height).contains(&py);
+    if camera.project(middle).is_some_and(in_image) {
+        return true;
+    }
+    let at = |i: u32| f64::from(i) / f64::from(GRID);
+    (0..=GRID).any(|j| (0..=GRID).any(|i| meets(camera, at(i) * width, at(j) * height, bounds)))
+}
+
+/// Whether the ray through a point of the image meets a box.
+fn meets(camera: &Camera, px: f64, py: f64, bounds: &[[f64; 3]; 2]) -> bool {
+    let origin = camera.position();
+    let along = DVec3::from(camera.unproject(px, py, 1.0)) - origin;
+    let mut first = 0.0;
+    let mut last = f64::INFINITY;
+    for axis in 0..3 {
+        let cuts = [0, 1].map(|side: usize| (bounds[side][axis] - origin[axis]) / along[axis]);
+        // A ray within a face gives no number there, which `max` and `min` pass over.
+        first = f64::max(first, cuts[0].min(cuts[1]));
+        last = f64::min(last, cuts[0].max(cuts[1]));
+    }
+    first <= last
 }
 
 /// Near and far for cameras of which nothing else is known: around the point that all of them look at.
@@ -190,6 +226,20 @@ mod tests {
     }
 
     #[test]
+    fn a_box_is_seen_or_not() {
+        let cube = [[-1.0; 3], [1.0; 3]];
+        let from = |position: DVec3, target: DVec3| sees_box(&looking(position, target), &cube);
+        assert!(from(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO));
+        assert!(from(DVec3::ZERO, DVec3::X), "from within");
+        assert!(
+            from(DVec3::new(0.0, 0.0, 4.0), DVec3::new(1.5, 0.0, 0.0)),
+            "in part"
+        );
+        assert!(from(DVec3::new(0.0, 0.0, 900.0), DVec3::ZERO), "far away");
+        assert!(!from(DVec3::new(0.0, 0.0, 4.0), DVec3::new(0.0, 0.0, 9.0)));
+    }
+
+    #[test]
     fn only_rotations_are_poses_but_a_scale_is_forgiven() {
         let pose = |x: f64| {
             [
@@ -209,6 +259,9 @@ mod tests {
         assert!(fault(&|rows| rows[0][1] = 0.1).contains("right angles"));
         assert!(fault(&|rows| rows[2][3] = f64::NAN).contains("not finite"));
         assert!(fault(&|rows| rows[3][0] = 0.5).contains("last row"));
+        let mut rounded = pose(1.0);
+        rounded[3] = [0.0, 1e-7, 2e-16, 1.0 + 1e-7];
+        assert_eq!(rigid(&rounded), rigid(&pose(1.0)), "rounding is forgiven");
         assert!(rigid(&pose(0.0)).is_err() && rigid(&pose(1.0)[..2]).is_err());
     }
 }

@@ -1,72 +1,16 @@
-//! The files that a scene is read from, and their digest. Looks into photos only for their size.
+//! The files that a scene is read from: their bytes, their digest, and names of views after them. Looks into no photo.
 
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::downscale::shrink_covered;
-use crate::image_file::{self, Pixels};
-use crate::{Camera, Photo, Reduction, SceneError};
+use crate::{SceneError, photo_file};
 
 const DIGEST_DOMAIN: &str = "srnerf-dag 2026 scene source files v1";
 /// No file of poses or points comes near this many bytes.
 const LARGEST_FILE: u64 = 4 << 30;
-/// Photos reduced by whole factors differ from the full size's shape by a pixel's rounding, not by more.
-pub(crate) const SAME_SHAPE: f64 = 0.03;
-
-/// A photo yet to be read, with its camera at the file's own size.
-#[derive(Clone, Debug)]
-pub(crate) struct Posed {
-    pub(crate) name: String,
-    pub(crate) file: PathBuf,
-    pub(crate) camera: Camera,
-}
-
-/// Reads the photos, resized to `size` if there is one by an antialiased bicubic filter; intrinsics follow exactly.
-pub(crate) fn read_photos(
-    posed: &[Posed],
-    size: Option<(u32, u32)>,
-) -> Result<Vec<Photo>, SceneError> {
-    posed
-        .par_iter()
-        .map(|posed| read_photo(posed, size))
-        .collect()
-}
-
-fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<Photo, SceneError> {
-    let Pixels {
-        size: found,
-        rgb,
-        alpha,
-    } = image_file::read(&posed.file)?;
-    let size = size.unwrap_or(found);
-    let (rgb, alpha) = shrink_covered(&rgb, alpha.as_deref(), found, size, Reduction::Bicubic);
-    Ok(Photo {
-        name: posed.name.clone(),
-        camera: posed.camera.scaled(size.0, size.1),
-        rgb,
-        alpha,
-    })
-}
-
-/// The camera of a photo whose file has another size than the poses were found at, such as a reduced copy.
-pub(crate) fn at_size_of_file(camera: &Camera, file: &Path) -> Result<Camera, SceneError> {
-    let size = image_file::size(file)?;
-    let (x, y) = (
-        f64::from(size.0) / f64::from(camera.width),
-        f64::from(size.1) / f64::from(camera.height),
-    );
-    if (x / y - 1.0).abs() > SAME_SHAPE {
-        let fault = format!(
-            "is {}x{}, but its camera is for {}x{}: another aspect ratio",
-            size.0, size.1, camera.width, camera.height
-        );
-        return Err(SceneError::content(file, "the photo", fault));
-    }
-    Ok(camera.scaled(size.0, size.1))
-}
 
 /// Refuses a requested size without pixels.
 pub(crate) fn check_size(folder: &Path, size: Option<(u32, u32)>) -> Result<(), SceneError> {
@@ -80,12 +24,42 @@ pub(crate) fn check_size(folder: &Path, size: Option<(u32, u32)>) -> Result<(), 
     }
 }
 
-/// A whole file. What is allocated is what the file really holds.
+/// A whole file of poses or points. What is allocated is what the file really holds.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
-    let io = |source| SceneError::Io {
-        path: path.into(),
-        source,
+    let bytes = read_bytes(path)?;
+    match photo_file::is_lfs_pointer(&bytes) {
+        true => Err(SceneError::not_fetched(path)),
+        false => Ok(bytes),
+    }
+}
+
+/// The text of a file, with or without a byte order mark, in UTF-8 or UTF-16 as Windows' own editors write.
+pub(crate) fn as_text(bytes: Vec<u8>) -> Result<String, String> {
+    let utf16 = |rest: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = rest
+            .chunks_exact(2)
+            .map(|pair| unit([pair[0], pair[1]]))
+            .collect();
+        String::from_utf16(&units).map_err(|_| "is not UTF-16, as its first bytes say".to_owned())
     };
+    match bytes.as_slice() {
+        [0xFF, 0xFE, rest @ ..] => utf16(rest, u16::from_le_bytes),
+        [0xFE, 0xFF, rest @ ..] => utf16(rest, u16::from_be_bytes),
+        [0xEF, 0xBB, 0xBF, rest @ ..] => utf8(rest.to_vec()),
+        _ => utf8(bytes),
+    }
+}
+
+fn utf8(bytes: Vec<u8>) -> Result<String, String> {
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        format!("is not UTF-8 from byte {at} on: save it as UTF-8 text")
+    })
+}
+
+/// The bytes of a file.
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
+    let io = |source| SceneError::io(path, source);
     let mut bytes = Vec::new();
     let read = File::open(path)
         .map_err(io)?
@@ -122,10 +96,7 @@ pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 3
 
 /// The digest of one file's bytes. Not from mapped memory: a photo may be cut short while it is read.
 pub(crate) fn content_digest(path: &Path) -> Result<blake3::Hash, SceneError> {
-    let io = |source| SceneError::Io {
-        path: path.into(),
-        source,
-    };
+    let io = |source| SceneError::io(path, source);
     let mut hasher = blake3::Hasher::new();
     hasher
         .update_reader(File::open(path).map_err(io)?)
@@ -133,27 +104,44 @@ pub(crate) fn content_digest(path: &Path) -> Result<blake3::Hash, SceneError> {
     Ok(hasher.finalize())
 }
 
-/// Names of views for photos, by their paths: the stems where these differ, else whole paths with `_` between folders.
-/// Whatever a path holds, the name can be a file's.
+/// Names of views for photos, by their paths: the stems where these differ, else whole paths with `_` between folders,
+/// with their endings where need be. Whatever a path holds, the name can be a file's.
 pub(crate) fn view_names(paths: &[&str]) -> Vec<String> {
-    let whole = |path: &&str| clean(without_extension(path.trim_start_matches("./")));
-    let stem = |path: &&str| whole(path.rsplit(['/', '\\']).next().as_ref().unwrap_or(path));
+    let stem = |path: &&str| clean(photo_file::split(last(path)).0);
+    let whole = |path: &&str| clean(photo_file::split(inside(path)).0);
+    let with_ending = |path: &&str| clean(inside(path));
     let stems: Vec<String> = paths.iter().map(stem).collect();
-    let mut sorted = stems.clone();
-    sorted.sort();
-    sorted.dedup();
-    if sorted.len() == stems.len() {
-        stems
-    } else {
-        paths.iter().map(whole).collect()
+    if are_different(&stems) {
+        return stems;
     }
+    let wholes: Vec<String> = paths.iter().map(whole).collect();
+    if are_different(&wholes) {
+        return wholes;
+    }
+    paths.iter().map(with_ending).collect()
 }
 
-fn without_extension(name: &str) -> &str {
-    match name.rsplit_once('.') {
-        Some((stem, extension)) if !stem.is_empty() && image_file::is_extension(extension) => stem,
-        _ => name,
-    }
+fn inside(path: &str) -> &str {
+    path.trim_start_matches("./")
+}
+
+fn last(path: &str) -> &str {
+    let path = inside(path);
+    path.rsplit(['/', '\\']).next().unwrap_or(path)
+}
+
+fn are_different(names: &[String]) -> bool {
+    first_twice(names).is_none()
+}
+
+/// A name that occurs twice.
+pub(crate) fn first_twice(names: &[String]) -> Option<&String> {
+    let mut sorted: Vec<&String> = names.iter().collect();
+    sorted.sort();
+    sorted
+        .windows(2)
+        .find(|pair| pair[0] == pair[1])
+        .map(|pair| pair[0])
 }
 
 fn clean(name: &str) -> String {
@@ -173,6 +161,16 @@ mod tests {
     use super::*;
 
     #[test]
+    fn texts_are_read_with_any_byte_order_mark() {
+        let read = |bytes: &[u8]| as_text(bytes.to_vec());
+        assert_eq!(read(b"{}").unwrap(), "{}");
+        assert_eq!(read(b"\xEF\xBB\xBF{}").unwrap(), "{}");
+        assert_eq!(read(b"\xFF\xFE{\0}\0").unwrap(), "{}");
+        assert_eq!(read(b"\xFE\xFF\0{\0}").unwrap(), "{}");
+        assert!(read(b"ab\xFF").unwrap_err().contains("from byte 2"));
+    }
+
+    #[test]
     fn names_are_stems_unless_two_are_the_same() {
         assert_eq!(
             view_names(&["./train/r_0", "images/a.b.JPG"]),
@@ -182,6 +180,7 @@ mod tests {
             view_names(&["left/0.png", "./right/0.png"]),
             ["left_0", "right_0"]
         );
+        assert_eq!(view_names(&["a.png", "a.jpg"]), ["a.png", "a.jpg"]);
         assert_eq!(view_names(&["..\\x:y\n.png", ""]), ["x_y_", "_"]);
     }
 }

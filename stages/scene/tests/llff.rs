@@ -1,11 +1,14 @@
 //! LLFF folders: written from known cameras and read back, broken in every way, and a real one where it is at hand.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
+mod common;
+
 use std::path::Path;
 
+use common::llff;
 use glam::DVec3;
 use npyz::WriterBuilder;
-use scene::{Camera, Distortion, SceneError, downscale, llff, llff_digest, split_holdout};
+use scene::{Camera, Distortion, Reader, SceneError, downscale, split_holdout};
 use tempfile::TempDir;
 
 const SIZE: (u32, u32) = (24, 18);
@@ -84,7 +87,7 @@ fn written_scene() -> TempDir {
 #[test]
 fn cameras_that_were_written_come_back_up_to_one_similarity() {
     let folder = written_scene();
-    let scene = llff(folder.path(), None, None).unwrap();
+    let scene = llff(folder.path(), None, None).read().unwrap();
     let (known, read) = (known_cameras(), scene.photos);
     assert_eq!(
         read.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(),
@@ -116,7 +119,10 @@ fn cameras_that_were_written_come_back_up_to_one_similarity() {
 
 #[test]
 fn the_box_holds_every_frustum_and_touches_them() {
-    let scene = llff(written_scene().path(), None, None).unwrap();
+    let scene = {
+        let folder = written_scene();
+        llff(folder.path(), None, None).read().unwrap()
+    };
     let corners: Vec<_> = scene
         .photos
         .iter()
@@ -141,7 +147,10 @@ fn the_box_holds_every_frustum_and_touches_them() {
 
 #[test]
 fn a_size_that_is_asked_for_scales_photos_and_intrinsics_per_axis() {
-    let scene = llff(written_scene().path(), None, Some((12, 6))).unwrap();
+    let scene = {
+        let folder = written_scene();
+        llff(folder.path(), None, Some((12, 6))).read().unwrap()
+    };
     let photo = &scene.photos[1];
     assert_eq!(
         (photo.camera.width, photo.camera.height, photo.rgb.len()),
@@ -165,7 +174,7 @@ fn the_smallest_folder_that_is_large_enough_is_chosen() {
         );
     }
     let first_name = |images, size| {
-        llff(folder.path(), images, size).unwrap().photos[0]
+        llff(folder.path(), images, size).read().unwrap().photos[0]
             .name
             .clone()
     };
@@ -182,7 +191,7 @@ fn the_smallest_folder_that_is_large_enough_is_chosen() {
 #[test]
 fn the_digest_follows_what_is_read_and_nothing_else() {
     let folder = written_scene();
-    let digest = || llff_digest(folder.path(), None, Some(SIZE)).unwrap();
+    let digest = || llff(folder.path(), None, Some(SIZE)).digest().unwrap();
     let first = digest();
     std::fs::write(folder.path().join("notes.txt"), "seen by nobody").unwrap();
     assert_eq!(digest(), first);
@@ -207,7 +216,9 @@ fn the_digest_follows_what_is_read_and_nothing_else() {
 fn fault(spoil: impl Fn(&Path)) -> String {
     let folder = written_scene();
     spoil(folder.path());
-    let error = llff(folder.path(), None, None).expect_err("the scene is spoilt");
+    let error = llff(folder.path(), None, None)
+        .read()
+        .expect_err("the scene is spoilt");
     error
         .to_string()
         .replace(&format!("{}", folder.path().display()), "SCENE")
@@ -224,6 +235,7 @@ fn with_rows(change: impl Fn(&mut Vec<Vec<f64>>)) -> String {
 #[test]
 fn a_missing_part_is_named_with_what_to_do() {
     let gone = llff(Path::new("no/such/scene"), None, None)
+        .read()
         .unwrap_err()
         .to_string();
     assert!(
@@ -234,15 +246,16 @@ fn a_missing_part_is_named_with_what_to_do() {
     );
     assert_eq!(
         fault(|folder| std::fs::remove_dir_all(folder.join("images_4")).unwrap()),
-        "SCENE/images: a folder of PNG or JPEG photos is missing; put the photos into a subfolder `images`"
+        "SCENE/images: a folder of photos is missing; put the photos into a subfolder `images` (PNG, JPEG, WebP, TIFF or EXR \
+         are read)"
     );
     let folder = written_scene();
     let misspelt = llff(folder.path(), Some("image_4"), None)
+        .read()
         .unwrap_err()
         .to_string();
     assert!(
-        misspelt
-            .ends_with("image_4: a folder of PNG or JPEG photos is missing; there is: images_4"),
+        misspelt.contains("image_4: a folder of photos is missing; there is: images_4"),
         "{misspelt}"
     );
 }
@@ -324,14 +337,18 @@ fn photos_must_be_as_many_as_poses_whole_and_of_one_size() {
         std::fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
     });
     assert!(
-        cut.starts_with("SCENE/images_4/photo1.png: not a readable PNG or JPEG image ("),
+        cut.starts_with(
+            "SCENE/images_4/photo1.png: not a readable photo: it ends before its last row"
+        ),
         "{cut}"
     );
 }
 
 #[test]
 fn a_size_of_zero_is_refused() {
-    let error = llff(written_scene().path(), None, Some((0, 18))).unwrap_err();
+    let error = llff(written_scene().path(), None, Some((0, 18)))
+        .read()
+        .unwrap_err();
     assert!(
         matches!(error, SceneError::EmptyImage { size: (0, 18), .. }),
         "{error}"
@@ -344,7 +361,9 @@ fn the_real_fern_reads_as_its_table_says() {
         eprintln!("SRNERF_TEST_DATA is not set: skipped");
         return;
     };
-    let scene = llff(&Path::new(&data).join("llff/fern"), None, Some((252, 189))).unwrap();
+    let scene = llff(&Path::new(&data).join("llff/fern"), None, Some((252, 189)))
+        .read()
+        .unwrap();
     assert_eq!(scene.photos.len(), 20);
     let camera = &scene.photos[0].camera;
     assert_eq!((camera.width, camera.height), (252, 189));

@@ -7,7 +7,7 @@ use scene::{Camera, Distortion};
 
 /// A camera that makes rays.
 pub fn camera(camera: &disk::Camera) -> Camera {
-    let disk::Distortion { k1, k2, k3, p1, p2 } = camera.distortion;
+    let bent = &camera.distortion;
     Camera {
         width: camera.width,
         height: camera.height,
@@ -15,7 +15,17 @@ pub fn camera(camera: &disk::Camera) -> Camera {
         fl_y: camera.fl_y,
         cx: camera.cx,
         cy: camera.cy,
-        distortion: Distortion { k1, k2, k3, p1, p2 },
+        distortion: Distortion {
+            k1: bent.k1,
+            k2: bent.k2,
+            k3: bent.k3,
+            p1: bent.p1,
+            p2: bent.p2,
+            k4: bent.k4,
+            k5: bent.k5,
+            k6: bent.k6,
+            fisheye: bent.fisheye,
+        },
         camera_to_world: DMat4::from_cols_array_2d(&camera.camera_to_world).transpose(),
         near: camera.near,
         far: camera.far,
@@ -24,7 +34,7 @@ pub fn camera(camera: &disk::Camera) -> Camera {
 
 /// A camera for disk; its matrix is stored by rows.
 pub fn disk_camera(camera: &Camera) -> disk::Camera {
-    let Distortion { k1, k2, k3, p1, p2 } = camera.distortion;
+    let bent = &camera.distortion;
     disk::Camera {
         width: camera.width,
         height: camera.height,
@@ -32,7 +42,17 @@ pub fn disk_camera(camera: &Camera) -> disk::Camera {
         fl_y: camera.fl_y,
         cx: camera.cx,
         cy: camera.cy,
-        distortion: disk::Distortion { k1, k2, k3, p1, p2 },
+        distortion: disk::Distortion {
+            k1: bent.k1,
+            k2: bent.k2,
+            k3: bent.k3,
+            p1: bent.p1,
+            p2: bent.p2,
+            k4: bent.k4,
+            k5: bent.k5,
+            k6: bent.k6,
+            fisheye: bent.fisheye,
+        },
         camera_to_world: camera.camera_to_world.transpose().to_cols_array_2d(),
         near: camera.near,
         far: camera.far,

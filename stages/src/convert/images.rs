@@ -137,6 +137,7 @@ pub fn photo_view(photo: &Photo) -> View {
         rgb: premultiplied_linear(&photo.rgb, photo.alpha.as_deref()),
         alpha: photo.alpha.clone(),
         depth: None,
+        mask: photo.mask.clone(),
     }
 }
 
@@ -147,6 +148,7 @@ pub fn view_photo(view: &View) -> Photo {
         camera: camera(&view.camera),
         rgb: straight_srgb(view),
         alpha: view.alpha.clone(),
+        mask: view.mask.clone(),
     }
 }
 
@@ -159,6 +161,7 @@ pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: boo
         rgb: premultiplied_linear(&straight(rendered.rgb, alpha.as_deref()), alpha.as_deref()),
         alpha,
         depth: Some(rendered.depth),
+        mask: None,
     }
 }
 
@@ -168,6 +171,7 @@ pub fn train_view(view: &View, weight: f32, supersample: u32) -> TrainView {
         camera: camera(&view.camera),
         rgb: straight_srgb(view),
         alpha: view.alpha.clone(),
+        mask: view.mask.clone(),
         weight,
         supersample,
     }

@@ -18,6 +18,10 @@ fn view() -> View {
         k3: 0.003,
         p1: -0.01,
         p2: 0.02,
+        k4: 0.5,
+        k5: 0.25,
+        k6: 0.125,
+        fisheye: true,
     };
     let fl_x = 2.0;
     let fl_y = 2.5;
@@ -42,6 +46,7 @@ fn view() -> View {
         rgb,
         alpha: None,
         depth: None,
+        mask: None,
     }
 }
 

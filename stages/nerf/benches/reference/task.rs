@@ -3,8 +3,8 @@
 
 use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::{
-    Photo, Reduction, SceneData, TransformsOptions, downscale, llff, object, split_holdout,
-    still_life, transforms, write_transforms,
+    Llff, Photo, Reader, Reduction, SceneData, Transforms, downscale, object, split_holdout,
+    still_life, write_transforms,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
@@ -105,6 +105,7 @@ impl Task {
             camera: photo.camera.clone(),
             rgb: photo.rgb.clone(),
             alpha: photo.alpha.clone(),
+            mask: None,
             weight: 1.0,
             supersample: 1,
         };
@@ -132,20 +133,30 @@ fn read(source: &str, width: u32) -> Result<SceneData, Box<dyn Error>> {
             scene.photos = scene.photos.iter().map(small).collect::<Result<_, _>>()?;
             Ok(scene)
         }
-        "object" => Ok(transforms(
-            &object_folder()?,
-            &TransformsOptions::default(),
-        )?),
-        _ if folder.join("poses_bounds.npy").is_file() => {
-            Ok(llff(folder, None, Some((width, width * 3 / 4)))?)
-        }
-        _ => {
-            let options = TransformsOptions {
-                size: Some((width, width)),
-                test_every: 8,
+        "object" => {
+            let path = object_folder()?;
+            let scene = Transforms {
+                path,
                 ..Default::default()
             };
-            Ok(transforms(folder, &options)?)
+            Ok(scene.read()?)
+        }
+        _ if folder.join("poses_bounds.npy").is_file() => {
+            let scene = Llff {
+                folder: folder.to_owned(),
+                images: None,
+                size: Some((width, width * 3 / 4)),
+            };
+            Ok(scene.read()?)
+        }
+        _ => {
+            let scene = Transforms {
+                path: folder.to_owned(),
+                size: Some((width, width)),
+                bounds: None,
+                test_every: 8,
+            };
+            Ok(scene.read()?)
         }
     }
 }

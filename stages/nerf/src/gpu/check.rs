@@ -41,6 +41,7 @@ pub fn check(device: &Device) -> Check {
         camera,
         rgb,
         alpha: None,
+        mask: None,
         weight: 1.0,
         supersample: 2,
     };

@@ -345,6 +345,7 @@ mod tests {
             camera,
             rgb,
             alpha: None,
+            mask: None,
             weight: 1.0,
             supersample: 1,
         };

@@ -66,6 +66,7 @@ pub fn photo(camera: Camera) -> TrainView {
         camera,
         rgb,
         alpha: Some(alpha),
+        mask: None,
         weight: 1.0,
         supersample: 2,
     }

@@ -262,6 +262,7 @@ fn opaque_views_leave_no_hole_and_no_fog_before_the_near_plane() {
             camera,
             rgb,
             alpha: None,
+            mask: None,
             weight: 1.0,
             supersample: 1,
         }

@@ -107,8 +107,10 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
         let parameters = (0..count)
             .map(|_| cursor.reals::<1>().map(|[real]| real))
             .collect::<Result<Vec<_>, _>>()?;
-        model.lenses.insert(number, lens(name, size, &parameters)?);
-        Ok(())
+        match model.lenses.insert(number, lens(name, size, &parameters)?) {
+            None => Ok(()),
+            Some(_) => Err(format!("camera {number} is there already")),
+        }
     })
 }
 
@@ -120,17 +122,14 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let name = cursor.text()?;
         let observations = cursor.count(OBSERVATION)?;
         cursor.bytes(observations * OBSERVATION)?;
-        let camera_to_world =
-            camera_to_world(turn, translation).map_err(|fault| format!("{name}: {fault}"))?;
-        model.images.insert(
+        model.add(
             number,
             Image {
                 name,
                 lens,
-                camera_to_world,
+                camera_to_world: camera_to_world(turn, translation),
             },
-        );
-        Ok(())
+        )
     })
 }
 

@@ -5,283 +5,148 @@
 //! frames, of which newer versions write files as well, are noted and passed over: every image has its own pose.
 
 mod binary;
+mod depths;
+mod files;
 mod model;
 mod text;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
-
+use crate::faults::Faults;
+use crate::finder;
+use crate::folders;
+use crate::gathering::{Gathering, without_pose};
+use crate::mask::MaskFile;
 use crate::normalize::normalize;
-use crate::source_files::{self, Posed};
-use crate::{Camera, SceneData, SceneError, image_file, llff_files, pose};
-use model::Model;
+use crate::reader::{Posed, Reader, Survey, sift};
+use crate::{Camera, SceneError, pose, source_files};
+use files::Reconstruction;
+use model::{Image, Model};
 
-/// Where the reconstruction may lie in a scene's folder.
-const PLACES: [&str; 5] = [
-    "sparse/0",
-    "sparse",
-    "colmap/sparse/0",
-    "colmap/sparse",
-    ".",
-];
-/// The files of a reconstruction, without extension.
-const FILES: [&str; 3] = ["cameras", "images", "points3D"];
-/// Files of newer versions that are not read.
-const PASSED_OVER: [&str; 2] = ["rigs", "frames"];
-/// Depths below and above these percentiles are taken for mistakes, as in LLFF.
-const PERCENTILES: [f64; 2] = [0.1, 99.9];
-/// Fewer points in a photo say nothing about its near and far.
-const FEWEST_POINTS: usize = 8;
+/// What to do where photos are not found.
+const REMEDY: &str = "the reconstruction names photos in that folder; give another by `images`";
 
-/// A parser of one file, which says where something is wrong and what.
-type Parser = fn(&[u8], &mut Model) -> Result<(), (String, String)>;
-
-struct Survey {
-    sources: Vec<PathBuf>,
-    photos: Vec<Posed>,
-    notes: Vec<String>,
+/// A folder with a COLMAP reconstruction and its photos.
+///
+/// The reconstruction, binary or text, lies in `sparse/0`, `sparse`, the same under `colmap` or `dense`, or the folder
+/// itself; of several in `sparse` the one with the most photos is read. Photos may be reduced copies and lie in folders
+/// within their folder. Photos of another size than `size` are resized by an antialiased bicubic filter.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Colmap {
+    /// The folder.
+    pub folder: PathBuf,
+    /// The subfolder of photos; by default the smallest of `images`, `images_2`, `images_4` … that has all photos and is
+    /// not below `size`, or the largest.
+    pub images: Option<String>,
+    /// Width and height of all photos; by default those of the files.
+    pub size: Option<(u32, u32)>,
 }
 
-/// Reads the COLMAP scene in `folder`.
-///
-/// The reconstruction, binary or text, lies in `sparse/0`, `sparse`, the same under `colmap`, or the folder itself.
-/// `images` names the subfolder of photos, which by default is chosen as for [`crate::llff`]; they may be reduced
-/// copies. Photos of another size than `size` are resized by an antialiased bicubic filter. Lenses up to OPENCV (k1,
-/// k2, p1, p2) are known.
-///
-/// # Errors
-/// Every way in which the files can be unfit, as a [`SceneError`] that names file and record.
-pub fn colmap(
-    folder: &Path,
-    images: Option<&str>,
-    size: Option<(u32, u32)>,
-) -> Result<SceneData, SceneError> {
-    let Survey {
-        mut photos, notes, ..
-    } = survey(folder, images, size)?;
-    let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera.clone()).collect();
-    for (posed, camera) in photos.iter_mut().zip(normalize(&cameras)) {
-        posed.camera = camera;
+impl Reader for Colmap {
+    fn survey(&self) -> Result<Survey, SceneError> {
+        source_files::check_size(&self.folder, self.size)?;
+        let Reconstruction {
+            sources,
+            model,
+            mut notes,
+        } = files::read(&self.folder)?;
+        let names: Vec<&str> = model
+            .images
+            .values()
+            .map(|image| image.name.as_str())
+            .collect();
+        let photos = folders::choose(&self.folder, self.images.as_deref(), self.size, &names)?;
+        notes.extend(photos.note);
+        let file_of_images = sources[1].clone();
+        let mut found = gather(
+            &self.folder,
+            &file_of_images,
+            &model,
+            &photos.folder,
+            &mut notes,
+        )?;
+        notes.extend(depths::set(&model, &mut found));
+        let mut train: Vec<Posed> = found.into_iter().map(|(_, posed)| posed).collect();
+        train.sort_by(|a, b| a.name.cmp(&b.name));
+        let mut test = Vec::new();
+        notes.extend(sift(&file_of_images, &mut train, &mut test, self.size)?);
+        notes.extend(depths::guess(&mut train));
+        let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera.clone()).collect();
+        let (moved, to_source) = normalize(&cameras);
+        let bounds = pose::hull(&moved);
+        for (posed, camera) in train.iter_mut().zip(moved) {
+            posed.camera = camera;
+        }
+        let name = self.folder.file_name().unwrap_or_default();
+        Ok(Survey {
+            description: format!(
+                "COLMAP scene {}: {} photos; average camera at the origin, nearest near plane at 1",
+                name.to_string_lossy(),
+                train.len()
+            ),
+            sources,
+            train,
+            test,
+            bounds,
+            to_source,
+            size: self.size,
+            notes,
+        })
     }
-    let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera.clone()).collect();
-    let name = folder
-        .file_name()
-        .map(|name| name.to_string_lossy().into_owned())
-        .unwrap_or_default();
-    let count = photos.len();
-    Ok(SceneData {
-        photos: source_files::read_photos(&photos, size)?,
-        test: Vec::new(),
-        bounds: pose::hull(&cameras),
-        description: format!(
-            "COLMAP scene {name}: {count} photos; average camera at the origin, nearest near plane at 1"
-        ),
-        notes,
-    })
 }
 
-/// A digest over the files that [`colmap`] would read with the same arguments: whether the scene on disk has changed.
-///
-/// # Errors
-/// The same as [`colmap`]'s, but for photos that cannot be decoded.
-pub fn colmap_digest(
+/// The registered photos that are there, by their numbers, in coordinates and with poses of the reconstruction.
+fn gather(
+    scene: &Path,
+    file_of_images: &Path,
+    model: &Model,
     folder: &Path,
-    images: Option<&str>,
-    size: Option<(u32, u32)>,
-) -> Result<[u8; 32], SceneError> {
-    let survey = survey(folder, images, size)?;
-    let photos = survey.photos.iter().map(|posed| posed.file.as_path());
-    source_files::digest(survey.sources.iter().map(PathBuf::as_path).chain(photos))
-}
-
-fn survey(
-    folder: &Path,
-    images: Option<&str>,
-    size: Option<(u32, u32)>,
-) -> Result<Survey, SceneError> {
-    source_files::check_size(folder, size)?;
-    let (sources, model) = read_model(folder)?;
-    let photos = llff_files::choose_images(folder, images, size)?;
-    let notes = passed_over(&sources[0]);
-    let mut survey = Survey {
-        sources,
-        photos: Vec::new(),
-        notes,
-    };
-    let depths = depths(&model);
-    let guess = widest(depths.values().copied());
-    let entries: Vec<_> = model.images.iter().collect();
-    let names = source_files::view_names(
-        &entries
-            .iter()
-            .map(|(_, image)| image.name.as_str())
-            .collect::<Vec<_>>(),
-    );
-    let mut missing = Vec::new();
-    for ((number, image), name) in entries.into_iter().zip(names) {
-        let Some(file) = image_file::find(&photos.join(&image.name)) else {
-            missing.push(&image.name);
+    notes: &mut Vec<String>,
+) -> Result<Vec<(u32, Posed)>, SceneError> {
+    let paths: Vec<&str> = model
+        .images
+        .values()
+        .map(|image| image.name.as_str())
+        .collect();
+    let names = source_files::view_names(&paths);
+    let mut gathering = Gathering::default();
+    let mut faults = Faults::default();
+    let mut found = Vec::new();
+    let mut used = Vec::new();
+    for ((number, image), name) in model.images.iter().zip(names) {
+        let Some(spotted) = gathering.find(folder, &image.name)? else {
             continue;
         };
-        let lens = model.lenses.get(&image.lens).ok_or_else(|| {
-            let fault = format!("its camera {} is not among the cameras", image.lens);
-            SceneError::content(&survey.sources[1], &image.name, fault)
-        })?;
-        let [near, far] = depths.get(number).copied().or(guess).unwrap_or([0.0; 2]);
-        let camera = Camera {
-            camera_to_world: image.camera_to_world,
-            near,
-            far,
-            ..lens.clone()
-        };
-        survey.photos.push(Posed {
-            name,
-            camera: source_files::at_size_of_file(&camera, &file)?,
-            file,
-        });
-    }
-    if let Some(first) = missing.first() {
-        if survey.photos.is_empty() {
-            let remedy =
-                "the reconstruction names photos in that folder; give another by `images`".into();
-            return Err(SceneError::Missing {
-                path: photos.join(first),
-                expected: "the photo",
-                remedy,
-            });
-        }
-        survey.notes.push(format!(
-            "{} of {} photos are missing, such as {first}",
-            missing.len(),
-            model.images.len()
-        ));
-    }
-    survey.photos.sort_by(|a, b| a.name.cmp(&b.name));
-    if guess.is_none() {
-        guess_depths(&mut survey);
-    }
-    Ok(survey)
-}
-
-/// What lies beside the file of cameras and is not read.
-fn passed_over(cameras: &Path) -> Vec<String> {
-    let files = PASSED_OVER.map(|name| {
-        cameras
-            .with_file_name(name)
-            .with_extension(cameras.extension().unwrap_or_default())
-    });
-    let names: Vec<_> = files
-        .iter()
-        .filter(|file| file.is_file())
-        .filter_map(|file| file.file_name()?.to_str())
-        .collect();
-    match names.is_empty() {
-        true => Vec::new(),
-        false => vec![format!(
-            "{}: not read, since every image has its own pose",
-            names.join(" and ")
-        )],
-    }
-}
-
-fn guess_depths(survey: &mut Survey) {
-    let cameras: Vec<Camera> = survey
-        .photos
-        .iter()
-        .map(|posed| posed.camera.clone())
-        .collect();
-    let [near, far] = pose::guess_depths(&cameras);
-    survey
-        .photos
-        .iter_mut()
-        .for_each(|posed| [posed.camera.near, posed.camera.far] = [near, far]);
-    survey
-        .notes
-        .push("there are no sparse points: near and far are taken from the cameras alone".into());
-}
-
-/// The files and what they say.
-fn read_model(folder: &Path) -> Result<(Vec<PathBuf>, Model), SceneError> {
-    let parsers: [(&str, [Parser; 3]); 2] = [
-        ("bin", [binary::cameras, binary::images, binary::points]),
-        ("txt", [text::cameras, text::images, text::points]),
-    ];
-    for place in PLACES.map(|place| folder.join(place)) {
-        for (extension, parsers) in parsers {
-            let files = FILES.map(|name| place.join(format!("{name}.{extension}")));
-            if files[0].is_file() && files[1].is_file() {
-                return parse(files.into_iter().zip(parsers));
-            }
-        }
-    }
-    let remedy = format!(
-        "there should be cameras.bin and images.bin, or the same as .txt, in one of {}",
-        PLACES.join(", ")
-    );
-    Err(SceneError::Missing {
-        path: folder.into(),
-        expected: "a COLMAP reconstruction",
-        remedy,
-    })
-}
-
-fn parse(
-    files: impl Iterator<Item = (PathBuf, Parser)>,
-) -> Result<(Vec<PathBuf>, Model), SceneError> {
-    let (mut sources, mut model) = (Vec::new(), Model::default());
-    // The points may be missing: some tools leave them out.
-    for (path, parser) in files.filter(|(path, _)| path.is_file()) {
-        let bytes = source_files::read_file(&path)?;
-        parser(&bytes, &mut model)
-            .map_err(|(place, fault)| SceneError::content(&path, place, fault))?;
-        sources.push(path);
-    }
-    match model.images.is_empty() {
-        true => Err(SceneError::content(
-            &sources[1],
-            "the file",
-            "holds no images; the reconstruction failed",
-        )),
-        false => Ok((sources, model)),
-    }
-}
-
-/// Near and far of the images that show enough sparse points, by their numbers.
-fn depths(model: &Model) -> BTreeMap<u32, [f64; 2]> {
-    let mut seen: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
-    for point in &model.points {
-        for number in &point.seen_in {
-            let Some(image) = model.images.get(number) else {
+        used.push(spotted.file.clone());
+        let camera = match camera(model, image) {
+            Ok(camera) => camera,
+            Err(fault) => {
+                faults.add(&image.name, fault);
                 continue;
-            };
-            // A rigid pose: along the view axis is along -z, from the camera's position.
-            let back = image.camera_to_world.z_axis.truncate();
-            let depth =
-                -back.dot(DVec3::from(point.position) - image.camera_to_world.w_axis.truncate());
-            if depth > 0.0 && depth.is_finite() {
-                seen.entry(*number).or_default().push(depth);
             }
-        }
+        };
+        let (camera, turn) = gathering.fit(&camera, &spotted)?;
+        let mask = MaskFile::of(&gathering.finder, scene, &spotted.file, &image.name);
+        let posed = Posed {
+            name,
+            file: spotted.file,
+            camera,
+            turn,
+            mask,
+        };
+        found.push((*number, posed));
     }
-    let range = |(number, mut depths): (u32, Vec<f64>)| {
-        depths.sort_by(f64::total_cmp);
-        let [near, far] = PERCENTILES.map(|percent| percentile(&depths, percent));
-        (depths.len() >= FEWEST_POINTS && near < far).then_some((number, [near, far]))
-    };
-    seen.into_iter().filter_map(range).collect()
+    notes.extend(gathering.settle(REMEDY)?);
+    notes.extend(faults.settle(file_of_images, paths.len())?);
+    notes.extend(without_pose(&finder::list_all(folder)?, used.iter()));
+    Ok(found)
 }
 
-/// The value below which so many percent of sorted values lie, interpolated linearly as NumPy does.
-fn percentile(sorted: &[f64], percent: f64) -> f64 {
-    let at = percent / 100.0 * (sorted.len() - 1) as f64;
-    let (below, part) = (at.floor() as usize, at.fract());
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + part * (sorted[above] - sorted[below])
-}
-
-/// The widest range of all: for photos that show too few points to have one of their own.
-fn widest(ranges: impl Iterator<Item = [f64; 2]>) -> Option<[f64; 2]> {
-    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+fn camera(model: &Model, image: &Image) -> Result<Camera, String> {
+    let lens = model.lenses.get(&image.lens);
+    let lens = lens.ok_or_else(|| format!("its camera {} is not among the cameras", image.lens))?;
+    Ok(Camera {
+        camera_to_world: image.camera_to_world.clone()?,
+        ..lens.clone()
+    })
 }

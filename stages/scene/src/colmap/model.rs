@@ -16,6 +16,18 @@ pub(super) struct Model {
     /// Registered photos by their number.
     pub(super) images: BTreeMap<u32, Image>,
     pub(super) points: Vec<Point>,
+    /// What had to be guessed to read it.
+    pub(super) notes: Vec<String>,
+}
+
+impl Model {
+    /// Takes up an image; two of one number or name would hide one another.
+    pub(super) fn add(&mut self, number: u32, image: Image) -> Result<(), String> {
+        match self.images.insert(number, image) {
+            None => Ok(()),
+            Some(other) => Err(format!("IMAGE_ID {number} is also that of {}", other.name)),
+        }
+    }
 }
 
 /// A registered photo.
@@ -24,7 +36,8 @@ pub(super) struct Image {
     /// Its path in the folder of photos.
     pub(super) name: String,
     pub(super) lens: u32,
-    pub(super) camera_to_world: DMat4,
+    /// Its pose, or what is wrong with it.
+    pub(super) camera_to_world: Result<DMat4, String>,
 }
 
 /// A sparse point and the numbers of the images that it was found in.
@@ -48,34 +61,27 @@ const MODELS: [(&str, usize); 11] = [
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
 ];
-/// The models from this one on are no pinholes with k1, k2, p1 and p2.
-const FIRST_UNKNOWN: usize = 5;
 
-/// A camera model that we can undo, by its number: its name and its count of parameters.
+/// A camera model by its number: its name and its count of parameters.
 pub(super) fn model_by_number(number: i32) -> Result<(&'static str, usize), String> {
     let known = usize::try_from(number)
         .ok()
-        .and_then(|number| Some((number, MODELS.get(number)?)));
-    match known {
-        Some((number, model)) if number < FIRST_UNKNOWN => Ok(*model),
-        Some((_, (name, _))) => Err(unsupported(name)),
-        None => Err(unsupported(&format!("number {number}"))),
-    }
+        .and_then(|number| MODELS.get(number));
+    known
+        .copied()
+        .ok_or_else(|| unsupported(&format!("number {number}")))
 }
 
-/// The same by name.
+/// The same by name, in any case.
 pub(super) fn model_by_name(name: &str) -> Result<(&'static str, usize), String> {
-    let known = MODELS[..FIRST_UNKNOWN]
+    let known = MODELS
         .iter()
-        .find(|(known, _)| *known == name);
+        .find(|(known, _)| known.eq_ignore_ascii_case(name));
     known.copied().ok_or_else(|| unsupported(name))
 }
 
 fn unsupported(model: &str) -> String {
-    let known: Vec<&str> = MODELS[..FIRST_UNKNOWN]
-        .iter()
-        .map(|(name, _)| *name)
-        .collect();
+    let known: Vec<&str> = MODELS.iter().map(|(name, _)| *name).collect();
     format!(
         "the camera model {model} is not known here ({}); run COLMAP's image_undistorter first",
         known.join(", ")
@@ -88,21 +94,8 @@ pub(super) fn lens(
     (width, height): (u64, u64),
     parameters: &[f64],
 ) -> Result<Camera, String> {
-    let bent = |k1, k2, p1, p2| Distortion {
-        k1,
-        k2,
-        k3: 0.0,
-        p1,
-        p2,
-    };
-    let (fl_x, fl_y, cx, cy, distortion) = match *parameters {
-        [f, x, y] => (f, f, x, y, bent(0.0, 0.0, 0.0, 0.0)),
-        [fx, fy, x, y] if model == "PINHOLE" => (fx, fy, x, y, bent(0.0, 0.0, 0.0, 0.0)),
-        [f, x, y, k] => (f, f, x, y, bent(k, 0.0, 0.0, 0.0)),
-        [f, x, y, k1, k2] => (f, f, x, y, bent(k1, k2, 0.0, 0.0)),
-        [fx, fy, x, y, k1, k2, p1, p2] => (fx, fy, x, y, bent(k1, k2, p1, p2)),
-        _ => return Err(format!("{model} has {} parameters", parameters.len())),
-    };
+    let (pinhole, distortion) = parts(model, parameters)?;
+    let [fl_x, fl_y, cx, cy] = pinhole;
     let side = |pixels: u64| {
         u32::try_from(pixels)
             .ok()
@@ -111,7 +104,6 @@ pub(super) fn lens(
     let size = side(width).zip(side(height));
     let (width, height) =
         size.ok_or_else(|| format!("its size is {width}x{height}; expected 1 to 65536 pixels"))?;
-    let camera_to_world = DMat4::IDENTITY;
     let camera = Camera {
         width,
         height,
@@ -120,12 +112,84 @@ pub(super) fn lens(
         cx,
         cy,
         distortion,
-        camera_to_world,
+        camera_to_world: DMat4::IDENTITY,
         near: 1.0,
         far: 2.0,
     };
     pose::check(&camera)?;
     Ok(camera)
+}
+
+/// Focal lengths and principal point, and how the lens bends, by the parameters' order in COLMAP's documentation.
+fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), String> {
+    let none = Distortion::default();
+    let fisheye = Distortion {
+        fisheye: true,
+        ..none
+    };
+    let other = |what: &str| {
+        Err(format!(
+            "its model {model} has {what}, which is not undone here; run COLMAP's image_undistorter first"
+        ))
+    };
+    Ok(match (model, parameters) {
+        ("SIMPLE_PINHOLE", &[f, x, y]) => ([f, f, x, y], none),
+        ("PINHOLE", &[fx, fy, x, y]) => ([fx, fy, x, y], none),
+        ("SIMPLE_RADIAL", &[f, x, y, k1]) => ([f, f, x, y], Distortion { k1, ..none }),
+        ("RADIAL", &[f, x, y, k1, k2]) => ([f, f, x, y], Distortion { k1, k2, ..none }),
+        ("OPENCV", &[fx, fy, x, y, k1, k2, p1, p2]) => {
+            let bent = Distortion {
+                k1,
+                k2,
+                p1,
+                p2,
+                ..none
+            };
+            ([fx, fy, x, y], bent)
+        }
+        ("FULL_OPENCV", &[fx, fy, x, y, k1, k2, p1, p2, k3, k4, k5, k6]) => {
+            let bent = Distortion {
+                k1,
+                k2,
+                k3,
+                p1,
+                p2,
+                k4,
+                k5,
+                k6,
+                fisheye: false,
+            };
+            ([fx, fy, x, y], bent)
+        }
+        ("OPENCV_FISHEYE", &[fx, fy, x, y, k1, k2, k3, k4]) => {
+            let bent = Distortion {
+                k1,
+                k2,
+                k3,
+                k4,
+                ..fisheye
+            };
+            ([fx, fy, x, y], bent)
+        }
+        ("SIMPLE_RADIAL_FISHEYE", &[f, x, y, k1]) => ([f, f, x, y], Distortion { k1, ..fisheye }),
+        ("RADIAL_FISHEYE", &[f, x, y, k1, k2]) => ([f, f, x, y], Distortion { k1, k2, ..fisheye }),
+        ("FOV", &[fx, fy, x, y, omega]) if omega.abs() < 1e-9 => ([fx, fy, x, y], none),
+        ("FOV", &[.., omega]) => return other(&format!("omega = {omega}")),
+        ("THIN_PRISM_FISHEYE", &[fx, fy, x, y, k1, k2, p1, p2, k3, k4, sx, sy]) => {
+            if [p1, p2, sx, sy] != [0.0; 4] {
+                return other(&format!("p1 = {p1}, p2 = {p2}, sx1 = {sx}, sy1 = {sy}"));
+            }
+            let bent = Distortion {
+                k1,
+                k2,
+                k3,
+                k4,
+                ..fisheye
+            };
+            ([fx, fy, x, y], bent)
+        }
+        _ => return Err(format!("{model} has not {} parameters", parameters.len())),
+    })
 }
 
 /// COLMAP's world-to-camera rotation (w, x, y, z) and translation, with its axes right, down, forwards, as our pose.
@@ -137,7 +201,9 @@ pub(super) fn camera_to_world(
     let finite = translation.iter().all(|value| value.is_finite());
     // A quaternion of another length is still a direction; COLMAP normalises as well.
     if !(length > 1e-6 && length.is_finite() && finite) {
-        return Err("its rotation or translation is not one".into());
+        return Err(format!(
+            "its rotation ({w}, {x}, {y}, {z}) or translation {translation:?} is none; expected finite numbers"
+        ));
     }
     let turn = DQuat::from_xyzw(x, y, z, w).normalize();
     let to_camera = DMat4::from_rotation_translation(turn, DVec3::from(translation));

@@ -3,6 +3,7 @@
 use std::str::FromStr;
 
 use super::model::{Image, Model, Point, camera_to_world, lens, model_by_name};
+use crate::source_files;
 
 /// The words of a line, taken one by one.
 struct Words<'a>(std::str::SplitWhitespace<'a>);
@@ -27,69 +28,123 @@ impl<'a> Words<'a> {
     }
 }
 
-/// Reads each line that is no comment, and says in which one something is wrong.
-fn lines<'a>(
-    bytes: &'a [u8],
-    mut line: impl FnMut(Words<'a>, &mut dyn Iterator<Item = &'a str>) -> Result<(), String>,
+/// The records of a file: its lines that are no comments, by number from 1.
+struct Lines<'a> {
+    rest: std::iter::Peekable<std::iter::Enumerate<std::str::Lines<'a>>>,
+}
+
+impl<'a> Lines<'a> {
+    fn next(&mut self) -> Option<(usize, &'a str)> {
+        let is_record = |text: &str| !text.trim().is_empty() && !text.starts_with('#');
+        self.rest
+            .find(|(_, text)| is_record(text))
+            .map(|(index, text)| (index + 1, text))
+    }
+}
+
+/// Reads each record, and says in which line something is wrong.
+fn records(
+    bytes: &[u8],
+    mut record: impl FnMut(Words, &mut Lines) -> Result<(), String>,
 ) -> Result<(), (String, String)> {
-    let text = std::str::from_utf8(bytes)
-        .map_err(|error| ("the file".to_owned(), format!("is not UTF-8: {error}")))?;
-    let mut numbered = text.lines().enumerate();
-    while let Some((index, text)) = numbered.next() {
-        if text.trim().is_empty() || text.starts_with('#') {
-            continue;
-        }
-        let mut rest = numbered.by_ref().map(|(_, text)| text);
-        line(Words(text.split_whitespace()), &mut rest)
-            .map_err(|fault| (format!("line {}", index + 1), fault))?;
+    let text =
+        source_files::as_text(bytes.to_vec()).map_err(|fault| ("the file".to_owned(), fault))?;
+    let mut lines = Lines {
+        rest: text.lines().enumerate().peekable(),
+    };
+    while let Some((number, text)) = lines.next() {
+        record(Words(text.split_whitespace()), &mut lines)
+            .map_err(|fault| (format!("line {number}"), fault))?;
     }
     Ok(())
 }
 
 /// Reads `cameras.txt`: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]. The error is a place and what is wrong there.
 pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
-    lines(bytes, |mut words, _| {
+    records(bytes, |mut words, _| {
         let number = words.number("CAMERA_ID")?;
         let (name, count) = model_by_name(words.word("MODEL")?)?;
         let size = (words.number("WIDTH")?, words.number("HEIGHT")?);
         let parameters = (0..count)
             .map(|_| words.number("PARAMS"))
             .collect::<Result<Vec<f64>, _>>()?;
-        model.lenses.insert(number, lens(name, size, &parameters)?);
-        Ok(())
+        if let Some(word) = words.0.next() {
+            return Err(format!("{name} has {count} PARAMS; `{word}` is one more"));
+        }
+        match model.lenses.insert(number, lens(name, size, &parameters)?) {
+            None => Ok(()),
+            Some(_) => Err(format!("CAMERA_ID {number} is there already")),
+        }
     })
 }
 
 /// Reads `images.txt`: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, each followed by a line of 2-D points, perhaps
-/// empty.
+/// empty. Some tools leave the second line out, which is noted.
 pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
-    lines(bytes, |mut words, rest| {
+    let mut without_points = 0;
+    records(bytes, |mut words, lines| {
         let number = words.number("IMAGE_ID")?;
-        let (turn, translation) = (words.reals("QW QX QY QZ")?, words.reals("TX TY TZ")?);
+        let turn = words.reals("QW QX QY QZ")?;
+        let translation = words.reals("TX TY TZ")?;
         let lens = words.number("CAMERA_ID")?;
         let first = words.word("NAME")?;
         // Names may hold spaces.
         let name = words
             .0
             .fold(first.to_owned(), |name, word| name + " " + word);
-        rest.next();
-        let camera_to_world =
-            camera_to_world(turn, translation).map_err(|fault| format!("{name}: {fault}"))?;
-        model.images.insert(
+        match lines.rest.peek().map(|(_, text)| second_line(text)) {
+            Some(Second::Points) => drop(lines.rest.next()),
+            Some(Second::NextImage) => without_points += 1,
+            Some(Second::Neither) => {
+                return Err(format!(
+                    "the line after that of {name} is neither its points (X Y POINT3D_ID ...) nor another image"
+                ));
+            }
+            None => {}
+        }
+        model.add(
             number,
             Image {
                 name,
                 lens,
-                camera_to_world,
+                camera_to_world: camera_to_world(turn, translation),
             },
-        );
-        Ok(())
-    })
+        )
+    })?;
+    if without_points > 0 {
+        model.notes.push(format!(
+            "{without_points} of {} records of images.txt have no line of points after them, as COLMAP's format wants it:              they are read as records of one line",
+            model.images.len()
+        ));
+    }
+    Ok(())
+}
+
+/// What follows the line of an image.
+enum Second {
+    Points,
+    NextImage,
+    Neither,
+}
+
+fn second_line(text: &str) -> Second {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let are_numbers = |words: &[&str]| words.iter().all(|word| word.parse::<f64>().is_ok());
+    if text.starts_with('#') {
+        return Second::NextImage;
+    }
+    if words.len() % 3 == 0 && are_numbers(&words) {
+        return Second::Points;
+    }
+    match words.len() >= 10 && are_numbers(&words[..9]) {
+        true => Second::NextImage,
+        false => Second::Neither,
+    }
 }
 
 /// Reads `points3D.txt`: POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID, POINT2D_IDX).
 pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
-    lines(bytes, |mut words, _| {
+    records(bytes, |mut words, _| {
         words.word("POINT3D_ID")?;
         let position = words.reals("X Y Z")?;
         let _: [f64; 4] = words.reals("R G B ERROR")?;

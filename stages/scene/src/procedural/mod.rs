@@ -63,6 +63,7 @@ fn photograph(
         },
         rgb: picture.rgb,
         alpha: Some(picture.alpha).filter(|alpha| alpha.iter().any(|part| *part < 1.0)),
+        mask: None,
     };
     let margin = MARGIN * (seen.high - seen.low);
     Photographed {

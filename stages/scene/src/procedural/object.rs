@@ -69,6 +69,7 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
             size.0, size.1
         ),
         notes: Vec::new(),
+        to_source: glam::DMat4::IDENTITY,
     }
 }
 

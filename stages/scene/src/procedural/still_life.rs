@@ -45,6 +45,7 @@ pub fn still_life(views: u32, size: (u32, u32), samples: u32, seed: u64) -> Scen
             size.0, size.1
         ),
         notes: Vec::new(),
+        to_source: glam::DMat4::IDENTITY,
     }
 }
 

@@ -1,29 +1,43 @@
 //! Reads scenes whose cameras stand in `transforms.json`: NeRF-synthetic (Mildenhall et al. 2020), instant-ngp,
 //! nerfstudio, and our own image sets. Knows nothing of what is done with them.
 //!
-//! All of them write camera-to-world matrices with OpenGL axes, ours, and coordinates are kept as they are. A file that
-//! says nothing of a scene box has instant-ngp's: p * `scale` + `offset` fills the cube of side `aabb_scale` about
-//! (0.5, 0.5, 0.5); with the usual 0.33, 0.5 and 1 that is ±1.515, where the objects of NeRF-synthetic are.
+//! All of them write camera-to-world matrices with OpenGL axes, ours, and coordinates are kept as they are, unless they
+//! are so far from the origin that single precision would blur them. A file that says nothing of a scene box has
+//! instant-ngp's: p * `scale` + `offset` fills the cube of side `aabb_scale` about (0.5, 0.5, 0.5); with the usual 0.33,
+//! 0.5 and 1 that is ±1.515, where the objects of NeRF-synthetic are.
 
-mod file;
+mod lens;
+mod page;
+mod place;
+mod splits;
 mod write;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::source_files::{self, Posed};
-use crate::{Camera, Photo, SceneData, SceneError, image_file, pose};
-use file::{File, Frame};
+use crate::faults::Faults;
+use crate::finder;
+use crate::gathering::{Gathering, Spotted, without_pose};
+use crate::mask::MaskFile;
+use crate::reader::{Posed, Reader, Survey, sift};
+use crate::{Camera, SceneError, pose, source_files};
+use lens::Lens;
+use page::{Frame, Page};
 
 pub use write::write_transforms;
 
-/// instant-ngp's defaults.
-const SCALE: f64 = 0.33;
-const OFFSET: [f64; 3] = [0.5; 3];
+/// What to do where photos are not found.
+const REMEDY: &str = "the frames of the file name photos relative to its folder";
 
-/// How to read a scene from `transforms.json`.
+/// A scene whose cameras stand in a JSON file, or in a folder with `transforms.json`, or with `transforms_train.json`
+/// and `transforms_test.json` (or, where that is missing, `transforms_val.json`).
+///
+/// Photos are those that the frames name, with or without extension; frames without a photo are left out, and noted.
+/// What the source sets aside for testing, by file or by nerfstudio's lists, is in [`crate::SceneData::test`].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct TransformsOptions {
+pub struct Transforms {
+    /// The folder or the file.
+    pub path: PathBuf,
     /// Width and height of all photos; by default those of the files.
     pub size: Option<(u32, u32)>,
     /// The scene box, in the file's own coordinates; by default what the file says.
@@ -32,74 +46,275 @@ pub struct TransformsOptions {
     pub test_every: u32,
 }
 
-/// Photos of one file, not decoded yet.
-#[derive(Default)]
-struct Survey {
-    sources: Vec<PathBuf>,
-    train: Vec<Posed>,
-    test: Vec<Posed>,
-    bounds: Option<[[f64; 3]; 2]>,
+/// Photos of one file.
+struct Part {
+    path: PathBuf,
+    page: Page,
+    photos: Vec<(String, Posed)>,
+    /// Whether the file says all near and far.
+    ranged: bool,
     notes: Vec<String>,
 }
 
-/// Reads the scene at `path`: a JSON file, or a folder with `transforms.json`, or one with `transforms_train.json` and
-/// `transforms_test.json` (or, where that is missing, `transforms_val.json`).
-///
-/// Photos are those that the frames name, with or without extension; frames without a photo are left out, and noted.
-/// What the source sets aside for testing, by file or by nerfstudio's `test_filenames`, is in [`SceneData::test`].
-///
-/// # Errors
-/// Every way in which the files can be unfit, as a [`SceneError`] that names file and field.
-pub fn transforms(path: &Path, options: &TransformsOptions) -> Result<SceneData, SceneError> {
-    let survey = survey(path, options)?;
-    let (train, test) = (&survey.train, &survey.test);
-    let photos = source_files::read_photos(train, options.size)?;
-    let name = path
-        .file_name()
-        .map(|name| name.to_string_lossy().into_owned())
-        .unwrap_or_default();
-    Ok(SceneData {
-        description: format!(
-            "{name}: {} photos, {} set aside, in the file's coordinates",
-            train.len(),
-            test.len()
-        ),
-        test: sorted(source_files::read_photos(test, options.size)?),
-        photos: sorted(photos),
-        bounds: survey.bounds.unwrap_or_else(|| pose::hull(&cameras(train))),
-        notes: survey.notes,
-    })
+impl Reader for Transforms {
+    fn survey(&self) -> Result<Survey, SceneError> {
+        source_files::check_size(&self.path, self.size)?;
+        place::check_box(&self.path, self.bounds.as_ref())?;
+        let (mut parts, mut notes) = self.parts()?;
+        parts
+            .iter_mut()
+            .for_each(|part| notes.append(&mut part.notes));
+        let ranged = parts.iter().all(|part| part.ranged);
+        let sources = parts.iter().map(|part| part.path.clone()).collect();
+        let mut parts = parts.into_iter();
+        let first = parts.next().ok_or_else(|| self.nothing())?;
+        let mut split = splits::split(&first.page, first.photos, &mut notes);
+        if split.train.is_empty() {
+            let fault = "leaves no photo to train on";
+            return Err(SceneError::content(&first.path, "train_filenames", fault));
+        }
+        split
+            .test
+            .extend(parts.flat_map(|part| part.photos).map(|(_, posed)| posed));
+        let splits::Split {
+            mut train,
+            mut test,
+        } = split;
+        notes.extend(sift(&first.path, &mut train, &mut test, self.size)?);
+        let step = self.test_every.max(1) as usize;
+        let test: Vec<Posed> = test.into_iter().step_by(step).collect();
+        let counts = (train.len(), test.len());
+        let mut scene = place::Placed { train, test };
+        let box_of_file = place::bounds(&first.path, &first.page, self.bounds)?;
+        let bounds = scene.settle(&first.path, box_of_file, ranged, &mut notes)?;
+        let (bounds, to_source) = scene.recentre(bounds, &mut notes);
+        let name = self.path.file_name().unwrap_or_default();
+        Ok(Survey {
+            sources,
+            description: format!(
+                "{}: {} photos, {} set aside",
+                name.to_string_lossy(),
+                counts.0,
+                counts.1
+            ),
+            train: scene.train,
+            test: scene.test,
+            bounds,
+            to_source,
+            size: self.size,
+            notes,
+        })
+    }
 }
 
-/// A digest over the files that [`transforms`] would read with the same arguments: whether the scene on disk has
-/// changed.
-///
-/// # Errors
-/// The same as [`transforms`]'s, but for photos that cannot be decoded.
-pub fn transforms_digest(path: &Path, options: &TransformsOptions) -> Result<[u8; 32], SceneError> {
-    let survey = survey(path, options)?;
-    let photos = survey
-        .train
-        .iter()
-        .chain(&survey.test)
-        .map(|posed| posed.file.as_path());
-    source_files::digest(survey.sources.iter().map(PathBuf::as_path).chain(photos))
+impl Transforms {
+    /// Names of all fields of the JSON that are read, and of those that are passed over without a word, since they say
+    /// nothing about what a camera sees. Any other is noted.
+    pub fn known_fields() -> (Vec<&'static str>, Vec<&'static str>) {
+        Page::known_fields()
+    }
+
+    fn nothing(&self) -> SceneError {
+        let remedy =
+            "point to a folder with transforms.json or transforms_train.json, or to such a file";
+        SceneError::Missing {
+            path: self.path.join("transforms.json"),
+            expected: "the cameras' file",
+            remedy: remedy.into(),
+        }
+    }
+
+    /// The file, or one file for each split as NeRF-synthetic has it, and what is noteworthy about there being others.
+    fn parts(&self) -> Result<(Vec<Part>, Vec<String>), SceneError> {
+        let beside = |name: &str| Some(self.path.join(name)).filter(|path| path.is_file());
+        let whole = beside("transforms.json");
+        if self.path.is_file() {
+            return Ok((vec![Part::read(&self.path, true)?], Vec::new()));
+        }
+        let Some(train) = beside("transforms_train.json") else {
+            let whole = whole.ok_or_else(|| self.nothing())?;
+            return Ok((vec![Part::read(&whole, true)?], Vec::new()));
+        };
+        let mut notes = Vec::new();
+        if whole.is_some() {
+            notes.push(
+                "transforms.json is not read, since transforms_train.json is beside it".into(),
+            );
+        }
+        let mut parts = vec![Part::read(&train, false)?];
+        let held_out = beside("transforms_test.json").or_else(|| {
+            let validation = beside("transforms_val.json");
+            notes.push(match validation {
+                Some(_) => "there is no transforms_test.json: the photos of transforms_val.json are held out".into(),
+                None => "there is neither transforms_test.json nor transforms_val.json beside it".into(),
+            });
+            validation
+        });
+        if let Some(held_out) = held_out {
+            parts.push(Part::read(&held_out, false)?);
+        }
+        Ok((parts, notes))
+    }
+}
+
+impl Part {
+    /// Reads a file and finds its photos; `alone` if no other file names photos beside them.
+    fn read(path: &Path, alone: bool) -> Result<Part, SceneError> {
+        let page = Page::read(path)?;
+        let mut part = Part {
+            path: path.to_owned(),
+            photos: Vec::new(),
+            ranged: true,
+            notes: Vec::new(),
+            page,
+        };
+        part.gather(alone)?;
+        if !part.page.unused.is_empty() {
+            part.notes.push(format!(
+                "not used of {}: {}",
+                path.display(),
+                part.page.unused.join(", ")
+            ));
+        }
+        Ok(part)
+    }
+
+    fn gather(&mut self, alone: bool) -> Result<(), SceneError> {
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        let paths: Vec<&str> = self
+            .page
+            .frames
+            .iter()
+            .map(|frame| frame.file_path.as_str())
+            .collect();
+        let mut gathering = Gathering::default();
+        let mut faults = Faults::default();
+        let mut used = Vec::new();
+        for (frame, name) in self
+            .page
+            .frames
+            .iter()
+            .zip(source_files::view_names(&paths))
+        {
+            let Some(spotted) = gathering.find(folder, &frame.file_path)? else {
+                continue;
+            };
+            used.push(spotted.file.clone());
+            let camera = match camera(&self.page, frame, spotted.header.size) {
+                Ok((camera, has_range)) => {
+                    self.ranged &= has_range;
+                    camera
+                }
+                Err(fault) => {
+                    faults.add(format!("frame {:?}", frame.file_path), fault);
+                    continue;
+                }
+            };
+            let (camera, turn) = gathering.fit(&camera, &spotted)?;
+            let mask = mask(&gathering, folder, frame, &spotted, &mut self.notes);
+            let posed = Posed {
+                name,
+                file: spotted.file,
+                camera,
+                turn,
+                mask,
+            };
+            self.photos.push((frame.file_path.clone(), posed));
+        }
+        self.notes.extend(gathering.settle(REMEDY)?);
+        self.notes.extend(faults.settle(&self.path, paths.len())?);
+        if alone {
+            let masks = self
+                .photos
+                .iter()
+                .filter_map(|(_, posed)| posed.mask.as_ref());
+            let masks: Vec<PathBuf> = masks.map(|mask| mask.path.clone()).collect();
+            self.notes
+                .extend(without_pose(&beside(&used)?, used.iter().chain(&masks)));
+        }
+        Ok(())
+    }
+}
+
+/// All photos in the folders of photos.
+fn beside(photos: &[PathBuf]) -> Result<Vec<PathBuf>, SceneError> {
+    let folders: BTreeSet<&Path> = photos.iter().filter_map(|photo| photo.parent()).collect();
+    let lists = folders.into_iter().map(finder::list);
+    Ok(lists.collect::<Result<Vec<_>, _>>()?.concat())
+}
+
+fn mask(
+    gathering: &Gathering,
+    folder: &Path,
+    frame: &Frame,
+    spotted: &Spotted,
+    notes: &mut Vec<String>,
+) -> Option<MaskFile> {
+    if let Some(named) = &frame.mask_path {
+        match gathering.finder.find(folder, named).photo() {
+            Some(path) => return Some(MaskFile::black_is_out(path)),
+            None => notes.push(format!(
+                "the mask {named} of {} is missing",
+                frame.file_path
+            )),
+        }
+    }
+    MaskFile::of(&gathering.finder, folder, &spotted.file, &frame.file_path)
+}
+
+/// The camera of a frame whose photo has this size, and whether the file says its near and far.
+fn camera(page: &Page, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool), String> {
+    let (own, matrix) = frame.camera.clone()?;
+    let lens: Lens = own.or(&page.lens);
+    let side = |stated: Option<f64>, found, name| {
+        whole(stated, found).ok_or_else(|| format!("{name} is not a whole number of pixels"))
+    };
+    let width = side(lens.size[0], size.0, "w")?;
+    let height = side(lens.size[1], size.1, "h")?;
+    let [fl_x, fl_y] = lens.focal([width, height])?;
+    let [near, far] = lens.range;
+    if let (Some(near), Some(far)) = (near, far)
+        && !(near > 0.0 && near < far && far.is_finite())
+    {
+        return Err(format!("near {near} and far {far} are not 0 < near < far"));
+    }
+    let camera = Camera {
+        width,
+        height,
+        fl_x,
+        fl_y,
+        cx: lens.center[0].unwrap_or(0.5 * f64::from(width)),
+        cy: lens.center[1].unwrap_or(0.5 * f64::from(height)),
+        distortion: lens.distortion()?,
+        camera_to_world: pose::rigid(&matrix)
+            .map_err(|fault| format!("transform_matrix {fault}"))?,
+        near: near.unwrap_or(1.0),
+        far: far.unwrap_or(2.0),
+    };
+    pose::check(&camera)?;
+    Ok((camera, near.is_some() && far.is_some()))
+}
+
+/// A count of pixels that files also write as `540.0`.
+fn whole(stated: Option<f64>, found: u32) -> Option<u32> {
+    let Some(stated) = stated else {
+        return Some(found);
+    };
+    ((1.0..=65536.0).contains(&stated) && stated.fract() == 0.0).then_some(stated as u32)
 }
 
 /// The cameras of a file's frames, in its order, whether their photos are there or not. Where the file gives no size,
 /// near or far, those of `like` serve.
 pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>, SceneError> {
-    let file = File::read(path)?;
-    let camera = |frame: &Frame| {
+    let page = Page::read(path)?;
+    let one = |frame: &Frame| {
         let (camera, has_range) =
-            file.camera(frame, (like.width, like.height))
-                .map_err(|fault| {
-                    SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
-                })?;
-        let [near, far] = if has_range {
-            [camera.near, camera.far]
-        } else {
-            [like.near, like.far]
+            camera(&page, frame, (like.width, like.height)).map_err(|fault| {
+                SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
+            })?;
+        let [near, far] = match has_range {
+            true => [camera.near, camera.far],
+            false => [like.near, like.far],
         };
         Ok(Camera {
             near,
@@ -107,236 +322,5 @@ pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>,
             ..camera
         })
     };
-    file.frames.iter().map(camera).collect()
-}
-
-fn survey(path: &Path, options: &TransformsOptions) -> Result<Survey, SceneError> {
-    source_files::check_size(path, options.size)?;
-    check_bounds(path, options.bounds.as_ref())?;
-    let [whole, train] = ["transforms.json", "transforms_train.json"].map(|name| path.join(name));
-    let mut survey = match (path.is_file(), train.is_file(), whole.is_file()) {
-        (true, ..) => survey_file(path, options)?,
-        (_, true, _) => survey_splits(path, &train, options)?,
-        (_, _, true) => survey_file(&whole, options)?,
-        _ => {
-            let remedy = "point to a folder with transforms.json or transforms_train.json, or to such a file".into();
-            return Err(SceneError::Missing {
-                path: whole,
-                expected: "the cameras",
-                remedy,
-            });
-        }
-    };
-    let step = options.test_every.max(1) as usize;
-    survey.test = survey.test.into_iter().step_by(step).collect();
-    Ok(survey)
-}
-
-/// One file for each split, as NeRF-synthetic has it.
-fn survey_splits(
-    folder: &Path,
-    train: &Path,
-    options: &TransformsOptions,
-) -> Result<Survey, SceneError> {
-    let mut survey = survey_file(train, options)?;
-    let test = ["transforms_test.json", "transforms_val.json"].map(|name| folder.join(name));
-    match test.into_iter().find(|path| path.is_file()) {
-        Some(path) => {
-            let other = survey_file(&path, options)?;
-            survey.test = other.train;
-            survey.sources.extend(other.sources);
-            survey.notes.extend(other.notes);
-        }
-        None => survey
-            .notes
-            .push("there is neither transforms_test.json nor transforms_val.json beside it".into()),
-    }
-    Ok(survey)
-}
-
-fn survey_file(path: &Path, options: &TransformsOptions) -> Result<Survey, SceneError> {
-    let file = File::read(path)?;
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let (mut survey, mut missing) = (
-        Survey {
-            sources: vec![path.to_owned()],
-            ..Survey::default()
-        },
-        Vec::new(),
-    );
-    let paths: Vec<&str> = file
-        .frames
-        .iter()
-        .map(|frame| frame.file_path.as_str())
-        .collect();
-    let (mut photos, mut ranged) = (Vec::new(), true);
-    for (frame, name) in file.frames.iter().zip(source_files::view_names(&paths)) {
-        let Some(photo) = image_file::find(&folder.join(&frame.file_path)) else {
-            missing.push(frame.file_path.as_str());
-            continue;
-        };
-        let (camera, has_range) = camera(path, &file, frame, &photo)?;
-        ranged &= has_range;
-        photos.push((
-            frame,
-            Posed {
-                name,
-                file: photo,
-                camera,
-            },
-        ));
-    }
-    if let Some(first) = missing.first() {
-        if photos.is_empty() {
-            let remedy = format!(
-                "the frames of {} name photos relative to its folder",
-                path.display()
-            );
-            return Err(SceneError::Missing {
-                path: folder.join(first),
-                expected: "the photo",
-                remedy,
-            });
-        }
-        survey.notes.push(format!(
-            "{} of {} photos are missing, such as {first}",
-            missing.len(),
-            paths.len()
-        ));
-    }
-    let unused = file.unused();
-    if !unused.is_empty() {
-        survey.notes.push(format!(
-            "not used of {}: {}",
-            path.display(),
-            unused.join(", ")
-        ));
-    }
-    survey.bounds = place(path, &file, &mut photos, ranged, options, &mut survey.notes)?;
-    let test: BTreeSet<&str> = file.test_filenames.iter().map(String::as_str).collect();
-    let used = used(&file);
-    for (frame, posed) in photos.into_iter().filter(|(frame, _)| used(frame)) {
-        let split = if test.contains(frame.file_path.as_str()) {
-            &mut survey.test
-        } else {
-            &mut survey.train
-        };
-        split.push(posed);
-    }
-    match survey.train.is_empty() {
-        true => Err(SceneError::content(
-            path,
-            "train_filenames",
-            "leaves no photo to train on",
-        )),
-        false => Ok(survey),
-    }
-}
-
-/// Which frames belong to the training or test split; without splits, all.
-fn used(file: &File) -> impl Fn(&Frame) -> bool + use<> {
-    let listed: BTreeSet<String> = file
-        .train_filenames
-        .iter()
-        .chain(&file.test_filenames)
-        .cloned()
-        .collect();
-    let (all, validation) = (
-        file.train_filenames.is_empty(),
-        file.val_filenames.iter().cloned().collect::<BTreeSet<_>>(),
-    );
-    move |frame| match all {
-        true => !validation.contains(&frame.file_path),
-        false => listed.contains(&frame.file_path),
-    }
-}
-
-fn camera(
-    path: &Path,
-    file: &File,
-    frame: &Frame,
-    photo: &Path,
-) -> Result<(Camera, bool), SceneError> {
-    let size = image_file::size(photo)?;
-    let (camera, has_range) = file.camera(frame, size).map_err(|fault| {
-        SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
-    })?;
-    Ok((source_files::at_size_of_file(&camera, photo)?, has_range))
-}
-
-/// Finds the scene box, and the near and far of all cameras if the file does not say them.
-fn place(
-    path: &Path,
-    file: &File,
-    photos: &mut [(&Frame, Posed)],
-    ranged: bool,
-    options: &TransformsOptions,
-    notes: &mut Vec<String>,
-) -> Result<Option<[[f64; 3]; 2]>, SceneError> {
-    check_bounds(path, file.aabb.as_ref())?;
-    let bounds = match options.bounds.or(file.aabb) {
-        Some(bounds) => Some(bounds),
-        None => cube(path, file)?,
-    };
-    if ranged {
-        return Ok(bounds);
-    }
-    let cameras: Vec<Camera> = photos
-        .iter()
-        .map(|(_, posed)| posed.camera.clone())
-        .collect();
-    let guess = pose::guess_depths(&cameras);
-    if bounds.is_none() {
-        notes.push(format!(
-            "the file gives no scene box (`aabb_scale`): taken from the cameras alone, near {:.3} and far {:.3}; set \
-             `bounds` if it does not fit",
-            guess[0], guess[1]
-        ));
-    }
-    for (_, posed) in photos {
-        let range = bounds
-            .as_ref()
-            .map_or(guess, |bounds| pose::depths_of_box(&posed.camera, bounds));
-        [posed.camera.near, posed.camera.far] = range;
-    }
-    Ok(bounds)
-}
-
-/// instant-ngp's cube in the file's coordinates. Without `aabb_scale` only a NeRF-synthetic file, which has a field of
-/// view and no focal length, means it.
-fn cube(path: &Path, file: &File) -> Result<Option<[[f64; 3]; 2]>, SceneError> {
-    let Some(side) = file
-        .aabb_scale
-        .or(file.has_field_of_view_alone().then_some(1.0))
-    else {
-        return Ok(None);
-    };
-    let (scale, offset) = (file.scale.unwrap_or(SCALE), file.offset.unwrap_or(OFFSET));
-    let bounds = [-0.5, 0.5].map(|half| offset.map(|offset| (0.5 + half * side - offset) / scale));
-    check_bounds(path, Some(&bounds))?;
-    Ok(Some(bounds))
-}
-
-fn check_bounds(path: &Path, bounds: Option<&[[f64; 3]; 2]>) -> Result<(), SceneError> {
-    let Some([low, high]) = bounds else {
-        return Ok(());
-    };
-    let sound = |axis: usize| low[axis] < high[axis] && (high[axis] - low[axis]).is_finite();
-    match (0..3).all(sound) {
-        true => Ok(()),
-        false => Err(SceneError::content(
-            path,
-            "the scene box",
-            format!("{low:?} is not below {high:?} on all axes"),
-        )),
-    }
-}
-
-fn cameras(posed: &[Posed]) -> Vec<Camera> {
-    posed.iter().map(|posed| posed.camera.clone()).collect()
-}
-
-fn sorted(mut photos: Vec<Photo>) -> Vec<Photo> {
-    photos.sort_by(|a, b| a.name.cmp(&b.name));
-    photos
+    page.frames.iter().map(one).collect()
 }

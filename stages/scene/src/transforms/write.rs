@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use image::{Rgba, RgbaImage};
+use image::{GrayImage, Luma, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
 use crate::{Photo, SceneError};
@@ -30,6 +30,7 @@ pub fn write_transforms(
         })?;
         for photo in photos {
             write_photo(&images.join(format!("{}.png", photo.name)), photo)?;
+            write_mask(&folder.join(mask_path(split, photo)), photo)?;
         }
         let frames: Vec<Value> = photos.iter().map(|photo| frame(split, photo)).collect();
         let angle = photos
@@ -53,6 +54,9 @@ fn frame(split: &str, photo: &Photo) -> Value {
         "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
         "near": camera.near, "far": camera.far,
     });
+    if photo.mask.is_some() {
+        frame["mask_path"] = json!(mask_path(split, photo));
+    }
     let bent = camera.distortion;
     for (name, value) in [
         ("k1", bent.k1),
@@ -60,10 +64,18 @@ fn frame(split: &str, photo: &Photo) -> Value {
         ("k3", bent.k3),
         ("p1", bent.p1),
         ("p2", bent.p2),
+        ("k4", bent.k4),
+        ("k5", bent.k5),
+        ("k6", bent.k6),
     ] {
         if value != 0.0 {
             frame[name] = json!(value);
         }
+    }
+    if bent.fisheye {
+        frame["is_fisheye"] = json!(true);
+    } else if [bent.k4, bent.k5, bent.k6] != [0.0; 3] {
+        frame["camera_model"] = json!("FULL_OPENCV");
     }
     frame
 }
@@ -84,4 +96,25 @@ fn write_photo(path: &Path, photo: &Photo) -> Result<(), SceneError> {
     image
         .save(path)
         .map_err(|error| SceneError::content(path, "the photo", error.to_string()))
+}
+
+fn mask_path(split: &str, photo: &Photo) -> String {
+    format!("{split}_masks/{}.png", photo.name)
+}
+
+/// Writes which pixels count in white, as nerfstudio has it, if some do not.
+fn write_mask(path: &Path, photo: &Photo) -> Result<(), SceneError> {
+    let Some(mask) = &photo.mask else {
+        return Ok(());
+    };
+    let folder = path.parent().unwrap_or(path);
+    std::fs::create_dir_all(folder).map_err(|source| SceneError::io(folder, source))?;
+    let width = photo.camera.width;
+    let image = GrayImage::from_fn(width, photo.camera.height, |x, y| {
+        let counts = mask[y as usize * width as usize + x as usize];
+        Luma([255 * u8::from(counts)])
+    });
+    image
+        .save(path)
+        .map_err(|error| SceneError::content(path, "the mask", error.to_string()))
 }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use scene::{Camera, Distortion, Photo, SceneError};
+use scene::{Camera, Colmap, Distortion, Llff, Photo, Reader, SceneData, SceneError, Transforms};
 
 /// Width and height of all photos.
 pub const SIZE: (u32, u32) = (24, 18);
@@ -39,7 +39,39 @@ pub const BENT: Distortion = Distortion {
     k3: 0.0,
     p1: -0.001,
     p2: 0.0002,
+    k4: 0.0,
+    k5: 0.0,
+    k6: 0.0,
+    fisheye: false,
 };
+
+/// The reader of a COLMAP scene.
+pub fn colmap(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Colmap {
+    Colmap {
+        folder: folder.to_owned(),
+        images: images.map(str::to_owned),
+        size,
+    }
+}
+
+/// The reader of an LLFF scene.
+pub fn llff(folder: &Path, images: Option<&str>, size: Option<(u32, u32)>) -> Llff {
+    Llff {
+        folder: folder.to_owned(),
+        images: images.map(str::to_owned),
+        size,
+    }
+}
+
+/// Reads a scene in `transforms.json`.
+pub fn transforms(path: &Path, options: &Transforms) -> Result<SceneData, SceneError> {
+    let path = path.to_owned();
+    Transforms {
+        path,
+        ..options.clone()
+    }
+    .read()
+}
 
 /// Photos with 8-bit values, as files hold them; `transparent` ones have a coverage of their own.
 pub fn photos(cameras: &[Camera], transparent: bool) -> Vec<Photo> {
@@ -51,6 +83,7 @@ pub fn photos(cameras: &[Camera], transparent: bool) -> Vec<Photo> {
             camera: camera.clone(),
             rgb: (0..3 * pixels).map(value).collect(),
             alpha: transparent.then(|| (0..pixels).map(|n| value(n + 5)).collect()),
+            mask: None,
         }
     };
     cameras.iter().enumerate().map(photo).collect()

@@ -1,28 +1,43 @@
 //! Lens distortion as OpenCV models it: where a straight line bends to, and back. Knows no pixels and no poses.
 
+mod fisheye;
+
+use std::fmt;
+
+use fisheye::Fisheye;
+
 /// How near to the exact answer [`Distortion::undo`] comes, in focal lengths: less than a billionth of a pixel.
 const TOLERANCE: f64 = 1e-13;
 /// Newton's method needs four steps or so; where the model folds over it may never end.
 const STEPS: usize = 40;
 
-/// Radial (k1, k2, k3) and tangential (p1, p2) distortion: OpenCV's first five coefficients, in its own order k1, k2,
-/// p1, p2, k3. All zero, the default, is a pinhole.
+/// Radial (k1 to k6) and tangential (p1, p2) distortion as OpenCV's pinhole models have it, or a fisheye (k1 to k4) as
+/// its fisheye model has it. All zero, the default, is a pinhole.
 ///
 /// Points are those of OpenCV's image plane at depth 1, in focal lengths from the optical axis: x right, y *down*. With
-/// r² = x² + y² and f = 1 + k1 r² + k2 r⁴ + k3 r⁶ the point (x, y) is seen at
-/// (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x y).
+/// r² = x² + y² and f = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) the point (x, y) is seen at
+/// (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x y). A fisheye sees it at (x, y) t' / r, where
+/// t = atan(r) and t' = t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
-    /// Coefficient of r².
+    /// Coefficient of r², or of the angle's square.
     pub k1: f64,
-    /// Coefficient of r⁴.
+    /// Coefficient of r⁴, or of the angle's fourth power.
     pub k2: f64,
-    /// Coefficient of r⁶.
+    /// Coefficient of r⁶, or of the angle's sixth power.
     pub k3: f64,
     /// First tangential coefficient.
     pub p1: f64,
     /// Second tangential coefficient.
     pub p2: f64,
+    /// Coefficient of r² below the line, or of the angle's eighth power.
+    pub k4: f64,
+    /// Coefficient of r⁴ below the line.
+    pub k5: f64,
+    /// Coefficient of r⁶ below the line.
+    pub k6: f64,
+    /// Whether it is a fisheye.
+    pub fisheye: bool,
 }
 
 /// A point of the image plane at depth 1: x right, y down.
@@ -34,9 +49,19 @@ impl Distortion {
         *self == Self::default()
     }
 
+    /// k1 to k6, p1 and p2.
+    pub fn coefficients(&self) -> [f64; 8] {
+        let Self { k1, k2, k3, .. } = *self;
+        let Self { k4, k5, k6, .. } = *self;
+        [k1, k2, k3, k4, k5, k6, self.p1, self.p2]
+    }
+
     /// Where the point is seen through the lens.
     pub fn apply(&self, point: Point) -> Point {
-        self.with_slope(point).0
+        match self.as_fisheye() {
+            Some(fisheye) => fisheye.apply(point),
+            None => self.with_slope(point).0,
+        }
     }
 
     /// The point that is seen here: the inverse of [`Distortion::apply`] around the optical axis.
@@ -45,6 +70,9 @@ impl Distortion {
     pub fn undo(&self, seen: Point) -> Option<Point> {
         if self.is_none() {
             return Some(seen);
+        }
+        if let Some(fisheye) = self.as_fisheye() {
+            return fisheye.undo(seen);
         }
         let mut point = seen;
         for _ in 0..STEPS {
@@ -68,6 +96,9 @@ impl Distortion {
     /// the image keeps its sense.
     pub fn is_before_fold(&self, [x, y]: Point) -> bool {
         const PROBES: u32 = 32;
+        if let Some(fisheye) = self.as_fisheye() {
+            return fisheye.is_before_fold([x, y]);
+        }
         self.is_none()
             || (1..=PROBES)
                 .map(|i| f64::from(i) / f64::from(PROBES))
@@ -77,13 +108,25 @@ impl Distortion {
                 })
     }
 
-    /// Where the point is seen, and the derivative: rows by what is seen, columns by the point.
+    fn as_fisheye(&self) -> Option<Fisheye> {
+        let Self { k1, k2, k3, k4, .. } = *self;
+        self.fisheye.then_some(Fisheye([k1, k2, k3, k4]))
+    }
+
+    /// Where the point is seen through a lens that is no fisheye, and the derivative: rows by what is seen, columns by
+    /// the point.
     fn with_slope(&self, [x, y]: Point) -> (Point, [[f64; 2]; 2]) {
-        let Self { k1, k2, k3, p1, p2 } = *self;
+        let Self { k1, k2, k3, .. } = *self;
+        let Self { k4, k5, k6, .. } = *self;
+        let Self { p1, p2, .. } = *self;
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+        let radial = above / below;
         // d radial / d r², times 2.
-        let growth = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
+        let above_slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let below_slope = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6);
+        let growth = 2.0 * ((above_slope - radial * below_slope) / below);
         let seen = [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -92,6 +135,26 @@ impl Distortion {
         let along_x = radial + growth * x * x + 2.0 * p1 * y + 6.0 * p2 * x;
         let along_y = radial + growth * y * y + 6.0 * p1 * y + 2.0 * p2 * x;
         (seen, [[along_x, across], [across, along_y]])
+    }
+}
+
+/// The numbers that are not 0, as a person reads them.
+impl fmt::Display for Distortion {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let names = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+        let numbers = self.coefficients();
+        let shown: Vec<String> = names
+            .iter()
+            .zip(numbers)
+            .filter(|(_, number)| *number != 0.0)
+            .map(|(name, number)| format!("{name} = {number}"))
+            .collect();
+        match (self.fisheye, shown.is_empty()) {
+            (false, true) => write!(f, "no distortion"),
+            (true, true) => write!(f, "a fisheye"),
+            (false, false) => write!(f, "{}", shown.join(", ")),
+            (true, false) => write!(f, "a fisheye with {}", shown.join(", ")),
+        }
     }
 }
 
@@ -107,6 +170,10 @@ mod tests {
         k3: 0.0,
         p1: -0.000980296,
         p2: 0.00015575,
+        k4: 0.0,
+        k5: 0.0,
+        k6: 0.0,
+        fisheye: false,
     };
 
     fn any_lens() -> impl Strategy<Value = Distortion> {
@@ -116,8 +183,36 @@ mod tests {
             -0.02..0.02f64,
             -0.01..0.01f64,
             -0.01..0.01f64,
+            -0.05..0.05f64,
         )
-            .prop_map(|(k1, k2, k3, p1, p2)| Distortion { k1, k2, k3, p1, p2 })
+            .prop_map(|(k1, k2, k3, p1, p2, k4)| Distortion {
+                k1,
+                k2,
+                k3,
+                p1,
+                p2,
+                k4,
+                k5: 0.3 * k4,
+                k6: -0.1 * k4,
+                fisheye: false,
+            })
+    }
+
+    fn any_fisheye() -> impl Strategy<Value = Distortion> {
+        (
+            -0.05..0.05f64,
+            -0.01..0.01f64,
+            -0.005..0.005f64,
+            -0.001..0.001f64,
+        )
+            .prop_map(|(k1, k2, k3, k4)| Distortion {
+                k1,
+                k2,
+                k3,
+                k4,
+                fisheye: true,
+                ..Distortion::default()
+            })
     }
 
     proptest! {
@@ -125,6 +220,12 @@ mod tests {
         fn undoing_gives_the_point_back(lens in any_lens(), x in -0.6..0.6f64, y in -0.6..0.6f64) {
             let back = lens.undo(lens.apply([x, y])).unwrap();
             prop_assert!((back[0] - x).hypot(back[1] - y) < 1e-11, "{back:?} for {x} {y}");
+        }
+
+        #[test]
+        fn undoing_a_fisheye_gives_the_point_back(lens in any_fisheye(), x in -3.0..3.0f64, y in -3.0..3.0f64) {
+            let back = lens.undo(lens.apply([x, y])).unwrap();
+            prop_assert!((back[0] - x).hypot(back[1] - y) < 1e-10, "{back:?} for {x} {y}");
         }
 
         #[test]
@@ -154,6 +255,21 @@ mod tests {
             (y - (-0.7 * 1.003582 - 0.001598 - 0.000087)).abs() < 1e-6,
             "{y}"
         );
+    }
+
+    /// `cv2.fisheye.distortPoints` of (1, 0): an angle of 45 degrees, seen at t (1 + k1 t²).
+    #[test]
+    fn a_known_fisheye_bends_angles() {
+        let lens = Distortion {
+            k1: 0.1,
+            fisheye: true,
+            ..Distortion::default()
+        };
+        let angle = std::f64::consts::FRAC_PI_4;
+        let seen = angle * (1.0 + 0.1 * angle * angle);
+        assert!((lens.apply([1.0, 0.0])[0] - seen).abs() < 1e-12);
+        assert_eq!(lens.undo([2.0, 0.0]), None, "past 80 degrees");
+        assert_eq!(lens.to_string(), "a fisheye with k1 = 0.1");
     }
 
     #[test]

@@ -1,0 +1,311 @@
+//! What all readers of scenes have in common: from the files that poses stand in to photos. Knows no format.
+
+use std::path::{Path, PathBuf};
+
+use glam::DMat4;
+use image::metadata::Orientation;
+use rayon::prelude::*;
+
+use crate::downscale::shrink_covered;
+use crate::mask::{self, MaskFile};
+use crate::photo_file::{self, Pixels};
+use crate::plausible::{self, Stray};
+use crate::{Camera, Photo, Reduction, SceneData, SceneError, source_files};
+
+/// A reader of posed photos of one format.
+///
+/// A new format says in [`Reader::survey`] what a scene is made of; reading, the digest and all checks that do not
+/// depend on a format follow from that.
+///
+/// ```no_run
+/// use scene::{Colmap, Reader};
+///
+/// let scene = Colmap { folder: "south-building".into(), images: None, size: Some((768, 512)) }.read()?;
+/// println!("{} photos; {}", scene.photos.len(), scene.notes.join("; "));
+/// # Ok::<(), scene::SceneError>(())
+/// ```
+pub trait Reader {
+    /// What the scene is made of: files, cameras, and what is noteworthy about them. No photo is decoded.
+    ///
+    /// # Errors
+    /// Every way in which the files can be unfit, by file and place, but for photos that cannot be decoded.
+    fn survey(&self) -> Result<Survey, SceneError>;
+
+    /// The scene: photos resized to the size asked for by an antialiased bicubic filter, intrinsics to match.
+    ///
+    /// # Errors
+    /// The same, and photos that are damaged.
+    fn read(&self) -> Result<SceneData, SceneError> {
+        self.survey()?.read()
+    }
+
+    /// The files that [`Reader::read`] reads.
+    ///
+    /// # Errors
+    /// Those of [`Reader::survey`].
+    fn files(&self) -> Result<Vec<PathBuf>, SceneError> {
+        let survey = self.survey()?;
+        Ok(survey.files().map(Path::to_owned).collect())
+    }
+
+    /// A BLAKE3 digest over the names and bytes of these files: whether the scene on disk has changed.
+    ///
+    /// # Errors
+    /// Those of [`Reader::survey`].
+    fn digest(&self) -> Result<[u8; 32], SceneError> {
+        self.survey()?.digest()
+    }
+}
+
+/// A photo yet to be read, with its camera at the file's own size once it is turned.
+#[derive(Clone, Debug)]
+pub(crate) struct Posed {
+    pub(crate) name: String,
+    pub(crate) file: PathBuf,
+    pub(crate) camera: Camera,
+    /// How the file's rows are turned to be what the camera is for.
+    pub(crate) turn: Orientation,
+    pub(crate) mask: Option<MaskFile>,
+}
+
+/// A scene whose photos are not decoded yet.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    /// Files of poses and points.
+    pub(crate) sources: Vec<PathBuf>,
+    pub(crate) train: Vec<Posed>,
+    /// What the source itself sets aside for testing.
+    pub(crate) test: Vec<Posed>,
+    pub(crate) bounds: [[f64; 3]; 2],
+    /// Takes the scene's coordinates to those of the files.
+    pub(crate) to_source: DMat4,
+    /// The size asked for.
+    pub(crate) size: Option<(u32, u32)>,
+    pub(crate) description: String,
+    pub(crate) notes: Vec<String>,
+}
+
+impl Survey {
+    /// How many photos there are to train on or to split, and how many the source itself sets aside for testing.
+    pub fn counts(&self) -> (usize, usize) {
+        (self.train.len(), self.test.len())
+    }
+
+    /// What was left out or had to be guessed, as far as that can be said before photos are decoded.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// A BLAKE3 digest over the names and bytes of all files.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn digest(&self) -> Result<[u8; 32], SceneError> {
+        source_files::digest(self.files())
+    }
+
+    fn files(&self) -> impl Iterator<Item = &Path> {
+        let photos = self.train.iter().chain(&self.test);
+        let own = photos.flat_map(|posed| {
+            let mask = posed.mask.as_ref().map(|mask| mask.path.as_path());
+            std::iter::once(posed.file.as_path()).chain(mask)
+        });
+        self.sources.iter().map(PathBuf::as_path).chain(own)
+    }
+
+    fn read(self) -> Result<SceneData, SceneError> {
+        let read = |posed: &[Posed]| -> Result<(Vec<Photo>, usize), SceneError> {
+            let read: Vec<(Photo, bool)> = posed
+                .par_iter()
+                .map(|posed| read_photo(posed, self.size))
+                .collect::<Result<_, _>>()?;
+            let clipped = read.iter().filter(|(_, clipped)| *clipped).count();
+            let mut photos: Vec<Photo> = read.into_iter().map(|(photo, _)| photo).collect();
+            photos.sort_by(|a, b| a.name.cmp(&b.name));
+            Ok((photos, clipped))
+        };
+        let (photos, clipped) = read(&self.train)?;
+        let (test, also_clipped) = read(&self.test)?;
+        let mut notes = self.notes;
+        match clipped + also_clipped {
+            0 => {}
+            count => notes.push(format!(
+                "{count} photos hold linear values above 1, which are cut off there: scale the exposure down if that \
+                 matters"
+            )),
+        }
+        notes.extend(masked(&photos, &test));
+        Ok(SceneData {
+            photos,
+            test,
+            bounds: self.bounds,
+            to_source: self.to_source,
+            description: self.description,
+            notes,
+        })
+    }
+}
+
+/// Says that photos have masks, and how much they leave.
+fn masked(train: &[Photo], test: &[Photo]) -> Option<String> {
+    let masks: Vec<&[bool]> = train
+        .iter()
+        .chain(test)
+        .filter_map(|photo| photo.mask.as_deref())
+        .collect();
+    let pixels: usize = masks.iter().map(|mask| mask.len()).sum();
+    let out: usize = masks
+        .iter()
+        .map(|mask| mask.iter().filter(|counts| !**counts).count())
+        .sum();
+    (!masks.is_empty()).then(|| {
+        format!(
+            "{} of {} photos are masked ({:.1} % of their pixels): what is masked is neither trained on nor measured",
+            masks.len(),
+            train.len() + test.len(),
+            100.0 * out as f64 / pixels.max(1) as f64
+        )
+    })
+}
+
+/// A photo, and whether its values were cut off.
+fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), SceneError> {
+    let Pixels {
+        size: found,
+        rgb,
+        alpha,
+        clipped,
+    } = photo_file::read(&posed.file, posed.turn)?;
+    let size = size.unwrap_or(found);
+    let camera = posed.camera.scaled(size.0, size.1);
+    let (rgb, alpha) = shrink_covered(&rgb, alpha.as_deref(), found, size, Reduction::Bicubic);
+    let own = posed
+        .mask
+        .as_ref()
+        .map(|mask| mask.read(&camera, posed.turn))
+        .transpose()?;
+    let mask = match (own, mask::inside_rim(&camera)) {
+        (Some(own), Some(rim)) => Some(own.iter().zip(rim).map(|(a, b)| *a && b).collect()),
+        (own, rim) => own.or(rim),
+    };
+    let photo = Photo {
+        name: posed.name.clone(),
+        camera,
+        rgb,
+        alpha,
+        mask,
+    };
+    Ok((photo, clipped))
+}
+
+/// Looks at all photos of a scene together: leaves out those whose camera stands far from all others, and notes or
+/// refuses what makes no scene. `path` is the file that the poses stand in.
+pub(crate) fn sift(
+    path: &Path,
+    train: &mut Vec<Posed>,
+    test: &mut Vec<Posed>,
+    size: Option<(u32, u32)>,
+) -> Result<Vec<String>, SceneError> {
+    if train.is_empty() {
+        return Err(SceneError::content(
+            path,
+            "the photos",
+            "are none that can be used",
+        ));
+    }
+    refuse_twice(path, train)?;
+    refuse_twice(path, test)?;
+    let mut notes = leave_out_strays(train, test);
+    let posed = || train.iter().chain(test.iter());
+    let cameras: Vec<Camera> = posed().map(|posed| posed.camera.clone()).collect();
+    if plausible::at_one_place(&cameras) {
+        let fault = "stand at one place, from which no depth can be seen: the pose estimation failed, or its \
+                     translations were lost";
+        let place = format!("all {} cameras", cameras.len());
+        return Err(SceneError::content(path, place, fault));
+    }
+    let is_outside = |camera: &Camera| {
+        !(0.0..=f64::from(camera.width)).contains(&camera.cx)
+            || !(0.0..=f64::from(camera.height)).contains(&camera.cy)
+    };
+    if let Some(odd) = posed().find(|posed| is_outside(&posed.camera)) {
+        notes.push(format!(
+            "the principal point ({}, {}) of photo {} lies outside its {}x{} pixels: right for a cropped photo, wrong if \
+             it was found at another size",
+            odd.camera.cx, odd.camera.cy, odd.name, odd.camera.width, odd.camera.height
+        ));
+    }
+    notes.extend(size.and_then(|size| enlarged(posed(), size)));
+    Ok(notes)
+}
+
+fn refuse_twice(path: &Path, photos: &[Posed]) -> Result<(), SceneError> {
+    let names: Vec<String> = photos.iter().map(|posed| posed.name.clone()).collect();
+    let files: Vec<String> = photos
+        .iter()
+        .map(|posed| posed.file.display().to_string())
+        .collect();
+    let twice = source_files::first_twice(&files).or(source_files::first_twice(&names));
+    match twice {
+        None => Ok(()),
+        Some(name) => Err(SceneError::content(
+            path,
+            format!("the photo {name}"),
+            "has two poses; leave it one",
+        )),
+    }
+}
+
+fn leave_out_strays(train: &mut Vec<Posed>, test: &mut Vec<Posed>) -> Vec<String> {
+    let cameras: Vec<Camera> = train
+        .iter()
+        .chain(test.iter())
+        .map(|posed| posed.camera.clone())
+        .collect();
+    let (strays, few) = plausible::strays(&cameras);
+    let name = |index: usize| match index.checked_sub(train.len()) {
+        None => &train[index].name,
+        Some(index) => &test[index].name,
+    };
+    let note = |stray: &Stray| {
+        let Stray { index, times } = *stray;
+        let name = name(index);
+        let end = match few {
+            true => "left out, its pose must be wrong",
+            false => {
+                "such cameras are too many to be left out, and make the scene box far too large"
+            }
+        };
+        format!(
+            "the camera of photo {name} stands {times:.0} times as far away as nine tenths of them: {end}"
+        )
+    };
+    let notes = strays.iter().map(note).collect();
+    if few {
+        // From the last one on, so that the others keep their places.
+        for Stray { index, .. } in strays.iter().rev() {
+            match index.checked_sub(train.len()) {
+                None => train.remove(*index),
+                Some(index) => test.remove(index),
+            };
+        }
+    }
+    notes
+}
+
+fn enlarged<'p>(photos: impl Iterator<Item = &'p Posed>, size: (u32, u32)) -> Option<String> {
+    let smaller: Vec<&Posed> = photos
+        .filter(|posed| posed.camera.width < size.0 || posed.camera.height < size.1)
+        .collect();
+    let first = smaller.first()?;
+    Some(format!(
+        "{} photos are smaller than the {}x{} asked for and are enlarged, such as {} of {}x{}: they have no more detail \
+         for it",
+        smaller.len(),
+        size.0,
+        size.1,
+        first.name,
+        first.camera.width,
+        first.camera.height
+    ))
+}
