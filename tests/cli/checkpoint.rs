@@ -2,11 +2,10 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::space::{Said, Space, signal};
+use crate::space::{Said, Space, assert_same_files, signal, wait_until};
 use crate::whole::{SHORT, pipeline};
 
 /// A training of about a second, then one that goes on from it.
@@ -44,24 +43,23 @@ fn text(arguments: &[String]) -> Vec<&str> {
 
 /// The checkpoint of the stage that is under way, once there is one.
 pub fn checkpoint(space: &Space, store: &str) -> PathBuf {
-    let begun = Instant::now();
-    loop {
-        let folders = fs::read_dir(space.path(store).join("work"))
-            .into_iter()
-            .flatten()
-            .flatten();
-        let found = folders
-            .map(|entry| entry.path().join("scratch/checkpoint"))
-            .find(|path| path.exists());
-        if let Some(found) = found {
-            return found;
-        }
-        assert!(
-            begun.elapsed() < Duration::from_secs(60),
-            "no checkpoint in a minute"
-        );
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    let mut found = None;
+    wait_until("a checkpoint", || {
+        found = in_work(space, store, "scratch/checkpoint");
+        found.is_some()
+    });
+    found.unwrap()
+}
+
+/// A file of this name in the private folder of some stage that is under way.
+pub fn in_work(space: &Space, store: &str, name: &str) -> Option<PathBuf> {
+    let folders = fs::read_dir(space.path(store).join("work"))
+        .into_iter()
+        .flatten()
+        .flatten();
+    folders
+        .map(|entry| entry.path().join(name))
+        .find(|path| path.exists())
 }
 
 /// Begins a run, and ends it by a signal once it has a checkpoint.
@@ -159,7 +157,7 @@ fn a_damaged_checkpoint_is_named_and_the_stage_starts_afresh() {
             said.out
         );
         assert_eq!(resumed(&said), []);
-        assert!(space.files("calm/out") == space.files(&format!("{folder}/out")));
+        assert_same_files(&space, "calm/out", &format!("{folder}/out"));
     }
 }
 
@@ -189,7 +187,7 @@ fn more_steps_go_on_from_a_finished_result_where_they_can() {
         resumed(&said),
         [("fit".to_owned(), 120, "result".to_owned())]
     );
-    assert!(space.files("straight/out") == space.files("grown/out"));
+    assert_same_files(&space, "straight/out", "grown/out");
     assert_eq!(space.files("grown/store/states").len(), 1);
     let said = space.ok(&text(&run(
         "grown",
@@ -213,7 +211,7 @@ fn a_synchronisation_goes_on_from_a_finished_one() {
         resumed(&said),
         [("sync".to_owned(), 20, "result".to_owned())]
     );
-    assert!(space.files("straight/out") == space.files("grown/out"));
+    assert_same_files(&space, "straight/out", "grown/out");
 }
 
 #[test]
@@ -246,7 +244,7 @@ fn an_optimisation_goes_on_from_a_finished_one_unless_its_timesteps_fall() {
         resumed(&run("grown", vsd, 7)),
         [("i3ds.1.optimize".to_owned(), 5, "result".to_owned())]
     );
-    assert!(space.files("straight/out") == space.files("grown/out"));
+    assert_same_files(&space, "straight/out", "grown/out");
     run("grown", "Rsd()", 4);
     let said = run("grown", "Rsd()", 7);
     assert!(

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::space::{Said, Space, signal};
+use crate::checkpoint::in_work;
+use crate::space::{Said, Space, assert_same_files, signal, wait_until};
 
 /// As `tiny.ron`, but with enough to draw that there is time to be killed.
 const SLOW: [&str; 4] = [
@@ -35,14 +36,17 @@ fn killed_at_any_moment_a_run_loses_nothing_and_ends_as_if_undisturbed() {
     let space = Space::new();
     slow(&space, "calm");
     let arguments = [&SLOW[..], &["--store", "wild/store", "--out", "wild/out"]].concat();
+    let mut hit = 0;
     for pause in [3, 10, 20, 40, 80, 160, 320] {
         let mut child = space.spawn(&arguments);
         std::thread::sleep(Duration::from_millis(pause));
+        hit += usize::from(child.try_wait().unwrap().is_none());
         child.kill().unwrap();
         child.wait().unwrap();
     }
+    assert!(hit > 0, "every run had ended before it was killed");
     slow(&space, "wild");
-    assert!(space.files("calm/out") == space.files("wild/out"));
+    assert_same_files(&space, "calm/out", "wild/out");
     assert_eq!(
         fs::read_dir(space.path("wild/store/work"))
             .unwrap()
@@ -56,7 +60,9 @@ fn killed_at_any_moment_a_run_loses_nothing_and_ends_as_if_undisturbed() {
 fn a_stopped_run_says_so_and_goes_on_later() {
     let space = Space::new();
     let child = space.spawn(&SLOW);
-    std::thread::sleep(Duration::from_millis(100));
+    wait_until("a stage", || {
+        in_work(&space, ".srnerf", "scratch").is_some()
+    });
     signal(&child, "-TERM");
     let said = Space::wait(child);
     assert_eq!(said.code, 75, "{}", said.err);

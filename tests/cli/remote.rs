@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::s3::{Mood, S3};
-use crate::space::{Said, Space};
+use crate::space::{Said, Space, assert_same_files};
 
 /// A run on a machine of its own, that is, with a store and an output folder of its own.
 fn run(space: &Space, machine: &str, remote: &str) -> Said {
@@ -84,7 +84,7 @@ fn what_one_machine_computed_another_fetches() {
         (&second.last()["ran"], events(&second, "fetched").len()),
         (&json!([]), 3)
     );
-    assert!(space.files("a/out") == space.files("b/out"));
+    assert_same_files(&space, "a/out", "b/out");
     let explained = space
         .ok(&["explain", "up", "tiny.ron", "--store=b/store"])
         .out;
@@ -139,7 +139,7 @@ fn a_damaged_result_of_the_remote_is_no_hit_and_is_replaced() {
                     .contains("has a damaged result"),
             "{notices:?}"
         );
-        assert!(space.files("a/out") == space.files("b/out"));
+        assert_same_files(&space, "a/out", "b/out");
         let third = run(&space, "c", &url);
         assert_eq!(
             (
@@ -231,7 +231,7 @@ fn a_server_that_stumbles_is_asked_again() {
             (3, 0),
             "{mood:?}"
         );
-        assert!(space.files("a/out") == space.files("b/out"));
+        assert_same_files(&space, "a/out", "b/out");
     }
 }
 

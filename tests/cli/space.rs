@@ -1,9 +1,10 @@
 //! A folder of its own for each transcript, and the command run in it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -115,6 +116,40 @@ impl Space {
             .into_iter()
             .map(|(path, bytes)| (path.strip_prefix(self.path(folder)).unwrap().into(), bytes))
             .collect()
+    }
+}
+
+/// Two folders of a space hold the same files. Says which one differs first.
+pub fn assert_same_files(space: &Space, one: &str, other: &str) {
+    let ours = space.files(one);
+    let theirs = space.files(other);
+    let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
+    for name in names {
+        let shown = name.display();
+        match (ours.get(name), theirs.get(name)) {
+            (Some(a), Some(b)) => {
+                let differs = a.iter().zip(b).position(|(a, b)| a != b);
+                let sizes = format!("{} and {} bytes", a.len(), b.len());
+                assert!(
+                    a == b,
+                    "{shown} of {one} and {other}: {sizes}, byte {differs:?} differs"
+                );
+            }
+            (Some(_), None) => panic!("{shown} is in {one} and not in {other}"),
+            (None, _) => panic!("{shown} is in {other} and not in {one}"),
+        }
+    }
+}
+
+/// Waits until something has come about, however long the machine takes.
+pub fn wait_until(what: &str, mut there: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !there() {
+        assert!(
+            begun.elapsed() < Duration::from_secs(120),
+            "{what}: not in two minutes"
+        );
+        std::thread::sleep(Duration::from_millis(2));
     }
 }
 

@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 
 use serde_json::{Value, json};
 
-use crate::space::{Said, Space};
+use crate::space::{Said, Space, assert_same_files};
 
 /// Three runs of `tiny.ron`, each with another filter of `up`.
 fn three_runs() -> Space {
@@ -303,7 +303,7 @@ fn a_store_on_another_file_system_is_shown_by_copies() {
         run(&["--store=near/store", "--out=near/out"]),
         json!(["again", "scene", "up"])
     );
-    assert!(space.files("out") == space.files("near/out"));
+    assert_same_files(&space, "out", "near/out");
     let shown = space.path("out/tiny/up/images/view_001.exr");
     assert_eq!(
         fs::metadata(&shown).unwrap().nlink(),
@@ -319,6 +319,6 @@ fn a_store_on_another_file_system_is_shown_by_copies() {
         fsck.out
     );
     assert_eq!(run(&[&store]), json!([]));
-    assert!(space.files("out") == space.files("near/out"));
+    assert_same_files(&space, "out", "near/out");
     space.ok(&["store", "fsck", &store]);
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::space::Space;
+use crate::space::{Space, assert_same_files};
 
 /// `smoke.ron` with one round and the fewest of everything.
 pub const SHORT: &[&str] = &[
@@ -163,7 +163,7 @@ fn the_method_gives_the_same_bytes_for_any_number_of_threads() {
             &["--threads", threads, &store, &out],
         ));
     }
-    assert!(space.files("o1") == space.files("o3"));
+    assert_same_files(&space, "o1", "o3");
 }
 
 #[test]
