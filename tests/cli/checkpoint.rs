@@ -1,4 +1,5 @@
-//! A training cut off in the middle goes on where it was, and ends with the bits of one that was left alone.
+//! A training cut off in the middle goes on where it was, and ends with the bits of one that was
+//! left alone.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -26,10 +27,8 @@ fn training() -> Space {
 }
 
 fn run(folder: &str, more: &[&str]) -> Vec<String> {
-    let (store, out) = (
-        format!("--store={folder}/store"),
-        format!("--out={folder}/out"),
-    );
+    let store = format!("--store={folder}/store");
+    let out = format!("--out={folder}/out");
     ["run", "training.ron", "--json", &store, &out]
         .iter()
         .chain(more)
@@ -217,16 +216,13 @@ fn a_synchronisation_goes_on_from_a_finished_one() {
 #[test]
 fn an_optimisation_goes_on_from_a_finished_one_unless_its_timesteps_fall() {
     let space = Space::new();
-    let (smoke, target) = (pipeline("smoke"), "--target=i3ds.1.optimize");
+    let smoke = pipeline("smoke");
+    let target = "--target=i3ds.1.optimize";
     let run = |folder: &str, rule: &str, steps: u32| {
-        let (store, out) = (
-            format!("--store={folder}/store"),
-            format!("--out={folder}/out"),
-        );
-        let (rule, steps) = (
-            format!("--set=i3ds.optimize.guidance={rule}"),
-            format!("--set=i3ds.optimize.steps={steps}"),
-        );
+        let store = format!("--store={folder}/store");
+        let out = format!("--out={folder}/out");
+        let rule = format!("--set=i3ds.optimize.guidance={rule}");
+        let steps = format!("--set=i3ds.optimize.steps={steps}");
         let warm_up = |set: &&&str| !set.contains("warm_up");
         let short: Vec<&str> = SHORT.iter().filter(warm_up).copied().collect();
         space.ok(&[

@@ -1,4 +1,5 @@
-//! Several processes on one pipeline and one store: they split the work, and none computes what another has.
+//! Several processes on one pipeline and one store: they split the work, and none computes what
+//! another has.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -46,8 +47,8 @@ fn processes_on_one_store_compute_each_key_once() {
     }
 }
 
-/// A command on a host of its own, as far as it can tell: with another name, and numbers of processes that say nothing
-/// elsewhere. `None` where the system lets nobody pretend that.
+/// A command on a host of its own, as far as it can tell: with another name, and numbers of
+/// processes that say nothing elsewhere. `None` where the system lets nobody pretend that.
 fn on_host(space: &Space, name: &str, arguments: &[&str]) -> Option<Child> {
     let apart = [
         "--user",

@@ -1,5 +1,5 @@
-//! Every kind of damage that a store can take: `store fsck` finds it, names it and puts it out of reach, and the next
-//! run comes to the same results again.
+//! Every kind of damage that a store can take: `store fsck` finds it, names it and puts it out of
+//! reach, and the next run comes to the same results again.
 
 use std::collections::BTreeMap;
 use std::fs::{self, Permissions};
@@ -58,8 +58,8 @@ impl Victim {
         self.space.say(&[&["store", "fsck"], arguments].concat())
     }
 
-    /// Fsck names the damage: first it only looks, then it acts, then there is none any more. The next run heals what
-    /// is lost.
+    /// Fsck names the damage: first it only looks, then it acts, then there is none any more. The
+    /// next run heals what is lost.
     fn suffers(self, damage: &[&str], ran: &[&str]) {
         for arguments in [&["--dry-run"][..], &[]] {
             let said = self.fsck(arguments);

@@ -1,4 +1,5 @@
-//! Why does it run, what will run, what is different: answers that must agree with what then happens.
+//! Why does it run, what will run, what is different: answers that must agree with what then
+//! happens.
 
 use serde_json::{Value, json};
 
@@ -30,7 +31,8 @@ fn a_plan_tells_scripts_whether_there_is_something_to_run() {
     space.ok(&["plan", "tiny.ron", "--force", "up"]);
 }
 
-/// Forcing a stage gives the result that it gave before: the plan says that what follows may be spared, and it is.
+/// Forcing a stage gives the result that it gave before: the plan says that what follows may be
+/// spared, and it is.
 #[test]
 fn what_an_unchanged_result_may_spare_is_foretold_and_spared() {
     let space = Space::new();
@@ -67,10 +69,8 @@ fn the_plan_is_what_the_run_then_does() {
         let plan = space.ok(&[&["plan"], &arguments[..]].concat()).json();
         let ran = space.ok(&[&["run"], &arguments[..]].concat()).last()["ran"].clone();
         for stage in ["scene", "up", "again"] {
-            let (planned, ran) = (
-                state(&plan, stage),
-                ran.as_array().unwrap().contains(&json!(stage)),
-            );
+            let planned = state(&plan, stage);
+            let ran = ran.as_array().unwrap().contains(&json!(stage));
             assert!(
                 planned == "may_be_spared" || (planned == "will_run") == ran,
                 "{set}: {stage}: {planned}, {ran}"
@@ -146,7 +146,8 @@ fn two_runs_two_results_and_two_pipelines_are_compared_alike() {
             .json();
         record["key"].as_str().unwrap()[..12].to_owned()
     };
-    let (old, new) = (key(&[]), key(&["--set", "up.filter=Lanczos"]));
+    let old = key(&[]);
+    let new = key(&["--set", "up.filter=Lanczos"]);
     let pipelines = ["tiny.ron", "--set", "up.filter=Lanczos"];
     for operands in [&[][..], &["@2", "@1"], &[&old, &new], &pipelines] {
         let said = space.ok(&[&["diff"], operands].concat()).out;

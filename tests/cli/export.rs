@@ -1,4 +1,5 @@
-//! Pipelines as jobs of other schedulers. Whether those take them is tried by `tests/snakemake` and `tests/slurm`.
+//! Pipelines as jobs of other schedulers. Whether those take them is tried by `tests/snakemake` and
+//! `tests/slurm`.
 
 use std::fs;
 use std::io::{BufRead, BufReader};

@@ -1,9 +1,10 @@
-//! A digest of what each stage kind gives for a small fixed input: when the output changes, so must `VERSION`, or else
-//! stores would go on with results of the old code.
+//! A digest of what each stage kind gives for a small fixed input: when the output changes, so must
+//! `VERSION`, or else stores would go on with results of the old code.
 //!
-//! `golden.json` holds them. Sums are cut into lanes, and lanes are as wide as the processor's: so the operators are
-//! kept to AVX2 on x86-64, and there is a set for each architecture; one without a set compares nothing, and says so.
-//! `make golden` writes the set of the processor it runs on, and refuses an output that changed under the same version.
+//! `golden.json` holds them. Sums are cut into lanes, and lanes are as wide as the processor's: so
+//! the operators are kept to AVX2 on x86-64, and there is a set for each architecture; one without
+//! a set compares nothing, and says so. `make golden` writes the set of the processor it runs on,
+//! and refuses an output that changed under the same version.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -30,7 +31,8 @@ fn path() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/cli/golden.json")
 }
 
-/// The level of SIMD that is compared: one that nearly all processors of the kind have, so that all compare the same.
+/// The level of SIMD that is compared: one that nearly all processors of the kind have, so that all
+/// compare the same.
 fn level() -> String {
     #[cfg(target_arch = "x86_64")]
     let features = if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
@@ -68,7 +70,8 @@ fn now() -> BTreeMap<String, Golden> {
                 .unwrap()
                 .to_owned()
         };
-        let (kind, version) = (entry("kind"), entry("version"));
+        let kind = entry("kind");
+        let version = entry("version");
         let outputs = space.ok(&["inspect", stage, &pipeline, "--json"]).json()["outputs"].clone();
         let digest = |(name, output): (&String, &Value)| {
             (name.clone(), output["digest"].as_str().unwrap().to_owned())

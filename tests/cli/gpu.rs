@@ -5,7 +5,8 @@ use std::fs;
 use crate::model::{ask, inputs, save};
 use crate::space::Space;
 
-/// Whether there is an adapter to test; said aloud if not, and a failure where the tests must not do without.
+/// Whether there is an adapter to test; said aloud if not, and a failure where the tests must not
+/// do without.
 fn is_there(space: &Space) -> bool {
     let said = space.ok(&["--json", "doctor"]);
     let found = said.json()["adapters"]
@@ -128,10 +129,8 @@ fn a_network_gives_nearly_the_same_on_a_gpu_the_same_in_each_run_and_counts_what
                 .map(|b| f64::from(f32::from_le_bytes(*b)))
                 .collect()
         };
-        let (expected, got): (Vec<f64>, Vec<f64>) = (
-            numbers(expected.data()),
-            numbers(there.tensor(&name).unwrap().data()),
-        );
+        let expected: Vec<f64> = numbers(expected.data());
+        let got: Vec<f64> = numbers(there.tensor(&name).unwrap().data());
         let norm =
             |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
         let off = norm(&mut expected.iter().zip(&got).map(|(a, b)| a - b))

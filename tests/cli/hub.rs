@@ -1,4 +1,5 @@
-//! A hub of one model on this machine: as much of the Hugging Face hub's protocol as a download needs.
+//! A hub of one model on this machine: as much of the Hugging Face hub's protocol as a download
+//! needs.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};

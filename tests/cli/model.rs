@@ -1,4 +1,5 @@
-//! `model`: a network asked by files, a model checked, and one got from a hub that stands in this file.
+//! `model`: a network asked by files, a model checked, and one got from a hub that stands in this
+//! file.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -41,7 +42,8 @@ fn wholes(values: &[i64]) -> Tensor {
 }
 
 pub fn save(path: &Path, tensors: &BTreeMap<&str, Tensor>) {
-    let (mut header, mut data) = (serde_json::Map::new(), Vec::new());
+    let mut header = serde_json::Map::new();
+    let mut data = Vec::new();
     for (name, (dtype, shape, bytes)) in tensors {
         let start = data.len();
         data.extend(bytes);
@@ -82,7 +84,9 @@ pub fn inputs() -> BTreeMap<&'static str, Tensor> {
 
 /// Asks the UNet of tiny-x4 in a folder of its own.
 pub fn ask(space: &Space, output: &str, more: &[&str]) -> Said {
-    let (model, input, output) = (tiny_x4(), space.path("in.safetensors"), space.path(output));
+    let model = tiny_x4();
+    let input = space.path("in.safetensors");
+    let output = space.path(output);
     let [model, input, output] = [&model, &input, &output].map(|path| path.to_str().unwrap());
     let asked = [
         "model", "run", model, "--part", "unet", "--input", input, "--output", output,
@@ -94,10 +98,8 @@ pub fn ask(space: &Space, output: &str, more: &[&str]) -> Said {
 fn two_runs_and_any_number_of_threads_give_the_same_bytes() {
     let space = Space::new();
     save(&space.path("in.safetensors"), &inputs());
-    let (down, up) = (
-        format!("{LORA}.lora_A.weight"),
-        format!("{LORA}.lora_B.weight"),
-    );
+    let down = format!("{LORA}.lora_A.weight");
+    let up = format!("{LORA}.lora_B.weight");
     let lora = BTreeMap::from([
         (&down[..], reals(4, &[3, 128])),
         (&up[..], reals(5, &[128, 3])),
@@ -133,7 +135,8 @@ fn two_runs_and_any_number_of_threads_give_the_same_bytes() {
 #[test]
 fn a_prompt_becomes_ids_and_states() {
     let space = Space::new();
-    let (model, output) = (tiny_x4(), space.path("text.safetensors"));
+    let model = tiny_x4();
+    let output = space.path("text.safetensors");
     let files = [
         model.to_str().unwrap(),
         "--output",
@@ -204,7 +207,8 @@ fn a_check_tells_parts_and_digests() {
     let space = Space::new();
     let said = space.say(&["model", "check", tiny_x4().to_str().unwrap(), "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
-    let (parts, files) = (said.json()["parts"].clone(), said.json()["files"].clone());
+    let parts = said.json()["parts"].clone();
+    let files = said.json()["files"].clone();
     let names: Vec<&str> = parts
         .as_array()
         .unwrap()

@@ -11,10 +11,8 @@ use crate::space::{Said, Space, assert_same_files};
 
 /// A run on a machine of its own, that is, with a store and an output folder of its own.
 fn run(space: &Space, machine: &str, remote: &str) -> Said {
-    let (store, out) = (
-        format!("--store={machine}/store"),
-        format!("--out={machine}/out"),
-    );
+    let store = format!("--store={machine}/store");
+    let out = format!("--out={machine}/out");
     space.ok(&[
         "run", "tiny.ron", "--json", &store, &out, "--remote", remote,
     ])
@@ -22,10 +20,8 @@ fn run(space: &Space, machine: &str, remote: &str) -> Said {
 
 /// The same with a bucket.
 fn run_on(space: &Space, machine: &str, server: &S3) -> Said {
-    let (store, out) = (
-        format!("--store={machine}/store"),
-        format!("--out={machine}/out"),
-    );
+    let store = format!("--store={machine}/store");
+    let out = format!("--out={machine}/out");
     let arguments = [
         "run",
         "tiny.ron",
@@ -218,7 +214,8 @@ fn a_server_that_stumbles_is_asked_again() {
             ..Mood::default()
         },
     ] {
-        let (space, server) = (Space::new(), S3::start(mood));
+        let space = Space::new();
+        let server = S3::start(mood);
         let first = run_on(&space, "a", &server);
         assert_eq!(first.last()["ran"], json!(["again", "scene", "up"]));
         server.set(mood);
@@ -237,7 +234,8 @@ fn a_server_that_stumbles_is_asked_again() {
 
 #[test]
 fn of_two_that_put_one_result_the_first_wins() {
-    let (space, server) = (Space::new(), S3::start(Mood::default()));
+    let space = Space::new();
+    let server = S3::start(Mood::default());
     space.ok(&["run", "tiny.ron", "--store=b/store", "--out=b/out"]);
     run_on(&space, "a", &server);
     let push = [
@@ -274,13 +272,11 @@ fn of_two_that_put_one_result_the_first_wins() {
 
 #[test]
 fn a_remote_cut_off_in_the_middle_is_missed_once_and_the_run_goes_on() {
-    let (space, server) = (
-        Space::new(),
-        S3::start(Mood {
-            dies_after: Some(12),
-            ..Mood::default()
-        }),
-    );
+    let space = Space::new();
+    let server = S3::start(Mood {
+        dies_after: Some(12),
+        ..Mood::default()
+    });
     let said = run_on(&space, "a", &server);
     assert_eq!(said.last()["ran"], json!(["again", "scene", "up"]));
     let notices = events(&said, "notice");
@@ -311,13 +307,11 @@ fn a_remote_cut_off_in_the_middle_is_missed_once_and_the_run_goes_on() {
 
 #[test]
 fn credentials_are_never_printed() {
-    let (space, server) = (
-        Space::new(),
-        S3::start(Mood {
-            always: Some(403),
-            ..Mood::default()
-        }),
-    );
+    let space = Space::new();
+    let server = S3::start(Mood {
+        always: Some(403),
+        ..Mood::default()
+    });
     let refused = run_on(&space, "a", &server);
     assert!(
         refused

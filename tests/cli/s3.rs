@@ -1,4 +1,5 @@
-//! A server that speaks just enough S3 for a store, and misbehaves as it is told. One request per connection.
+//! A server that speaks just enough S3 for a store, and misbehaves as it is told. One request per
+//! connection.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
@@ -170,7 +171,8 @@ impl Request {
         let text = String::from_utf8(bytes).ok()?;
         let mut lines = text.lines();
         let mut first = lines.next()?.split(' ');
-        let (method, target) = (first.next()?.to_owned(), first.next()?);
+        let method = first.next()?.to_owned();
+        let target = first.next()?;
         let (path, query) = target.split_once('?').unwrap_or((target, ""));
         let header = |line: &str| {
             line.split_once(": ")
@@ -208,10 +210,8 @@ impl Request {
             };
         };
         let (first, last) = range.split_once('-').unwrap();
-        let (first, last) = (
-            first.parse::<usize>().unwrap(),
-            last.parse::<usize>().unwrap().min(length - 1),
-        );
+        let first = first.parse::<usize>().unwrap();
+        let last = last.parse::<usize>().unwrap().min(length - 1);
         let headers = format!("Content-Range: bytes {first}-{last}/{length}\r\n");
         Answer {
             status: 206,
@@ -248,7 +248,8 @@ fn list(objects: &BTreeMap<String, Vec<u8>>, query: &str) -> Answer {
         .replace("%2F", "/");
     let entry = |(path, bytes): (&String, &Vec<u8>)| {
         let key = path.trim_start_matches("/bucket/");
-        let (size, date) = (bytes.len(), "2026-01-01T00:00:00.000Z");
+        let size = bytes.len();
+        let date = "2026-01-01T00:00:00.000Z";
         let fields = format!(
             "<Key>{key}</Key><Size>{size}</Size><LastModified>{date}</LastModified><ETag>e</ETag>"
         );

@@ -1,4 +1,5 @@
-//! Scenes that users bring: their cameras in `transforms.json` or in a COLMAP reconstruction, from photos to a film.
+//! Scenes that users bring: their cameras in `transforms.json` or in a COLMAP reconstruction, from
+//! photos to a film.
 
 use std::ffi::OsStr;
 use std::fs;

@@ -1,5 +1,5 @@
-//! The whole method killed at random moments, and continued each time, ends with the digests of a run that was left
-//! alone.
+//! The whole method killed at random moments, and continued each time, ends with the digests of a
+//! run that was left alone.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -25,7 +25,8 @@ impl Dice {
     }
 }
 
-/// What stages gave: their names, outputs and semantic digests. Every blob must be what its name says.
+/// What stages gave: their names, outputs and semantic digests. Every blob must be what its name
+/// says.
 fn digests(space: &Space, store: &str) -> BTreeSet<String> {
     let mut digests = BTreeSet::new();
     for bytes in space.files(&format!("{store}/results")).into_values() {
@@ -83,7 +84,10 @@ fn soak(kills: usize) {
         .max(1);
     // Shown only if the test fails.
     println!("to try the same again: SRNERF_SOAK_SEED={seed}");
-    let (space, mut dice, mut number, mut killed) = (Space::new(), Dice(seed), 0, 0);
+    let space = Space::new();
+    let mut dice = Dice(seed);
+    let mut number = 0;
+    let mut killed = 0;
     let calm: Vec<String> = life(0)
         .iter()
         .map(|argument| argument.replace("wild", "calm"))
@@ -91,10 +95,8 @@ fn soak(kills: usize) {
     space.ok(&calm.iter().map(String::as_str).collect::<Vec<_>>());
     let calm = digests(&space, "calm");
     while killed < kills {
-        let (pause, name) = (
-            dice.below(LONGEST),
-            ["-KILL", "-TERM"][dice.below(2) as usize],
-        );
+        let pause = dice.below(LONGEST);
+        let name = ["-KILL", "-TERM"][dice.below(2) as usize];
         let said = run_on(&space, number, pause, name);
         assert!(
             [-1, 75, 143, 0].contains(&said.code),

@@ -148,7 +148,8 @@ fn gc_waits_for_nobody_and_removes_nothing_while_someone_uses_the_store() {
     space.ok(&["gc", "--keep-last", "1", "--delete"]);
 }
 
-/// Results go before blobs: a store in which only some results are gone, or all of them and some blobs, is sound.
+/// Results go before blobs: a store in which only some results are gone, or all of them and some
+/// blobs, is sound.
 #[test]
 fn a_gc_that_is_cut_off_leaves_a_sound_store() {
     let space = three_runs();
@@ -199,10 +200,8 @@ fn du_tells_what_is_shared_from_what_is_not() {
     };
     assert_eq!(own("tiny", "up"), own("twin", "up"), "one result, shared");
     assert_ne!(own("tiny", "again").0, own("twin", "again").0);
-    let (whole, alone) = (
-        &usage["pipelines"]["twin"]["bytes"],
-        &usage["pipelines"]["twin"]["own"],
-    );
+    let whole = &usage["pipelines"]["twin"]["bytes"];
+    let alone = &usage["pipelines"]["twin"]["own"];
     assert_eq!(alone.as_u64().unwrap(), own("twin", "again").1, "{whole}");
     assert!(usage["other_results"]["bytes"].as_u64().unwrap() > 0);
     let text = space.ok(&["store", "du"]).out;
@@ -277,7 +276,8 @@ fn a_store_that_can_only_be_read_serves_all_that_is_in_it() {
     chmod(".srnerf", 0o755);
 }
 
-/// A folder on another file system than the temporary folders, if this machine has one that anybody may write to.
+/// A folder on another file system than the temporary folders, if this machine has one that anybody
+/// may write to.
 fn far_away(space: &Space) -> Option<tempfile::TempDir> {
     let far = tempfile::tempdir_in("/dev/shm").ok()?;
     let device = |path: &Path| fs::metadata(path).unwrap().dev();

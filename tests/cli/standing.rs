@@ -1,5 +1,5 @@
-//! When all results are there, the next run only looks whether anything has changed: it says the same, and is not
-//! fooled.
+//! When all results are there, the next run only looks whether anything has changed: it says the
+//! same, and is not fooled.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

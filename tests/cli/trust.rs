@@ -32,10 +32,8 @@ fn a_result_that_comes_out_the_same_again_is_said_to_do_so() {
 fn a_result_that_comes_out_otherwise_is_measured() {
     let space = Space::new();
     space.ok(&["run", "tiny.ron"]);
-    let (old, other) = (
-        ["inspect", "up", "tiny.ron", "--json"],
-        ["--set", "up.filter=Lanczos", "--store", "other"],
-    );
+    let old = ["inspect", "up", "tiny.ron", "--json"];
+    let other = ["--set", "up.filter=Lanczos", "--store", "other"];
     space.ok(&[&["run", "tiny.ron"], &other[..]].concat());
     let victim = space.ok(&old).json();
     let mut forged = space.ok(&[&old[..], &other].concat()).json();

@@ -57,7 +57,8 @@ fn a_flight_finds_the_main_job_cached() {
     );
 }
 
-/// Before white, where its photos are transparent, an object's field is as good after synchronization as before it.
+/// Before white, where its photos are transparent, an object's field is as good after
+/// synchronization as before it.
 #[test]
 fn a_transparent_scene_stays_transparent() {
     let space = Space::new();
