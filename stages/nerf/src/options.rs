@@ -38,7 +38,7 @@ const HOLD: f64 = 0.5;
 
 /// The rate was chosen by held-out PSNR (still life after 1500 steps: 24.46 dB at 0.01, 25.15 at
 /// 0.03, 24.57 at 0.04 with a steeper fall; LLFF fern after 600: 23.29 at 0.01, 23.51 at 0.03); and
-/// so was its fall, which is in `docs/performance.md`.
+/// so was its fall, which is in `docs/lab/field.md`.
 impl Default for TrainOptions {
     fn default() -> Self {
         Self {
