@@ -82,7 +82,8 @@ impl Geometry {
     ) -> Geometry {
         let [batch, channels, height, width] = input;
         let [top, bottom, left, right] = conv.pad;
-        let (padded_height, padded_width) = (height + top + bottom, width + left + right);
+        let padded_height = height + top + bottom;
+        let padded_width = width + left + right;
         assert!(
             conv.stride > 0 && kernel[0] > 0 && kernel[1] > 0,
             "{op}: stride and kernel must be positive"
@@ -175,8 +176,10 @@ pub fn conv2d_backward_input(
     conv: Conv,
     size: [usize; 2],
 ) -> Array {
-    let (op, weight) = ("conv2d_backward_input", weight.into());
-    let ([n, _, _, _], [o, c, kh, kw]) = (nchw(op, dy), kernels(op, &weight));
+    let op = "conv2d_backward_input";
+    let weight = weight.into();
+    let [n, _, _, _] = nchw(op, dy);
+    let [o, c, kh, kw] = kernels(op, &weight);
     let geometry = Geometry::new(op, [n, c, size[0], size[1]], o, [kh, kw], conv);
     geometry.expect_output(op, dy);
     match dy.device().backend() {
@@ -199,7 +202,8 @@ pub fn conv2d_backward_input(
 /// The gradient of [`conv2d`] to its weight, with `kernel` = `[kh, kw]`: `[O, C, kh, kw]`.
 pub fn conv2d_backward_weight(x: &Array, dy: &Array, conv: Conv, kernel: [usize; 2]) -> Array {
     let op = "conv2d_backward_weight";
-    let ([_, c, _, _], [_, o, _, _]) = (nchw(op, x), nchw(op, dy));
+    let [_, c, _, _] = nchw(op, x);
+    let [_, o, _, _] = nchw(op, dy);
     let geometry = Geometry::new(op, nchw(op, x), o, kernel, conv);
     geometry.expect_output(op, dy);
     match x.device().backend() {

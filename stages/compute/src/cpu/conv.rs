@@ -56,7 +56,8 @@ impl Geometry {
 
     /// The convolution by which gradients flow back, if that is one: of stride 1, with the kernel turned around.
     fn turned(&self) -> Option<Geometry> {
-        let ([kh, kw], [top, bottom, left, right]) = (self.kernel, self.conv.pad);
+        let [kh, kw] = self.kernel;
+        let [top, bottom, left, right] = self.conv.pad;
         let pad = [
             kh.checked_sub(1 + top)?,
             kh.checked_sub(1 + bottom)?,
@@ -85,7 +86,9 @@ struct Run {
 
 /// The runs of the tap (`ky`, `kx`) over `pixels`, which lie in the image; the other pixels see padding.
 fn runs(g: &Geometry, [ky, kx]: [usize; 2], pixels: Range<usize>) -> impl Iterator<Item = Run> {
-    let ([top, _, left, _], stride, g) = (g.conv.pad, g.conv.stride, *g);
+    let g = *g;
+    let stride = g.conv.stride;
+    let [top, _, left, _] = g.conv.pad;
     // Outputs begin..end of a row see the image.
     let begin = left.saturating_sub(kx).div_ceil(stride).min(g.out_width);
     let end = (g.width + left)
@@ -119,7 +122,8 @@ fn copy_run(run: &Run, plane: &[f32], stride: usize, out: &mut [f32]) {
             .for_each(|(target, source)| *target = *source),
         2 => {
             // Pairs become vectors; the last value may have no second one.
-            let (last, before) = (run.len - 1, &mut target[..run.len - 1]);
+            let last = run.len - 1;
+            let before = &mut target[..last];
             before
                 .iter_mut()
                 .zip(source.as_chunks::<2>().0)
@@ -149,7 +153,8 @@ impl Patches<'_> {
         width: usize,
         out: &mut [f32],
     ) {
-        let (g, taps) = (&self.g, self.g.taps());
+        let g = &self.g;
+        let taps = g.taps();
         let image = &self.images[image * g.channels * g.plane()..][..g.channels * g.plane()];
         for row in depth.start..depth.end.min(depth.start + taps) {
             let tap = row % taps;
@@ -271,7 +276,8 @@ fn backward_input_by_columns(
     (weight, precision): (Values, Precision),
     g: &Geometry,
 ) -> Buffer {
-    let (taps, pixels) = (g.taps(), g.pixels());
+    let taps = g.taps();
+    let pixels = g.pixels();
     let share_rows = (HELD / (taps * pixels).max(1))
         .min(g.channels / TASKS)
         .max(CHANNELS);
@@ -285,7 +291,8 @@ fn backward_input_by_columns(
         share_panels: 1,
     };
     planes.for_each_share(&mut dx, |mut share| {
-        let (channels, image) = (share.rows.clone(), share.panels.start);
+        let channels = share.rows.clone();
+        let image = share.panels.start;
         let values = weight.slice(channels.start * taps..weight.len());
         let kernels = Turned(Stored {
             values,
@@ -301,7 +308,8 @@ fn backward_input_by_columns(
         );
         let mut dx = share.block(0..channels.len(), image);
         for (i, row) in rows.chunks(pixels.max(1)).enumerate() {
-            let (channel, tap) = (i / taps, i % taps);
+            let channel = i / taps;
+            let tap = i % taps;
             add_back(
                 row,
                 g,
@@ -315,7 +323,8 @@ fn backward_input_by_columns(
 
 /// The adjoint of [`column_row`] over all pixels.
 fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
-    let ([top, _, left, _], stride) = (g.conv.pad, g.conv.stride);
+    let [top, _, left, _] = g.conv.pad;
+    let stride = g.conv.stride;
     for (y, row) in row.chunks(g.out_width).enumerate() {
         let target = (y * stride + ky).wrapping_sub(top);
         if target < g.height {
@@ -331,7 +340,8 @@ fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
 
 /// The gradient to the weight: over all images in their order, `dy` times the transposed column matrix.
 pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Buffer {
-    let (g, rows) = (g.flat(), g.channels * g.taps());
+    let g = g.flat();
+    let rows = g.channels * g.taps();
     let mut dw = Buffer::stale(g.outputs * rows);
     cut([1, g.outputs, rows]).for_each_share(&mut dw, |mut share| {
         for image in 0..g.batch {

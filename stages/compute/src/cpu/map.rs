@@ -50,10 +50,12 @@ macro_rules! map {
 
 macro_rules! zip {
     ($x:expr, $y:expr, |$a:ident, $b:ident| $value:expr) => {{
-        let (x, y): (&[f32], &[f32]) = ($x, $y);
+        let x: &[f32] = $x;
+        let y: &[f32] = $y;
         let mut out = Buffer::stale(x.len());
         fill(&mut out, CHUNK, |i, out| {
-            let (x, y) = (&x[i * CHUNK..], &y[i * CHUNK..]);
+            let x = &x[i * CHUNK..];
+            let y = &y[i * CHUNK..];
             vectorize(
                 #[inline(always)]
                 || {
@@ -148,7 +150,8 @@ pub fn add_per_plane(x: &[f32], numbers: &[f32], plane: usize) -> Buffer {
 pub fn leaky_per_channel(x: &[f32], slopes: &[f32], plane: usize) -> Buffer {
     let mut out = Buffer::stale(x.len());
     fill(&mut out, plane.max(1), |i, out| {
-        let (x, slope) = (&x[i * plane..], slopes[i % slopes.len()]);
+        let x = &x[i * plane..];
+        let slope = slopes[i % slopes.len()];
         vectorize(
             #[inline(always)]
             || {

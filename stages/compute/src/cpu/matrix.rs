@@ -202,10 +202,8 @@ impl Cut {
 
     /// The matrix that a panel belongs to, and its columns there.
     pub fn columns_of(&self, panel: usize) -> (usize, Range<usize>) {
-        let (matrix, first) = (
-            panel / self.panels_per_matrix(),
-            panel % self.panels_per_matrix() * self.panel,
-        );
+        let matrix = panel / self.panels_per_matrix();
+        let first = panel % self.panels_per_matrix() * self.panel;
         (matrix, first..self.columns.min(first + self.panel))
     }
 
@@ -245,7 +243,8 @@ impl Cut {
 
     /// Hands every share of the stack that fills `out` to `kernel`, in parallel.
     pub fn for_each_share(self, out: &mut [f32], kernel: impl Fn(Share) + Sync) {
-        let (shares, start) = (self.shares(out), Start(out.as_mut_ptr()));
+        let shares = self.shares(out);
+        let start = Start(out.as_mut_ptr());
         (0..shares)
             .into_par_iter()
             .for_each(|index| kernel(self.share(start.get(), index)));
@@ -257,7 +256,8 @@ impl Cut {
         out: &mut [f32],
         kernel: impl Fn(Share) -> R + Sync,
     ) -> Vec<R> {
-        let (shares, start) = (self.shares(out), Start(out.as_mut_ptr()));
+        let shares = self.shares(out);
+        let start = Start(out.as_mut_ptr());
         (0..shares)
             .into_par_iter()
             .map(|index| kernel(self.share(start.get(), index)))
@@ -266,7 +266,8 @@ impl Cut {
 
     /// The same on the calling thread, one after the other.
     pub fn for_each_share_alone(self, out: &mut [f32], mut kernel: impl FnMut(Share)) {
-        let (shares, start) = (self.shares(out), out.as_mut_ptr());
+        let shares = self.shares(out);
+        let start = out.as_mut_ptr();
         (0..shares).for_each(|index| kernel(self.share(start, index)));
     }
 }

@@ -56,7 +56,8 @@ impl Function {
 impl Operation {
     /// The layer's result. The builder has seen to it that the inputs fit.
     pub fn apply(&self, inputs: &[&Array]) -> Array {
-        let (x, last) = (inputs[0], inputs[inputs.len() - 1]);
+        let x = inputs[0];
+        let last = inputs[inputs.len() - 1];
         match self {
             Self::Convolution(convolution, Function::Leaky(slope)) => {
                 convolution.finished(x, Finish::Leaky(*slope))

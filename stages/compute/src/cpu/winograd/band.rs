@@ -2,16 +2,16 @@
 //! tiles is transformed, multiplied at 36 spots by a block of outputs, and transformed back; so transformed tiles never
 //! go to memory. Bands are each other's business in nothing, and run in parallel.
 
-use super::kernels::{BLOCK, DEPTH, Lines, Multiply};
+use super::Task;
+use super::kernels::{BLOCK, COLUMNS, DEPTH, Lines, Multiply, WIDEST};
 use super::panel::{Panel, across, cut, down};
 use super::quads::run;
 use super::transform::SPOTS;
 use super::weights::Kernels;
-use super::{SLACK, Task};
 use crate::conv::Geometry;
 use crate::cpu::buffer::Buffer;
 use crate::cpu::matrix::{MatrixMut, Share};
-use crate::cpu::tile::{COLUMNS, Old};
+use crate::cpu::tile::Old;
 
 /// The most channels whose transformed panel, 4.5 KiB for each, leaves room in the second cache for the kernels and the
 /// sums of a block of outputs. All of them are summed at once.
@@ -63,7 +63,8 @@ struct Space {
     channels: usize,
     /// (S, C, P): the transformed tiles.
     tiles: Buffer,
-    /// (R, S, P): their products with a block's kernels. A row is what one output channel's way back reads.
+    /// (R, S, P): their products with a block's kernels. A row is what one output channel's way back reads; behind the
+    /// last, a vector may read on.
     sums: Buffer,
 }
 
@@ -73,7 +74,7 @@ impl Space {
             lines: Lines::new(),
             channels: g.channels,
             tiles: Buffer::stale(SPOTS * g.channels * COLUMNS),
-            sums: Buffer::stale(BLOCK * SPOTS * COLUMNS + SLACK),
+            sums: Buffer::stale(BLOCK * SPOTS * COLUMNS + WIDEST),
         }
     }
 

@@ -3,15 +3,15 @@
 
 use std::ops::Range;
 
-use super::kernels::{BLOCK, DEPTH, Lines, Multiply};
+use super::Task;
+use super::kernels::{BLOCK, COLUMNS, DEPTH, Lines, Multiply, WIDEST};
 use super::panel::{Panel, across, cut, down};
 use super::quads::run;
 use super::transform::SPOTS;
 use super::weights::{Kernels, Stored};
-use super::{SLACK, Task};
 use crate::cpu::buffer::Buffer;
 use crate::cpu::matrix::{Cut, MatrixMut, Share};
-use crate::cpu::tile::{COLUMNS, Old};
+use crate::cpu::tile::Old;
 
 /// Tiles that are transformed before they are multiplied.
 const TILES: usize = 4 * COLUMNS;
@@ -83,7 +83,7 @@ fn multiply(
 ) -> Buffer {
     let channels = task.g.channels;
     let rows = outputs.len().next_multiple_of(BLOCK);
-    let mut sums = Buffer::stale(panels * rows * SPOTS * COLUMNS + SLACK);
+    let mut sums = Buffer::stale(panels * rows * SPOTS * COLUMNS + WIDEST);
     for first in (0..channels).step_by(DEPTH) {
         let depth = first..channels.min(first + DEPTH);
         let old = if first == 0 { Old::Forget } else { Old::Keep };

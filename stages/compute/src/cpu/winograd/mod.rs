@@ -17,16 +17,14 @@ mod weights;
 use std::sync::OnceLock;
 
 use super::buffer::Buffer;
-use super::tile::COLUMNS;
 use crate::conv::{Finish, Geometry};
+use kernels::COLUMNS;
 use transform::{SIDE, SPOTS};
 pub use weights::{Direction, Kernels, Stored};
 
 /// The fewest channels, in and out: upsamplers have 48, and take a third less time so. With fewer, plain sums take
 /// hardly longer, and networks so narrow normalise groups of so few numbers that rounding shows.
 const NARROWEST: usize = 48;
-/// Numbers behind the last sums that a vector may read beyond them.
-const SLACK: usize = 16;
 
 /// One convolution to compute; its inputs are the weight's outputs where that is used backward.
 pub struct Task<'a> {

@@ -3,13 +3,12 @@
 
 use std::ops::Range;
 
-use super::kernels::{Lines, SEEN, TransformInputs, TransformOutputs};
+use super::kernels::{COLUMNS, Lines, SEEN, TransformInputs, TransformOutputs};
 use super::quads::run;
 use super::transform::{SIDE, SIGHT, SPOTS};
 use crate::conv::{Finish, Geometry};
 use crate::cpu::matrix::{Cut, MatrixMut, Share};
 use crate::cpu::simd::prefetch;
-use crate::cpu::tile::COLUMNS;
 
 /// What tiles see of lines beyond the image.
 const ZEROS: [f32; SEEN] = [0.0; SEEN];
@@ -68,7 +67,8 @@ impl<'a> Panel<'a> {
     }
 
     fn runs(&self) -> impl Iterator<Item = Run> {
-        let (across, down) = (across(self.g), down(self.g));
+        let across = across(self.g);
+        let down = down(self.g);
         let tiles = self.tiles.clone();
         (tiles.start / across..tiles.end.div_ceil(across)).map(move |row| {
             let first = tiles.start.max(row * across);
