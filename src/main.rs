@@ -3,13 +3,16 @@
 
 mod cli;
 mod compare;
+mod comparison;
 mod content;
 mod diff;
 mod error;
+mod experiment;
 mod explain;
 mod export;
 mod extension;
 mod key;
+mod peak;
 mod pipeline;
 mod plan;
 mod progress;

@@ -66,7 +66,9 @@ pub fn tables(store: &Store, stage: &str, record: &Record) -> Result<Vec<String>
 impl Scores {
     /// Rows by metrics, the mean over views.
     pub fn table(&self) -> String {
-        let Metrics { rows, definitions } = &self.metrics;
+        let Metrics {
+            rows, definitions, ..
+        } = &self.metrics;
         let names: BTreeSet<&String> = definitions
             .keys()
             .chain(rows.values().flat_map(|row| row.mean.keys()))

@@ -13,6 +13,7 @@ use compute::device::attempt;
 use compute::{Device, GpuError};
 use stages::{Io, Message, Stage, StageError};
 
+use crate::peak::watched;
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
 use crate::store::holder::Holder;
@@ -88,7 +89,8 @@ impl Task<'_> {
         messages: &(dyn Fn(Message) + Sync),
     ) -> Result<Record, Failure> {
         let begun = Instant::now();
-        let end = catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages))));
+        let compute = || catch_unwind(AssertUnwindSafe(|| pool.install(|| self.compute(messages))));
+        let (end, peak_memory) = watched(compute);
         if let Some(holder) = self.work.lost_to() {
             return Err(Failure::Lost(holder));
         }
@@ -108,6 +110,7 @@ impl Task<'_> {
                     stage,
                     seconds: begun.elapsed().as_secs_f64(),
                     device,
+                    peak_memory,
                 };
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }

@@ -13,7 +13,9 @@ use super::output::{print, print_json, table};
 use super::session::Session;
 use super::{device, standing};
 use crate::error::Error;
+use crate::experiment::Experiment;
 use crate::explain::Reason;
+use crate::pipeline::graph::Node;
 use crate::plan::Forecast;
 use crate::store::Store;
 use crate::store::standing::Standing;
@@ -50,9 +52,10 @@ impl Plan {
         let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
         let context = ManuallyDrop::new(session.context(&store));
         let forecasts = ManuallyDrop::new(context.forecast()?);
-        let stages: Vec<(&str, &Forecast)> = forecasts
+        let nodes = &session.graph.nodes;
+        let stages: Vec<(&Node, &Forecast)> = forecasts
             .iter()
-            .map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast))
+            .map(|(&at, forecast)| (&nodes[at], forecast))
             .collect();
         let cached = stages
             .iter()
@@ -62,15 +65,22 @@ impl Plan {
         if json {
             let stages = stages
                 .iter()
-                .map(|(name, forecast)| forecast_json(name, forecast))
+                .map(|(node, forecast)| with_other_names(node, forecast_json(&node.name, forecast)))
                 .collect();
             print_stages(&session.graph.pipeline, stages);
         } else {
             let rows: Vec<Vec<String>> = stages
                 .iter()
-                .map(|(name, forecast)| row(name, forecast))
+                .map(|(node, forecast)| row(&node.title(), forecast))
                 .collect();
-            print_table(&rows, to_run);
+            print(&table(&rows, false));
+            match &session.graph.experiment {
+                Some(experiment) => {
+                    let planned = stages.iter().map(|(node, _)| 1 + node.also.len()).sum();
+                    print(&of_arms(experiment, planned, rows.len(), cached));
+                }
+                None => print(&sum(rows.len(), to_run)),
+            }
         }
         if let Some(question) = &question {
             standing::Found {
@@ -104,13 +114,14 @@ fn all_cached(standing: &Standing, json: bool) {
                 .map(|(name, key)| cached_json(name, key))
                 .collect(),
         ),
-        false => print_table(
-            &stages
+        false => {
+            let rows: Vec<Vec<String>> = stages
                 .iter()
                 .map(|(name, _)| cached_row(name, ""))
-                .collect::<Vec<_>>(),
-            0,
-        ),
+                .collect();
+            print(&table(&rows, false));
+            print(&sum(rows.len(), 0));
+        }
     }
 }
 
@@ -118,13 +129,22 @@ fn print_stages(pipeline: &str, stages: Vec<Value>) {
     print_json(&json!({ "pipeline": pipeline, "stages": stages }));
 }
 
-fn print_table(rows: &[Vec<String>], to_run: usize) {
-    print(&table(rows, false));
-    print(&format_args!(
-        "\n{} stages: {} cached, {to_run} to run",
-        rows.len(),
-        rows.len() - to_run
-    ));
+fn sum(all: usize, to_run: usize) -> String {
+    format!("\n{all} stages: {} cached, {to_run} to run", all - to_run)
+}
+
+/// `7 arms x 3 seeds, 315 stages, 121 unique, 40 cached`.
+fn of_arms(experiment: &Experiment, all: usize, unique: usize, cached: usize) -> String {
+    let size = experiment.size();
+    format!("\n{size}, {all} stages, {unique} unique, {cached} cached")
+}
+
+/// The names that a stage has in other arms.
+fn with_other_names(node: &Node, mut stage: Value) -> Value {
+    if !node.also.is_empty() {
+        stage["also"] = json!(node.also);
+    }
+    stage
 }
 
 fn cached_row(name: &str, why: &str) -> Vec<String> {

@@ -42,6 +42,7 @@ fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Recor
         stage: "s".into(),
         seconds: 1.0,
         device: "cpu".into(),
+        peak_memory: None,
     };
     work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
 }
@@ -56,6 +57,7 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
         started: now(),
         seconds: 1.0,
         stages: Default::default(),
+        experiment: None,
     };
     store.put_run(&run)?;
     Ok(record)

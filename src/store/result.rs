@@ -31,6 +31,9 @@ pub struct Record {
     pub seconds: f64,
     /// The kind of device that it ran on.
     pub device: String,
+    /// The most memory that the program had while it ran, in bytes, where the system tells.
+    #[serde(default)]
+    pub peak_memory: Option<u64>,
 }
 
 /// One output artifact.

@@ -37,6 +37,8 @@ pub struct Facts {
     pub seconds: f64,
     /// The kind of device that it ran on.
     pub device: String,
+    /// The most memory that the program had while it ran, in bytes, where the system tells.
+    pub peak_memory: Option<u64>,
 }
 
 impl Store {
@@ -149,6 +151,7 @@ impl Work<'_> {
             stage,
             seconds,
             device,
+            peak_memory,
         } = facts;
         let record = Record {
             key: self.key,
@@ -156,6 +159,7 @@ impl Work<'_> {
             outputs: kept,
             seconds,
             device,
+            peak_memory,
         };
         let record = self.store.put_result(record, replace)?;
         self.store.clear(&self.folder)?;
