@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use artifacts_schema::{ArtifactKind, Digest, Metrics};
 use serde::Serialize;
 
-pub use self::format::Format;
+pub use self::format::{Format, percent};
 use self::statistics::{Better, Paired, mean, paired, spread};
 use crate::experiment::{Arm, Experiment};
 use crate::report;
@@ -27,6 +27,8 @@ pub struct Comparison {
     pub run: String,
     /// The arm that others are compared with.
     pub baseline: String,
+    /// The arm that is the best that can be hoped for, if there is one.
+    pub bound: Option<String>,
     /// The seeds of each arm.
     pub seeds: Vec<u64>,
     /// The metrics that any arm has.
@@ -34,7 +36,7 @@ pub struct Comparison {
     /// The arms in the order of the file.
     pub arms: Vec<Scored>,
     /// What could not be computed of arms that have scores, and why.
-    pub notes: BTreeSet<String>,
+    pub notes: Vec<String>,
 }
 
 /// A column.
@@ -63,6 +65,9 @@ pub struct Scored {
     pub cost: Cost,
     /// The scores of each run, by view and metric: one run for each seed that has scores.
     pub runs: Vec<Views>,
+    /// The result that holds the scores of the first of these runs, and its pictures.
+    #[serde(skip)]
+    pub source: Option<Record>,
 }
 
 /// Scores by view, then by metric.
@@ -109,6 +114,7 @@ struct Read {
     floors: Vec<Views>,
     absent: Option<String>,
     cost: Cost,
+    source: Option<Record>,
 }
 
 /// The row of the low-resolution field, at which [`Score::gap_closed`] is 0.
@@ -126,7 +132,7 @@ impl Comparison {
             experiment,
             records: BTreeMap::new(),
             definitions: BTreeMap::new(),
-            notes: BTreeSet::new(),
+            lacks: BTreeMap::new(),
         };
         let arms = experiment
             .arms
@@ -145,10 +151,11 @@ impl Comparison {
             pipeline: run.pipeline.clone(),
             run: run.started.clone(),
             baseline: experiment.baseline.clone(),
+            bound: experiment.bound.clone(),
             seeds: experiment.seeds.clone(),
             metrics,
             arms: scored,
-            notes: reader.notes,
+            notes: reader.notes(),
         }))
     }
 }
@@ -161,7 +168,8 @@ struct Reader<'a> {
     /// Results that were looked up, of stages that several arms share.
     records: BTreeMap<Digest, Option<Record>>,
     definitions: BTreeMap<String, String>,
-    notes: BTreeSet<String>,
+    /// The arms of which something could not be computed, by what and why.
+    lacks: BTreeMap<String, Vec<String>>,
 }
 
 impl Reader<'_> {
@@ -172,6 +180,7 @@ impl Reader<'_> {
             floors: Vec::new(),
             absent: None,
             cost: Cost::default(),
+            source: None,
         };
         for folder in self.experiment.folders(&arm.name) {
             match self.folder(&folder, &mut read)? {
@@ -180,7 +189,8 @@ impl Reader<'_> {
             }
         }
         if !read.runs.is_empty() {
-            self.notes.extend(read.absent.take());
+            let lacks = read.absent.take().map(|why| (why, Vec::new()));
+            self.lacks.extend(lacks);
         }
         Ok(read)
     }
@@ -206,6 +216,7 @@ impl Reader<'_> {
                     .push(metrics.rows[&self.experiment.row].views.clone());
                 let floor = metrics.rows.get(FLOOR);
                 read.floors.extend(floor.map(|floor| floor.views.clone()));
+                read.source = read.source.take().or(Some(record));
                 found = true;
             }
         }
@@ -245,8 +256,20 @@ impl Reader<'_> {
             .get(&self.experiment.row)
             .filter(|_| run == 0);
         for (metric, why) in absent.into_iter().flatten() {
-            self.notes.insert(format!("{arm}: no {metric}: {why}"));
+            let arms = self.lacks.entry(format!("no {metric}: {why}"));
+            arms.or_default().push(arm.to_owned());
         }
+    }
+
+    /// What is lacking, with the arms that lack it where others do not.
+    fn notes(&self) -> Vec<String> {
+        let note = |(what, arms): (&String, &Vec<String>)| match arms.len() {
+            few if few > 0 && few < self.experiment.arms.len() => {
+                format!("{what} ({})", arms.join(", "))
+            }
+            _ => what.clone(),
+        };
+        self.lacks.iter().map(note).collect()
     }
 
     fn why_absent(&self, folder: &str, stages: &[(&str, &StageRun)]) -> String {
@@ -343,6 +366,45 @@ fn scored(arm: &Read, baseline: Option<&Read>, bound: Option<&Read>, metrics: &[
         absent: arm.absent.clone(),
         cost: arm.cost.clone(),
         runs: arm.runs.clone(),
+        source: arm.source.clone(),
+    }
+}
+
+impl Comparison {
+    /// The arm that is best by a metric, the bound left out, and the next best.
+    pub fn best(&self, metric: &Metric) -> Option<(&Scored, Option<&Scored>)> {
+        let better = metric.better?;
+        let mean = |arm: &Scored| arm.scores.get(&metric.name).map(|score| score.mean);
+        let mut arms: Vec<(&Scored, f64)> = self
+            .arms
+            .iter()
+            .filter(|arm| Some(&arm.name) != self.bound.as_ref())
+            .filter_map(|arm| Some((arm, mean(arm)?)))
+            .collect();
+        arms.sort_by(|(_, a), (_, b)| match better {
+            Better::Higher => b.total_cmp(a),
+            Better::Lower => a.total_cmp(b),
+        });
+        let mut arms = arms.into_iter().map(|(arm, _)| arm);
+        Some((arms.next()?, arms.next()))
+    }
+}
+
+impl Scored {
+    /// What it has ahead of another arm, paired by view.
+    pub fn ahead_of(&self, other: &Self, metric: &Metric) -> Option<Paired> {
+        let own = by_view(&self.runs, &metric.name);
+        let others = by_view(&other.runs, &metric.name);
+        let pairs: Vec<(f64, f64)> = own
+            .iter()
+            .filter_map(|(view, value)| Some((*value, *others.get(view)?)))
+            .collect();
+        paired(&pairs, metric.better?)
+    }
+
+    /// The value of a metric for each view, over all runs.
+    pub fn by_view(&self, metric: &str) -> BTreeMap<String, f64> {
+        by_view(&self.runs, metric)
     }
 }
 

@@ -41,9 +41,8 @@ impl Experiment {
         }
     }
 
-    /// `7 arms x 3 seeds`.
-    pub fn size(&self) -> String {
-        let arms = self.arms.len();
+    /// So many of its arms in words: `7 arms x 3 seeds`.
+    pub fn size(&self, arms: usize) -> String {
         let arms = format!("{arms} {}", if arms == 1 { "arm" } else { "arms" });
         match self.seeds.len() {
             0 | 1 => arms,

@@ -12,6 +12,7 @@ mod explain;
 mod export;
 mod extension;
 mod key;
+mod page;
 mod peak;
 mod pipeline;
 mod plan;

@@ -13,7 +13,7 @@ use super::output::{print, print_json, table};
 use super::session::Session;
 use super::{device, standing};
 use crate::error::Error;
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, arm_of};
 use crate::explain::Reason;
 use crate::pipeline::graph::Node;
 use crate::plan::Forecast;
@@ -61,26 +61,18 @@ impl Plan {
             .iter()
             .filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_)))
             .count();
-        let (all, to_run) = (stages.len(), stages.len() - cached);
-        if json {
-            let stages = stages
-                .iter()
-                .map(|(node, forecast)| with_other_names(node, forecast_json(&node.name, forecast)))
-                .collect();
-            print_stages(&session.graph.pipeline, stages);
-        } else {
-            let rows: Vec<Vec<String>> = stages
-                .iter()
-                .map(|(node, forecast)| row(&node.title(), forecast))
-                .collect();
-            print(&table(&rows, false));
-            match &session.graph.experiment {
-                Some(experiment) => {
-                    let planned = stages.iter().map(|(node, _)| 1 + node.also.len()).sum();
-                    print(&of_arms(experiment, planned, rows.len(), cached));
-                }
-                None => print(&sum(rows.len(), to_run)),
-            }
+        let to_run = stages.len() - cached;
+        match json {
+            true => print_stages(
+                &session.graph.pipeline,
+                stages
+                    .iter()
+                    .map(|(node, forecast)| {
+                        with_other_names(node, forecast_json(&node.name, forecast))
+                    })
+                    .collect(),
+            ),
+            false => self.tell(&session, &stages, cached),
         }
         if let Some(question) = &question {
             standing::Found {
@@ -93,11 +85,45 @@ impl Plan {
         }
         if self.exit_code && to_run > 0 {
             return Err(Error::Found {
-                message: format!("{to_run} of {all} stages to run"),
+                message: format!("{to_run} of {} stages to run", stages.len()),
                 help: None,
             });
         }
         Ok(())
+    }
+}
+
+impl Plan {
+    /// Prints a line for each stage, and their sum.
+    fn tell(&self, session: &Session, stages: &[(&Node, &Forecast)], cached: usize) {
+        let rows: Vec<Vec<String>> = stages
+            .iter()
+            .map(|(node, forecast)| row(&node.title(), forecast))
+            .collect();
+        print(&table(&rows, false));
+        let unique = rows.len();
+        let Some(experiment) = &session.graph.experiment else {
+            return print(&sum(unique, unique - cached));
+        };
+        let names = stages.iter().flat_map(|(node, _)| node.names());
+        let planned = names.filter(|name| self.is_of_chosen_arm(name)).count();
+        let size = experiment.size(self.arms(experiment));
+        print(&format_args!(
+            "\n{size}, {planned} stages, {unique} unique, {cached} cached"
+        ));
+    }
+
+    /// How many arms are asked for.
+    fn arms(&self, experiment: &Experiment) -> usize {
+        match self.choice.arm.len() {
+            0 => experiment.arms.len(),
+            chosen => chosen,
+        }
+    }
+
+    fn is_of_chosen_arm(&self, stage: &str) -> bool {
+        let chosen = &self.choice.arm;
+        chosen.is_empty() || arm_of(stage).is_some_and(|arm| chosen.iter().any(|name| name == arm))
     }
 }
 
@@ -131,12 +157,6 @@ fn print_stages(pipeline: &str, stages: Vec<Value>) {
 
 fn sum(all: usize, to_run: usize) -> String {
     format!("\n{all} stages: {} cached, {to_run} to run", all - to_run)
-}
-
-/// `7 arms x 3 seeds, 315 stages, 121 unique, 40 cached`.
-fn of_arms(experiment: &Experiment, all: usize, unique: usize, cached: usize) -> String {
-    let size = experiment.size();
-    format!("\n{size}, {all} stages, {unique} unique, {cached} cached")
 }
 
 /// The names that a stage has in other arms.

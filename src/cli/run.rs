@@ -20,6 +20,7 @@ use super::session::Session;
 use super::{device, standing, tuning};
 use crate::comparison::{Comparison, Format};
 use crate::error::Error;
+use crate::export::quote;
 use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{self, Event, Verbosity, duration};
@@ -178,6 +179,7 @@ impl Run {
             seconds,
             stages,
             experiment: None,
+            command: Some(command_line()),
         });
         store.put_run(&run)?;
         let ended: Vec<(&str, End)> = run
@@ -274,7 +276,10 @@ impl Run {
         let figures: Vec<_> = results
             .flat_map(|(stage, result)| report::figures(view, stage, result))
             .collect();
-        if !figures.is_empty() {
+        if run.experiment.is_some() {
+            let report = format!("srnerf-dag report {} -o report.html", run.pipeline);
+            print(&format_args!("\nPictures side by side: {report}"));
+        } else if !figures.is_empty() {
             print(&format_args!(
                 "\nComparisons: {}",
                 figures.join("\n             ")
@@ -326,7 +331,14 @@ fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -
         seconds,
         stages,
         experiment: context.graph.experiment.clone(),
+        command: Some(command_line()),
     }
+}
+
+/// The words that this process was started with, as a shell would read them.
+fn command_line() -> String {
+    let words: Vec<String> = std::env::args().collect();
+    quote::command(&words)
 }
 
 /// The threads that stages share; as many as there are cores where `threads` is 0.

@@ -163,7 +163,7 @@ impl Comparison {
             let memory = arm.cost.peak_memory.map_or("-".into(), size);
             let closed = gaps.iter().map(|metric| {
                 let gap = arm.gap(metric);
-                gap.map_or("-".into(), |gap| format!("{:.0} %", 100.0 * gap))
+                gap.map_or("-".into(), percent)
             });
             [arm.name.clone(), duration(arm.cost.seconds), memory]
                 .into_iter()
@@ -264,6 +264,11 @@ impl Paired {
             self.pairs
         )
     }
+}
+
+/// A share in whole percent, without a sign before 0.
+pub fn percent(share: f64) -> String {
+    format!("{} %", (100.0 * share).round() as i64)
 }
 
 fn signed(value: f64) -> String {

@@ -79,7 +79,9 @@ pub fn paired(pairs: &[(f64, f64)], better: Better) -> Option<Paired> {
 /// The 97.5 % quantile of Student's distribution: exact to four digits for few degrees of freedom, and from there by
 /// Cornish and Fisher's series about the normal one.
 fn student_95(freedom: usize) -> f64 {
-    const FEW: [f64; 5] = [12.7062, 4.3027, 3.1824, 2.7764, 2.5706];
+    const FEW: [f64; 8] = [
+        12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060,
+    ];
     const NORMAL: f64 = 1.959_963_985;
     if let Some(exact) = freedom.checked_sub(1).and_then(|at| FEW.get(at)) {
         return *exact;

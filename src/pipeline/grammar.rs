@@ -17,6 +17,10 @@ use stages::stage::Input;
 /// only checked to be RON, and [`super::layers`] reads them with their places from the text.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Pipeline")]
+#[expect(
+    dead_code,
+    reason = "some fields are read from the text, with their places"
+)]
 pub struct Document {
     /// Its name: that of its folder under `out/`.
     pub name: String,

@@ -121,11 +121,6 @@ impl Graph {
         Self { nodes, ..self }
     }
 
-    /// How many stages there are, those that several arms have counted for each.
-    pub fn stages(&self) -> usize {
-        self.nodes.iter().map(|node| 1 + node.also.len()).sum()
-    }
-
     /// The stages of an arm.
     pub fn of_arm(&self, arm: &str) -> Result<BTreeSet<usize>, UnknownArm> {
         let arms: Vec<&str> = self

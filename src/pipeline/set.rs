@@ -88,11 +88,6 @@ impl Override {
         &self.value
     }
 
-    /// Something wrong with it as a whole.
-    pub fn problem(&self, message: impl Into<String>) -> Problem {
-        self.source.problem(self.path_span.clone(), message)
-    }
-
     /// Overrides the value, and says at which place of the pipeline.
     pub fn apply(&self, pipeline: &mut Pipeline) -> Result<Place, Problem> {
         let (first, rest) = self.split(&self.path)?;

@@ -100,6 +100,7 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
             seconds: 0.0,
             stages,
             experiment: None,
+            command: None,
         })
         .unwrap();
     Done {

@@ -58,6 +58,7 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
         seconds: 1.0,
         stages: Default::default(),
         experiment: None,
+        command: None,
     };
     store.put_run(&run)?;
     Ok(record)

@@ -25,6 +25,9 @@ pub struct Run {
     /// What it compared, if it had arms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiment: Option<Experiment>,
+    /// The command line that it was begun with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<String>,
 }
 
 /// What became of a stage.

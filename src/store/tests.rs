@@ -328,6 +328,7 @@ fn runs_come_newest_first() {
         seconds: 1.0,
         stages: Default::default(),
         experiment: None,
+        command: None,
     };
     for (pipeline, started) in [
         ("a", "20260101T000000.000Z"),
