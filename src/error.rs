@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use miette::Diagnostic;
 
-use crate::pipeline::graph::UnknownStage;
+use crate::pipeline::graph::{UnknownArm, UnknownStage};
 use crate::pipeline::problem::Problem;
 use crate::plan::SourceError;
 use crate::remote::{AddressError, Fault};
@@ -67,6 +67,9 @@ pub enum Error {
     /// A stage that there is not.
     #[error(transparent)]
     UnknownStage(#[from] UnknownStage),
+    /// An arm that there is not.
+    #[error(transparent)]
+    UnknownArm(#[from] UnknownArm),
     /// A stage that cannot run alone.
     #[error(
         "`{stage}` cannot run alone yet: what it reads, `{missing}`, has no result in the store"
@@ -152,7 +155,9 @@ impl Error {
     pub fn code(&self) -> u8 {
         match self {
             Self::Failed(_) => FAILED,
-            Self::Usage { .. } | Self::UnknownStage(_) | Self::Address(_) => USAGE,
+            Self::Usage { .. } | Self::UnknownStage(_) | Self::UnknownArm(_) | Self::Address(_) => {
+                USAGE
+            }
             Self::Pipeline(problem) if problem.is_in_argument() => USAGE,
             Self::Pipeline(_)
             | Self::Unreadable { .. }

@@ -3,14 +3,18 @@
 
 mod cli;
 mod compare;
+mod comparison;
 mod content;
 mod diff;
 mod error;
+mod experiment;
 mod explain;
 mod export;
 mod extension;
 mod key;
 mod kinds;
+mod page;
+mod peak;
 mod pipeline;
 mod plan;
 mod progress;

@@ -68,7 +68,9 @@ pub fn tables(store: &Store, stage: &str, record: &Record) -> Result<Vec<String>
 impl Scores {
     /// Rows by metrics, the mean over views.
     pub fn table(&self) -> String {
-        let Metrics { rows, definitions } = &self.metrics;
+        let Metrics {
+            rows, definitions, ..
+        } = &self.metrics;
         let names: BTreeSet<&String> = definitions
             .keys()
             .chain(rows.values().flat_map(|row| row.mean.keys()))
@@ -97,13 +99,14 @@ impl Scores {
 /// The most pictures of an output that are named one by one: a film has hundreds.
 const NAMED: usize = 12;
 
-/// Where people find the pictures of a result: the files, or, of many, their folder.
+/// Where people find the pictures of a result: the files, or, of many, their folder. Of several outputs of pictures the
+/// first has the files, and the others their folders.
 pub fn figures(view: &View, stage: &str, record: &Record) -> Vec<String> {
     let of_kind = record
         .outputs
         .iter()
         .filter(|(_, output)| output.kind == ArtifactKind::Figures);
-    let pictures = |(name, output): (&String, &Output)| {
+    let pictures = |(at, (name, output)): (usize, (&String, &Output))| {
         let folder = view.output(stage, name);
         let files: Vec<_> = output
             .files
@@ -111,12 +114,12 @@ pub fn figures(view: &View, stage: &str, record: &Record) -> Vec<String> {
             .filter(|file| file.path.ends_with(".png"))
             .collect();
         match files.len() {
-            0..=NAMED => files
+            0..=NAMED if at == 0 => files
                 .iter()
                 .map(|file| folder.join(&file.path).display().to_string())
                 .collect(),
             _ => vec![folder.display().to_string()],
         }
     };
-    of_kind.flat_map(pictures).collect()
+    of_kind.enumerate().flat_map(pictures).collect()
 }

@@ -55,6 +55,8 @@ pub struct Scheduler<'a> {
     pub checkpoint_every: Duration,
     /// What stages may take together.
     pub budget: Budget,
+    /// Whether a stage that fails ends the run: otherwise all go on that do not depend on it.
+    pub fail_fast: bool,
 }
 
 /// What a stage's thread says.
@@ -104,7 +106,7 @@ impl Scheduler<'_> {
     fn adopt(&self, board: &mut Board) -> Result<(), StoreError> {
         let store = self.context.store;
         let cached = self.pool.install(|| self.context.cached())?;
-        let show = |found: &Found| self.view.show(store, self.name(found.at), &found.record);
+        let show = |found: &Found| self.show(found.at, &found.record);
         self.pool.install(|| cached.par_iter().try_for_each(show))?;
         let lost = self
             .pool
@@ -125,6 +127,12 @@ impl Scheduler<'_> {
                 .collect(),
         );
         Ok(())
+    }
+
+    /// Shows a result under all names of its stage.
+    fn show(&self, at: usize, record: &Record) -> Result<(), StoreError> {
+        let names = self.context.graph.nodes[at].names();
+        self.view.show_all(self.context.store, names, record)
     }
 
     fn stopped(&self) -> bool {
@@ -199,7 +207,7 @@ impl Scheduler<'_> {
     }
 
     fn reuse(&self, board: &mut Board, at: usize, record: Record) -> Result<(), StoreError> {
-        self.view.show(self.context.store, self.name(at), &record)?;
+        self.show(at, &record)?;
         board.adopt(vec![(at, record)]);
         Ok(())
     }
@@ -227,7 +235,7 @@ impl Scheduler<'_> {
             bytes,
         });
         board.remark(at, &record);
-        self.view.show(self.context.store, self.name(at), &record)?;
+        self.show(at, &record)?;
         board.done(at, StageRun::cached(key), record);
         Ok(true)
     }
@@ -286,7 +294,7 @@ impl Scheduler<'_> {
         let stage = self.name(at);
         match result {
             Ok(record) => {
-                self.view.show(self.context.store, stage, &record)?;
+                self.show(at, &record)?;
                 board.progress.event(&Event::Finished {
                     stage,
                     seconds,
@@ -303,10 +311,14 @@ impl Scheduler<'_> {
                 board.progress.event(&Event::Failed {
                     stage,
                     error: &failure.text(),
+                    arms: &board.arms_lost(at),
                 });
                 board.outcome.stages.insert(at, run(End::Failed));
-                board.outcome.failures.push(failure);
+                board.outcome.failures.push((at, failure));
                 board.block(at);
+                if self.fail_fast {
+                    self.cancelled.store(true, Ordering::Relaxed);
+                }
             }
         }
         Ok(())

@@ -13,6 +13,7 @@ use compute::device::attempt;
 use compute::{Device, GpuError};
 use stages::{Io, Message, Stage, StageError};
 
+use crate::peak::watched;
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
 use crate::store::holder::Holder;
@@ -95,9 +96,12 @@ impl Task<'_> {
             }
             messages(message);
         };
-        let end = catch_unwind(AssertUnwindSafe(|| {
-            pool.install(|| self.compute(&messages))
-        }));
+        let compute = || {
+            catch_unwind(AssertUnwindSafe(|| {
+                pool.install(|| self.compute(&messages))
+            }))
+        };
+        let (end, peak_memory) = watched(compute);
         if let Some(holder) = self.work.lost_to() {
             return Err(Failure::Lost(holder));
         }
@@ -118,6 +122,7 @@ impl Task<'_> {
                     seconds: begun.elapsed().as_secs_f64(),
                     device,
                     remarks: remarks.into_inner().unwrap_or_default(),
+                    peak_memory,
                 };
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }

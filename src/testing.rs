@@ -108,6 +108,7 @@ impl Stage for Sum {
             &Metrics {
                 rows,
                 definitions: BTreeMap::new(),
+                absent: BTreeMap::new(),
             },
         )
     }
@@ -144,6 +145,7 @@ pub fn node(name: &str, stage: Sum, reads: &[usize]) -> Node {
     let params = serde_json::json!({"number": stage.number, "modulo": stage.modulo});
     Node {
         name: name.to_owned(),
+        also: Vec::new(),
         seed: 0,
         stage: Box::new(stage),
         params,

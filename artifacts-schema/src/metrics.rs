@@ -19,8 +19,10 @@ const FILE: &str = "metrics.json";
 pub struct Metrics {
     /// What was scored, by name: an arm, a baseline.
     pub rows: BTreeMap<String, Row>,
-    /// What each metric is, by name: its definition, range and which way is better.
+    /// What each metric is, by name: its definition, range and which way is better (`higher is`, `lower is`).
     pub definitions: BTreeMap<String, String>,
+    /// Why a row has no value of a metric that was asked for: by row, then by metric.
+    pub absent: BTreeMap<String, BTreeMap<String, String>>,
 }
 
 /// The scores of one thing.
@@ -37,6 +39,8 @@ pub struct Row {
 pub(crate) struct MetricsFile {
     rows: BTreeMap<String, Row>,
     definitions: BTreeMap<String, String>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    absent: BTreeMap<String, BTreeMap<String, String>>,
     provenance: Provenance,
 }
 
@@ -75,10 +79,10 @@ impl Artifact for Metrics {
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         self.check()?;
-        let (rows, definitions) = (self.rows.clone(), self.definitions.clone());
         let page = canonical::page(&MetricsFile {
-            rows,
-            definitions,
+            rows: self.rows.clone(),
+            definitions: self.definitions.clone(),
+            absent: self.absent.clone(),
             provenance: provenance.clone(),
         })?;
         canonical::write(folder, FILE, page.as_bytes())
@@ -86,9 +90,16 @@ impl Artifact for Metrics {
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let MetricsFile {
-            rows, definitions, ..
+            rows,
+            definitions,
+            absent,
+            ..
         } = canonical::read(&folder.join(FILE))?;
-        Ok(Self { rows, definitions })
+        Ok(Self {
+            rows,
+            definitions,
+            absent,
+        })
     }
 
     fn semantic_digest(&self) -> Digest {
@@ -107,6 +118,15 @@ impl Artifact for Metrics {
         for (metric, definition) in &self.definitions {
             hasher.text(metric);
             hasher.text(definition);
+        }
+        // Metrics that lack nothing keep the digest that they had before there was anything to lack.
+        for (row, reasons) in &self.absent {
+            hasher.text(row);
+            hasher.count(reasons.len());
+            for (metric, reason) in reasons {
+                hasher.text(metric);
+                hasher.text(reason);
+            }
         }
         hasher.finish()
     }

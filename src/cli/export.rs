@@ -33,6 +33,9 @@ pub enum Export {
 pub struct Target<const FOLDER: bool> {
     #[command(flatten)]
     pipeline: PipelineOptions,
+    /// Only this arm of a pipeline that has arms (repeatable)
+    #[arg(long, value_name = "NAME")]
+    arm: Vec<String>,
     /// What to write: a file for Snakemake, a folder for Slurm
     #[arg(long, value_name = "PATH", default_value = if FOLDER { "slurm" } else { "Snakefile" })]
     to: PathBuf,
@@ -70,17 +73,21 @@ impl Export {
 impl<const FOLDER: bool> Target<FOLDER> {
     fn workflow(&self) -> Result<Workflow, Error> {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
-        let session = Session::new(pipeline, changes, &Choice::default())?;
+        let choice = Choice {
+            arm: self.arm.clone(),
+            ..Choice::default()
+        };
+        let session = Session::new(pipeline, changes, &choice)?;
         let store = Store::open(&changes.folders.store)?;
         Ok(Workflow::new(
             &session.context(&store),
-            command(pipeline, changes),
+            command(pipeline, changes, &self.arm),
         ))
     }
 }
 
 /// The command line that every job begins with: this program, and the options that decide keys and places.
-fn command(pipeline: &Path, changes: &Changes) -> Vec<String> {
+fn command(pipeline: &Path, changes: &Changes, arms: &[String]) -> Vec<String> {
     let program =
         std::env::current_exe().map_or("srnerf-dag".into(), |path| path.display().to_string());
     let mut words = vec![
@@ -91,6 +98,7 @@ fn command(pipeline: &Path, changes: &Changes) -> Vec<String> {
     ];
     let mut option =
         |name: &str, value: &str| words.extend([format!("--{name}"), value.to_owned()]);
+    arms.iter().for_each(|arm| option("arm", arm));
     changes.set.iter().for_each(|set| option("set", set));
     changes.salt.iter().for_each(|salt| option("salt", salt));
     changes

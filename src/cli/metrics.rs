@@ -1,10 +1,11 @@
-//! `metrics`: prints the scores of the last run.
+//! `metrics`: prints the scores of the last run; of one that had arms, side by side.
 
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::options::Folders;
 use super::output::{print, print_json};
+use crate::comparison::{Comparison, Format};
 use crate::error::Error;
 use crate::report::{self, Scores};
 use crate::store::Store;
@@ -16,6 +17,12 @@ use crate::store::runs::Run;
 pub struct Metrics {
     /// The pipeline's name; by default that of the last run
     pipeline: Option<String>,
+    /// How to write tables down; of a run without arms, text or JSON
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Of a run with arms: only the parameters in which they differ
+    #[arg(long)]
+    diff_only: bool,
     #[command(flatten)]
     folders: Folders,
 }
@@ -24,25 +31,49 @@ impl Metrics {
     /// Prints the scores.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let store = Store::open(&self.folders.store)?;
-        let Some(run) = store.runs(self.pipeline.as_deref())?.next() else {
-            let help = "run a pipeline first, or say where its store is: --store FOLDER";
-            return Err(Error::usage("no run is recorded here", help));
-        };
-        let all = scores(&store, &run)?;
-        if json {
-            let stages: Vec<Value> = all.iter().map(entry).collect();
-            print_json(&json!({"pipeline": run.pipeline, "run": run.started, "metrics": stages}));
-        } else if all.is_empty() {
-            print(&format_args!(
-                "the run of {} at {} left no metrics",
-                run.pipeline, run.started
-            ));
-        } else {
-            let tables: Vec<String> = all.iter().map(Scores::table).collect();
-            print(&tables.join("\n\n"));
+        let run = last_run(&store, self.pipeline.as_deref())?;
+        let default = if json { Format::Json } else { Format::Text };
+        let format = self.format.unwrap_or(default);
+        match Comparison::of(&run, &store)? {
+            Some(comparison) if self.diff_only => print(&comparison.parameters(format)),
+            Some(comparison) => print(&comparison.tables(format).join("\n\n")),
+            None if self.diff_only => {
+                let help = "arms are named sets of differences in a pipeline file (docs/cli.md)";
+                return Err(Error::usage("this run had no arms to compare", help));
+            }
+            None => print_plain(&scores(&store, &run)?, &run, format)?,
         }
         Ok(())
     }
+}
+
+/// The last run of a pipeline, or of any.
+pub fn last_run(store: &Store, pipeline: Option<&str>) -> Result<Run, Error> {
+    let help = "run a pipeline first, or say where its store is: --store FOLDER";
+    let run = store.runs(pipeline)?.next();
+    run.ok_or_else(|| Error::usage("no run is recorded here", help))
+}
+
+fn print_plain(all: &[Scores], run: &Run, format: Format) -> Result<(), Error> {
+    match format {
+        Format::Json => {
+            let stages: Vec<Value> = all.iter().map(entry).collect();
+            print_json(&json!({"pipeline": run.pipeline, "run": run.started, "metrics": stages}));
+        }
+        Format::Text if all.is_empty() => print(&format_args!(
+            "the run of {} at {} left no metrics",
+            run.pipeline, run.started
+        )),
+        Format::Text => {
+            let tables: Vec<String> = all.iter().map(Scores::table).collect();
+            print(&tables.join("\n\n"));
+        }
+        Format::Md | Format::Csv | Format::Latex => {
+            let help = "a run without arms has text and JSON: leave --format out, or take json";
+            return Err(Error::usage("this format is for comparisons of arms", help));
+        }
+    }
+    Ok(())
 }
 
 fn scores(store: &Store, run: &Run) -> Result<Vec<Scores>, Error> {
@@ -63,5 +94,8 @@ fn entry(scores: &Scores) -> Value {
         output,
         metrics,
     } = scores;
-    json!({"stage": stage, "output": output, "rows": metrics.rows, "definitions": metrics.definitions})
+    json!({
+        "stage": stage, "output": output, "rows": metrics.rows,
+        "definitions": metrics.definitions, "absent": metrics.absent,
+    })
 }

@@ -20,6 +20,7 @@ mod options;
 pub mod output;
 mod pin;
 mod plan;
+mod report;
 mod run;
 mod session;
 mod standing;
@@ -60,6 +61,8 @@ enum Command {
     Kinds(kinds::Kinds),
     /// Print the metrics of the last run
     Metrics(metrics::Metrics),
+    /// Write the comparison of the last run's arms as one HTML file
+    Report(report::Report),
     /// Write a pipeline down as jobs for Snakemake or Slurm, or results for other programs
     #[command(subcommand)]
     Export(export::Export),
@@ -94,6 +97,7 @@ impl Cli {
             Command::Inspect(inspect) => inspect.run(self.json),
             Command::Kinds(kinds) => kinds.run(self.json),
             Command::Metrics(metrics) => metrics.run(self.json),
+            Command::Report(report) => report.run(),
             Command::Export(export) => export.run(self.json),
             Command::Diff(diff) => diff.run(self.json),
             Command::Verify(verify) => verify.run(self.json),

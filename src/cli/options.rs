@@ -52,6 +52,9 @@ pub struct Folders {
 /// Which stages of a pipeline.
 #[derive(Args, Default)]
 pub struct Choice {
+    /// Only this arm of a pipeline that has arms (repeatable)
+    #[arg(long, value_name = "NAME")]
+    pub arm: Vec<String>,
     /// Only this stage and what it needs: i3ds.2.decode, i3ds.decode (all rounds) or i3ds (repeatable)
     #[arg(long, value_name = "STAGE")]
     pub target: Vec<String>,

@@ -13,7 +13,9 @@ use super::output::{print, print_json, table};
 use super::session::Session;
 use super::{device, standing};
 use crate::error::Error;
+use crate::experiment::{Experiment, arm_of};
 use crate::explain::Reason;
+use crate::pipeline::graph::Node;
 use crate::plan::Forecast;
 use crate::store::Store;
 use crate::store::standing::Standing;
@@ -50,27 +52,27 @@ impl Plan {
         let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
         let context = ManuallyDrop::new(session.context(&store));
         let forecasts = ManuallyDrop::new(context.forecast()?);
-        let stages: Vec<(&str, &Forecast)> = forecasts
+        let nodes = &session.graph.nodes;
+        let stages: Vec<(&Node, &Forecast)> = forecasts
             .iter()
-            .map(|(&at, forecast)| (session.graph.nodes[at].name.as_str(), forecast))
+            .map(|(&at, forecast)| (&nodes[at], forecast))
             .collect();
         let cached = stages
             .iter()
             .filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_)))
             .count();
-        let (all, to_run) = (stages.len(), stages.len() - cached);
-        if json {
-            let stages = stages
-                .iter()
-                .map(|(name, forecast)| forecast_json(name, forecast))
-                .collect();
-            print_stages(&session.graph.pipeline, stages);
-        } else {
-            let rows: Vec<Vec<String>> = stages
-                .iter()
-                .map(|(name, forecast)| row(name, forecast))
-                .collect();
-            print_table(&rows, to_run);
+        let to_run = stages.len() - cached;
+        match json {
+            true => print_stages(
+                &session.graph.pipeline,
+                stages
+                    .iter()
+                    .map(|(node, forecast)| {
+                        with_other_names(node, forecast_json(&node.name, forecast))
+                    })
+                    .collect(),
+            ),
+            false => self.tell(&session, &stages, cached),
         }
         if let Some(question) = &question {
             standing::Found {
@@ -83,11 +85,45 @@ impl Plan {
         }
         if self.exit_code && to_run > 0 {
             return Err(Error::Found {
-                message: format!("{to_run} of {all} stages to run"),
+                message: format!("{to_run} of {} stages to run", stages.len()),
                 help: None,
             });
         }
         Ok(())
+    }
+}
+
+impl Plan {
+    /// Prints a line for each stage, and their sum.
+    fn tell(&self, session: &Session, stages: &[(&Node, &Forecast)], cached: usize) {
+        let rows: Vec<Vec<String>> = stages
+            .iter()
+            .map(|(node, forecast)| row(&node.title(), forecast))
+            .collect();
+        print(&table(&rows, false));
+        let unique = rows.len();
+        let Some(experiment) = &session.graph.experiment else {
+            return print(&sum(unique, unique - cached));
+        };
+        let names = stages.iter().flat_map(|(node, _)| node.names());
+        let planned = names.filter(|name| self.is_of_chosen_arm(name)).count();
+        let size = experiment.size(self.arms(experiment));
+        print(&format_args!(
+            "\n{size}, {planned} stages, {unique} unique, {cached} cached"
+        ));
+    }
+
+    /// How many arms are asked for.
+    fn arms(&self, experiment: &Experiment) -> usize {
+        match self.choice.arm.len() {
+            0 => experiment.arms.len(),
+            chosen => chosen,
+        }
+    }
+
+    fn is_of_chosen_arm(&self, stage: &str) -> bool {
+        let chosen = &self.choice.arm;
+        chosen.is_empty() || arm_of(stage).is_some_and(|arm| chosen.iter().any(|name| name == arm))
     }
 }
 
@@ -104,13 +140,14 @@ fn all_cached(standing: &Standing, json: bool) {
                 .map(|(name, key)| cached_json(name, key))
                 .collect(),
         ),
-        false => print_table(
-            &stages
+        false => {
+            let rows: Vec<Vec<String>> = stages
                 .iter()
                 .map(|(name, _)| cached_row(name, ""))
-                .collect::<Vec<_>>(),
-            0,
-        ),
+                .collect();
+            print(&table(&rows, false));
+            print(&sum(rows.len(), 0));
+        }
     }
 }
 
@@ -118,13 +155,16 @@ fn print_stages(pipeline: &str, stages: Vec<Value>) {
     print_json(&json!({ "pipeline": pipeline, "stages": stages }));
 }
 
-fn print_table(rows: &[Vec<String>], to_run: usize) {
-    print(&table(rows, false));
-    print(&format_args!(
-        "\n{} stages: {} cached, {to_run} to run",
-        rows.len(),
-        rows.len() - to_run
-    ));
+fn sum(all: usize, to_run: usize) -> String {
+    format!("\n{all} stages: {} cached, {to_run} to run", all - to_run)
+}
+
+/// The names that a stage has in other arms.
+fn with_other_names(node: &Node, mut stage: Value) -> Value {
+    if !node.also.is_empty() {
+        stage["also"] = json!(node.also);
+    }
+    stage
 }
 
 fn cached_row(name: &str, why: &str) -> Vec<String> {

@@ -1,6 +1,7 @@
 //! `run`: computes what the store does not have, and shows the results.
 
 use std::collections::BTreeSet;
+use std::fmt::Write;
 use std::mem::ManuallyDrop;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -17,7 +18,10 @@ use super::options::{self, Choice, PipelineOptions};
 use super::output::{print, tell};
 use super::session::Session;
 use super::{device, standing, tuning};
+use crate::comparison::{Comparison, Format};
 use crate::error::Error;
+use crate::export::quote;
+use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{self, Event, Verbosity, duration};
 use crate::report;
@@ -53,6 +57,12 @@ pub struct Run {
     /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every step
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
     checkpoint_every: Duration,
+    /// Go on with what does not depend on a stage that has failed (the default)
+    #[arg(long, conflicts_with = "fail_fast")]
+    keep_going: bool,
+    /// Stop as soon as a stage fails
+    #[arg(long)]
+    fail_fast: bool,
     /// No bars: one line for each thing that happens
     #[arg(long)]
     no_progress: bool,
@@ -95,7 +105,7 @@ impl Run {
                     .graph
                     .nodes
                     .iter()
-                    .map(|node| node.name.clone())
+                    .flat_map(|node| node.names().map(str::to_owned))
                     .collect::<BTreeSet<_>>(),
             )?,
         }
@@ -127,8 +137,14 @@ impl Run {
             .records
             .iter()
             .map(|(&at, result)| (context.graph.nodes[at].name.as_str(), result));
-        self.sum_up(&record, results, &store, &view, json)?;
-        verdict(&outcome)
+        let name = |at: usize| session.graph.nodes[at].name.as_str();
+        let ended: Vec<(&str, End)> = outcome
+            .stages
+            .iter()
+            .map(|(&at, stage)| (name(at), stage.end))
+            .collect();
+        self.sum_up(&record, &ended, results, &store, &view, json)?;
+        verdict(&outcome, &session.graph)
     }
 
     /// All results are there, and what was looked at to know it is as it was.
@@ -168,10 +184,18 @@ impl Run {
             started,
             seconds,
             stages,
+            experiment: None,
+            command: Some(command_line()),
         });
         store.put_run(&run)?;
+        let ended: Vec<(&str, End)> = run
+            .stages
+            .iter()
+            .map(|(name, stage)| (name.as_str(), stage.end))
+            .collect();
         let told = told.iter().map(|(name, result)| (name.as_str(), result));
-        self.sum_up(&run, told, &store, &View::new(&folders.out, pipeline), json)
+        let view = View::new(&folders.out, pipeline);
+        self.sum_up(&run, &ended, told, &store, &view, json)
     }
 
     fn compute(
@@ -194,6 +218,7 @@ impl Run {
             cancelled,
             checkpoint_every,
             budget,
+            fail_fast: self.fail_fast,
         };
         Ok(scheduler.run(progress.as_mut())?)
     }
@@ -232,12 +257,13 @@ impl Run {
     fn sum_up<'r>(
         &self,
         run: &Record,
+        ended: &[(&str, End)],
         results: impl Iterator<Item = (&'r str, &'r result::Record)> + Clone,
         store: &Store,
         view: &View,
         json: bool,
     ) -> Result<(), StoreError> {
-        let names = |end| names(run, end);
+        let names = |end| names(ended, end);
         if json {
             print(&json!({
                 "event": "finished",
@@ -246,15 +272,20 @@ impl Run {
             }));
             return Ok(());
         }
-        for (stage, result) in results.clone() {
-            for table in report::tables(store, stage, result)? {
-                print(&format_args!("\n{table}"));
-            }
+        let tables = match Comparison::of(run, store)? {
+            Some(comparison) => comparison.tables(Format::Text),
+            None => tables(store, results.clone())?,
+        };
+        for table in tables {
+            print(&format_args!("\n{table}"));
         }
         let figures: Vec<_> = results
             .flat_map(|(stage, result)| report::figures(view, stage, result))
             .collect();
-        if !figures.is_empty() {
+        if run.experiment.is_some() {
+            let report = format!("srnerf-dag report {} -o report.html", run.pipeline);
+            print(&format_args!("\nPictures side by side: {report}"));
+        } else if !figures.is_empty() {
             print(&format_args!(
                 "\nComparisons: {}",
                 figures.join("\n             ")
@@ -272,27 +303,48 @@ impl Run {
     }
 }
 
-fn names(run: &Record, end: End) -> Vec<&str> {
-    run.stages
+/// The tables of all results, one after the other.
+fn tables<'r>(
+    store: &Store,
+    results: impl Iterator<Item = (&'r str, &'r result::Record)>,
+) -> Result<Vec<String>, StoreError> {
+    let mut all = Vec::new();
+    for (stage, result) in results {
+        all.extend(report::tables(store, stage, result)?);
+    }
+    Ok(all)
+}
+
+fn names<'n>(ended: &[(&'n str, End)], end: End) -> Vec<&'n str> {
+    ended
         .iter()
-        .filter(|(_, stage)| stage.end == end)
-        .map(|(name, _)| name.as_str())
+        .filter(|(_, its)| *its == end)
+        .map(|(name, _)| *name)
         .collect()
 }
 
+/// What became of each stage, under each of its names.
 fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> Record {
-    let name = |at: usize| context.graph.nodes[at].name.clone();
+    let names = |at: usize| context.graph.nodes[at].names();
     let stages = outcome
         .stages
         .iter()
-        .map(|(&at, stage)| (name(at), stage.clone()))
+        .flat_map(|(&at, stage)| names(at).map(|name| (name.to_owned(), stage.clone())))
         .collect();
     Record {
         pipeline: context.graph.pipeline.clone(),
         started,
         seconds,
         stages,
+        experiment: context.graph.experiment.clone(),
+        command: Some(command_line()),
     }
+}
+
+/// The words that this process was started with, as a shell would read them.
+fn command_line() -> String {
+    let words: Vec<String> = std::env::args().collect();
+    quote::command(&words)
 }
 
 /// The threads that stages share; as many as there are cores where `threads` is 0.
@@ -320,13 +372,11 @@ fn catch_signals() -> std::io::Result<Arc<AtomicBool>> {
     Ok(cancelled)
 }
 
-fn verdict(outcome: &Outcome) -> Result<(), Error> {
+fn verdict(outcome: &Outcome, graph: &Graph) -> Result<(), Error> {
     let count = outcome.failures.len();
-    let message = format!(
-        "{count} {} failed",
-        if count == 1 { "stage" } else { "stages" }
-    );
-    let any = |is: fn(&Failure) -> bool| outcome.failures.iter().any(is);
+    let stages = if count == 1 { "stage" } else { "stages" };
+    let message = format!("{count} {stages} failed{}", failed_arms(outcome, graph));
+    let any = |is: fn(&Failure) -> bool| outcome.failures.iter().any(|(_, failure)| is(failure));
     if any(|failure| matches!(failure, Failure::Bug(_))) {
         Err(Error::Bug(message))
     } else if any(|failure| matches!(failure, Failure::Store(_))) {
@@ -338,4 +388,16 @@ fn verdict(outcome: &Outcome) -> Result<(), Error> {
     } else {
         Ok(())
     }
+}
+
+/// The arms that failed, each with the stage that failed and why: it was said hours ago.
+fn failed_arms(outcome: &Outcome, graph: &Graph) -> String {
+    let mut lines = String::new();
+    for (at, failure) in &outcome.failures {
+        let node = &graph.nodes[*at];
+        for arm in node.arms() {
+            let _ = write!(lines, "\n  arm {arm}: {}: {}", node.name, failure.text());
+        }
+    }
+    lines
 }

@@ -59,14 +59,10 @@ impl Session {
         })?;
         let mut store = Store::open(&changes.folders.store)?;
         store.share_if_there();
-        let graph = load(&source, &overrides, &store)?;
-        let (targets, forced) = (find(&graph, &choice.target)?, find(&graph, &choice.force)?);
-        let all = || (0..graph.nodes.len()).collect();
-        let needed = if choice.target.is_empty() {
-            all()
-        } else {
-            graph.needed(&targets)
-        };
+        let files = crate::pipeline::with_bases(source)?;
+        let graph = load(&files, &overrides, &store)?;
+        let forced = find(&graph, &choice.force)?;
+        let needed = graph.needed(&wanted(&graph, choice)?);
         let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
         let (salt, fallback) = (
@@ -118,7 +114,8 @@ impl Session {
     /// The one stage of this name, even if the options left it out.
     pub fn stage(&self, name: &str) -> Result<usize, Error> {
         let found = self.graph.find(name)?;
-        let exact = found.iter().find(|&&at| self.graph.nodes[at].name == name);
+        let is_its_name = |at: usize| self.graph.nodes[at].names().any(|other| other == name);
+        let exact = found.iter().find(|at| is_its_name(**at));
         match (exact, found.len(), found.first()) {
             (Some(&at), ..) | (None, 1, Some(&at)) => Ok(at),
             _ => {
@@ -138,18 +135,35 @@ impl Session {
 /// A pipeline's stages, and meanwhile, on other threads, the results that the store's index remembers: as many as could
 /// be needed.
 fn load(
-    source: &problem::Source,
+    files: &[problem::Source],
     overrides: &[Override],
     store: &Store,
 ) -> Result<Graph, problem::Problem> {
     let enough = AtomicBool::new(false);
     rayon::in_place_scope(|scope| {
         scope.spawn(|_| store.look_ahead(&enough));
-        let graph = crate::pipeline::load(source, overrides);
+        let graph = crate::pipeline::load(files, overrides);
         let stages = graph.as_ref().map_or(0, |graph| graph.nodes.len());
         enough.store(store.remembers_many(stages), Ordering::Relaxed);
         graph
     })
+}
+
+/// The stages that are asked for: all, those of some names, those of some arms, or those of some names in some arms.
+fn wanted(graph: &Graph, choice: &Choice) -> Result<BTreeSet<usize>, Error> {
+    let mut wanted: BTreeSet<usize> = if choice.target.is_empty() {
+        (0..graph.nodes.len()).collect()
+    } else {
+        find(graph, &choice.target)?
+    };
+    if !choice.arm.is_empty() {
+        let mut of_arms = BTreeSet::new();
+        for arm in &choice.arm {
+            of_arms.extend(graph.of_arm(arm)?);
+        }
+        wanted.retain(|at| of_arms.contains(at));
+    }
+    Ok(wanted)
 }
 
 fn find(graph: &Graph, names: &[String]) -> Result<BTreeSet<usize>, Error> {

@@ -61,7 +61,7 @@ impl Verify {
         }
         let choice = Choice {
             target: self.stage.iter().cloned().collect(),
-            force: Vec::new(),
+            ..Choice::default()
         };
         let session = Session::new(&self.pipeline, &self.changes, &choice)?;
         let store = Store::open(&self.changes.folders.store)?;

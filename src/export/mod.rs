@@ -3,7 +3,7 @@
 //! Every job is a call of `run --only`, which owns keys, store and checkpoints; the scheduler only orders processes.
 //! Each way of writing the jobs down is a file.
 
-mod quote;
+pub mod quote;
 pub mod slurm;
 pub mod snakemake;
 
@@ -62,12 +62,13 @@ const LEAST: Resources = Resources {
 };
 
 impl Workflow {
-    /// The jobs of a pipeline; `command` is the program with its arguments up to those that choose a stage.
+    /// The jobs of the stages that are needed; `command` is the program with its arguments up to those that choose a stage.
     pub fn new(context: &Context, command: Vec<String>) -> Self {
         let nodes = &context.graph.nodes;
         let mut jobs: Vec<Job> = Vec::new();
         let mut job_of = BTreeMap::new();
-        for (at, node) in nodes.iter().enumerate() {
+        for &at in &context.needed {
+            let node = &nodes[at];
             let array = shard_of(nodes, at);
             if let (Some((whole, 2..)), Some(job)) = (array, jobs.last_mut()) {
                 job.recipes.push(recipe(context, at));

@@ -124,7 +124,8 @@ fn request(job: &Job) -> String {
     } = job.resources;
     format!(
         "#SBATCH --job-name={}\n#SBATCH --cpus-per-task={threads}\n#SBATCH --mem={memory}M\n#SBATCH --time={minutes}\n",
-        job.stage
+        // It is part of the log's name, in which a slash would be a folder.
+        job.stage.replace('/', "-")
     )
 }
 

@@ -121,8 +121,8 @@ fn stamps(job: &Job) -> String {
 fn rule_names(jobs: &[Job]) -> Vec<String> {
     let mut taken = BTreeSet::from(["all".to_owned()]);
     let name = |job: &Job| {
-        let mut name =
-            job.stage.replace(['.', '-'], "_") + if job.shards.is_some() { "_shard" } else { "" };
+        let mut name = job.stage.replace(['.', '-', '/'], "_")
+            + if job.shards.is_some() { "_shard" } else { "" };
         while !taken.insert(name.clone()) {
             name.push('_');
         }

@@ -26,6 +26,7 @@ fn key_of(fields: &str) -> Digest {
     let params = stage.parameters().unwrap();
     let node = Node {
         name: "x".into(),
+        also: Vec::new(),
         seed: 0,
         stage: stage.into_stage(),
         params,
@@ -88,6 +89,7 @@ fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
         let params = stage.parameters().unwrap();
         Node {
             name: from.into(),
+            also: Vec::new(),
             seed: 0,
             stage: stage.into_stage(),
             params,
@@ -120,6 +122,7 @@ fn only_what_computes_on_the_chosen_device_has_it_in_its_key() {
         let params = stage.parameters().unwrap();
         let node = Node {
             name: "x".into(),
+            also: Vec::new(),
             seed: 0,
             stage: stage.into_stage(),
             params,
@@ -254,6 +257,7 @@ fn key_of_kind(kind: &str, fields: &str) -> Result<Digest, String> {
     let params = stage.parameters().unwrap();
     let node = Node {
         name: "x".into(),
+        also: Vec::new(),
         seed: 0,
         stage: stage.into_stage(),
         params,

@@ -1,4 +1,5 @@
-//! What a pipeline file may say: named stages in order, and loops of them. Knows nothing of what references mean.
+//! What a pipeline file may say: named stages in order, loops of them, and differences from another file or between arms.
+//! Knows nothing of what references mean.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -6,18 +7,73 @@ use std::marker::PhantomData;
 use std::sync::LazyLock;
 
 use serde::Deserialize;
-use serde::de::{Deserializer, EnumAccess, Error, MapAccess, VariantAccess, Visitor};
+use serde::de::{Deserializer, EnumAccess, Error, IgnoredAny, MapAccess, VariantAccess, Visitor};
 use stages::registry::{AnyStage, KINDS};
 use stages::stage::Input;
 
-/// A pipeline as written.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Pipeline {
+/// A pipeline file as written.
+///
+/// `set`, `arms`, `matrix`, `include` and `exclude` hold values of fields whose types only the stages know: here they are
+/// only checked to be RON, and [`super::layers`] reads them with their places from the text.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename = "Pipeline")]
+#[expect(
+    dead_code,
+    reason = "some fields are read from the text, with their places"
+)]
+pub struct Document {
     /// Its name: that of its folder under `out/`.
     pub name: String,
-    /// The seed of everything random.
+    /// The file that it extends, relative to its own folder.
     #[serde(default)]
+    pub base: Option<String>,
+    /// The seed of everything random; by default that of the file it extends, or 0.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// Its stages and loops: those of the file it extends, replaced or added to by name.
+    #[serde(default)]
+    pub stages: Named<Node>,
+    /// Stages of the file it extends that it does not have.
+    #[serde(default)]
+    pub without: Vec<String>,
+    /// Values of the file it extends, by the paths of `--set`.
+    #[serde(default)]
+    pub set: Option<IgnoredAny>,
+    /// Named sets of such differences: what is compared.
+    #[serde(default)]
+    pub arms: Option<IgnoredAny>,
+    /// Values by path: an arm for each combination.
+    #[serde(default)]
+    pub matrix: Option<IgnoredAny>,
+    /// Combinations beside those of the matrix.
+    #[serde(default)]
+    pub include: Option<IgnoredAny>,
+    /// Combinations of the matrix to leave out.
+    #[serde(default)]
+    pub exclude: Option<IgnoredAny>,
+    /// The arm that others are compared with; by default the first.
+    #[serde(default)]
+    pub baseline: Option<String>,
+    /// The arm whose field is the best that can be hoped for, if there is one.
+    #[serde(default)]
+    pub bound: Option<String>,
+    /// The seeds that each arm is run with.
+    #[serde(default)]
+    pub seeds: Option<Vec<u64>>,
+    /// The stages that are wanted, with all that they need; by default all.
+    #[serde(default)]
+    pub targets: Option<Vec<String>>,
+    /// The row of metrics that arms are compared by.
+    #[serde(default)]
+    pub row: Option<String>,
+}
+
+/// A pipeline once the files that it extends are laid under it.
+#[derive(Clone, Debug)]
+pub struct Pipeline {
+    /// Its name.
+    pub name: String,
+    /// The seed of everything random.
     pub seed: u64,
     /// Its stages and loops.
     pub stages: Named<Node>,
@@ -73,6 +129,29 @@ impl<T> Named<T> {
     /// The thing of this name, to be changed.
     pub fn get_mut(&mut self, name: &str) -> Option<&mut T> {
         self.index.get(name).map(|&at| &mut self.items[at].1)
+    }
+
+    /// Puts a thing in the place of that of the same name, or behind all others.
+    pub fn put(&mut self, name: &str, item: T) {
+        match self.index.get(name) {
+            Some(&at) => self.items[at].1 = item,
+            None => {
+                self.index.insert(name.to_owned(), self.items.len());
+                self.items.push((name.to_owned(), item));
+            }
+        }
+    }
+
+    /// Takes the thing of this name out; says whether there was one.
+    pub fn remove(&mut self, name: &str) -> bool {
+        let Some(at) = self.index.remove(name) else {
+            return false;
+        };
+        self.items.remove(at);
+        for place in self.index.values_mut().filter(|place| **place > at) {
+            *place -= 1;
+        }
+        true
     }
 
     /// All, in the order of the file.

@@ -1,15 +1,19 @@
 //! Stages wired to each other, each after those that it reads. Knows nothing of files, keys or how stages run.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use stages::Stage;
 
 use super::problem::nearest;
+use crate::experiment::{Experiment, arm_of};
 
 /// A stage in its place.
 pub struct Node {
-    /// Its name, that of its folder under `out/`: `fit`, or `i3ds.1.render` for a stage of a loop's first round.
+    /// Its name, that of its folder under `out/`: `fit`, `i3ds.1.render` for a stage of a loop's first round, or
+    /// `ours/fit` for one of an arm.
     pub name: String,
+    /// The names that it has in other arms, where it is the same stage.
+    pub also: Vec<String>,
     /// The seed of its random numbers.
     pub seed: u64,
     /// What it does.
@@ -18,6 +22,28 @@ pub struct Node {
     pub params: serde_json::Value,
     /// Where its inputs come from.
     pub wires: Vec<Wire>,
+}
+
+impl Node {
+    /// All its names.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        std::iter::once(&self.name)
+            .chain(&self.also)
+            .map(String::as_str)
+    }
+
+    /// The arms that it is part of.
+    pub fn arms(&self) -> BTreeSet<&str> {
+        self.names().filter_map(arm_of).collect()
+    }
+
+    /// Its name, and how many other stages it stands for: `ours/fit (and 6 more)`.
+    pub fn title(&self) -> String {
+        match self.also.len() {
+            0 => self.name.clone(),
+            more => format!("{} (and {more} more)", self.name),
+        }
+    }
 }
 
 /// An input and the output that it reads.
@@ -37,6 +63,8 @@ pub struct Graph {
     pub pipeline: String,
     /// The stages.
     pub nodes: Vec<Node>,
+    /// What it compares, if it has arms.
+    pub experiment: Option<Experiment>,
 }
 
 /// A name that no stage of the pipeline has.
@@ -45,6 +73,14 @@ pub struct Graph {
 pub struct UnknownStage {
     name: String,
     near: Option<String>,
+}
+
+/// A name that no arm of the pipeline has.
+#[derive(Debug, thiserror::Error)]
+#[error("the pipeline has no arm `{name}`; {}", if .known.is_empty() { "it has no arms at all".to_owned() } else { format!("its arms: {}", .known) })]
+pub struct UnknownArm {
+    name: String,
+    known: String,
 }
 
 impl Graph {
@@ -63,17 +99,61 @@ impl Graph {
             .iter_mut()
             .flat_map(|node| &mut node.wires)
             .for_each(|wire| wire.from = place[wire.from]);
-        Ok(Self { pipeline, nodes })
+        Ok(Self {
+            pipeline,
+            nodes,
+            experiment: None,
+        })
+    }
+
+    /// These stages alone, which must read no others.
+    pub fn only(self, kept: &BTreeSet<usize>) -> Self {
+        let place: BTreeMap<usize, usize> = kept.iter().copied().zip(0..).collect();
+        let nodes = self.nodes.into_iter().enumerate();
+        let mut nodes: Vec<Node> = nodes
+            .filter(|(at, _)| kept.contains(at))
+            .map(|(_, node)| node)
+            .collect();
+        nodes
+            .iter_mut()
+            .flat_map(|node| &mut node.wires)
+            .for_each(|wire| wire.from = place[&wire.from]);
+        Self { nodes, ..self }
+    }
+
+    /// The stages of an arm.
+    pub fn of_arm(&self, arm: &str) -> Result<BTreeSet<usize>, UnknownArm> {
+        let arms: Vec<&str> = self
+            .experiment
+            .iter()
+            .flat_map(|all| &all.arms)
+            .map(|arm| arm.name.as_str())
+            .collect();
+        if !arms.contains(&arm) {
+            return Err(UnknownArm {
+                name: arm.to_owned(),
+                known: arms.join(", "),
+            });
+        }
+        let is_of_arm = |at: &usize| self.nodes[*at].arms().contains(arm);
+        Ok((0..self.nodes.len()).filter(is_of_arm).collect())
     }
 
     /// The stages that a user means by a name: a stage (`i3ds.2.render`), a loop or a round of it (`i3ds`, `i3ds.2`),
-    /// or a stage of a loop in all rounds (`i3ds.render`).
+    /// or a stage of a loop in all rounds (`i3ds.render`); in all arms, or in the one that stands before it
+    /// (`ours/i3ds.render`).
     pub fn find(&self, name: &str) -> Result<BTreeSet<usize>, UnknownStage> {
         let within = format!("{name}.");
+        let means_it =
+            |full: &str| full == name || full.starts_with(&within) || without_rounds(full) == name;
+        let in_its_arm = |full: &str| {
+            full.rsplit_once('/')
+                .map_or("", |(_, stage)| stage)
+                .to_owned()
+        };
         let means = |node: &Node| {
-            node.name == name
-                || node.name.starts_with(&within)
-                || without_rounds(&node.name) == name
+            node.names()
+                .any(|full| means_it(full) || means_it(&in_its_arm(full)))
         };
         let found: BTreeSet<usize> = (0..self.nodes.len())
             .filter(|&at| means(&self.nodes[at]))

@@ -13,10 +13,10 @@ type Told = (u64, String, Vec<String>);
 
 fn load(text: String) -> BTreeMap<String, Told> {
     let graph = super::load(
-        &Source {
+        &[Source {
             name: "p.ron".into(),
             text: text.into(),
-        },
+        }],
         &[],
     )
     .unwrap_or_else(|problem| panic!("{problem}"));

@@ -1,9 +1,13 @@
 //! From a pipeline file and overrides to checked stages wired to each other, or to one problem with its place in the
 //! text.
 
+mod arms;
+mod draft;
 pub mod fault;
 pub mod grammar;
 pub mod graph;
+mod layers;
+mod merge;
 pub mod problem;
 mod reader;
 mod reference;
@@ -13,34 +17,83 @@ pub mod text;
 pub mod unroll;
 
 #[cfg(test)]
+mod differences;
+#[cfg(test)]
 mod laws;
 #[cfg(test)]
 mod tests;
 
-use ron::error::SpannedError;
-use ron::extensions::Extensions;
+use std::collections::BTreeSet;
 
-use fault::{Fault, Place};
-use grammar::Pipeline;
+use ron::error::SpannedError;
+
+use draft::Draft;
+use fault::Place;
 use graph::Graph;
+use layers::Layer;
+pub use layers::with_bases;
+use merge::Merge;
 use problem::{Problem, Source};
 use set::Override;
 use text::Tree;
+use unroll::Seeds;
 
-/// Reads a pipeline, applies the overrides in order, unrolls and checks it.
-pub fn load(source: &Source, overrides: &[Override]) -> Result<Graph, Problem> {
-    let extensions = Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME;
-    let options = ron::Options::default().with_default_extension(extensions);
-    let mut pipeline: Pipeline = options
-        .from_str(&source.text)
-        .map_err(|error| malformed(source, &error))?;
-    let mut places = Vec::new();
-    for change in overrides {
-        places.push(change.apply(&mut pipeline)?);
+/// Reads a pipeline and the files that it extends (itself first, see [`with_bases`]), applies the overrides in order,
+/// unrolls and checks it, with all its arms.
+pub fn load(files: &[Source], overrides: &[Override]) -> Result<Graph, Problem> {
+    let layers = files
+        .iter()
+        .map(Layer::read)
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut draft = layers::lay(&layers)?;
+    draft.apply_all(overrides.to_vec())?;
+    let arms = arms::read(&layers)?;
+    if arms.is_empty() {
+        return wanted(&draft, Seeds::all(draft.pipeline.seed), &layers);
     }
-    let checked = unroll::check_name(&pipeline.name, &Place::root("name"))
-        .and_then(|()| unroll::unroll(&pipeline));
-    checked.map_err(|fault| located(fault, source, overrides, &places))
+    let experiment = arms::experiment(&arms, &layers)?;
+    let mut merge = Merge::new(draft.pipeline.name.clone());
+    for arm in arms {
+        let mut own = draft.clone();
+        own.apply_all(arm.changes)?;
+        for (seeds, folder) in seeds(&own, &experiment.seeds)
+            .iter()
+            .zip(experiment.folders(&arm.name))
+        {
+            merge.add(&folder, wanted(&own, *seeds, &layers)?);
+        }
+    }
+    let mut graph = merge.finish();
+    graph.experiment = Some(experiment);
+    Ok(graph)
+}
+
+/// The seeds of each run of an arm.
+fn seeds(draft: &Draft, seeds: &[u64]) -> Vec<Seeds> {
+    let sources = draft.pipeline.seed;
+    let with = |&computing| Seeds { computing, sources };
+    match seeds {
+        [] => vec![Seeds::all(sources)],
+        _ => seeds.iter().map(with).collect(),
+    }
+}
+
+/// The stages that the file wants, and all that they need.
+fn wanted(draft: &Draft, seeds: Seeds, layers: &[Layer]) -> Result<Graph, Problem> {
+    let graph = draft.graph(seeds, layers)?;
+    let asking = layers.iter().find(|layer| layer.document.targets.is_some());
+    let Some((layer, targets)) =
+        asking.and_then(|layer| Some((layer, layer.document.targets.as_ref()?)))
+    else {
+        return Ok(graph);
+    };
+    let mut wanted = BTreeSet::new();
+    for target in targets {
+        let found = graph.find(target);
+        wanted.extend(found.map_err(|unknown| layer.problem("targets", unknown.to_string()))?);
+    }
+    let needed = graph.needed(&wanted);
+    Ok(graph.only(&needed))
 }
 
 /// A text that the grammar does not take.
@@ -84,37 +137,10 @@ fn word_before(text: &str, word: &str, end: usize) -> Option<std::ops::Range<usi
     window.rfind(word).map(|at| at..at + word.len())
 }
 
-/// A fault with its place looked up: in the override that caused it, or else in the file.
-fn located(fault: Fault, source: &Source, overrides: &[Override], places: &[Place]) -> Problem {
-    let touches =
-        |place: &Place| place.0.starts_with(&fault.place.0) || fault.place.0.starts_with(&place.0);
-    let mut causes = overrides
-        .iter()
-        .zip(places)
-        .rev()
-        .filter(|(_, place)| touches(place) && place.0.len() > 1);
-    let problem = match causes.next() {
-        Some((change, _)) => change
-            .source
-            .problem(change.value_span.clone(), &fault.message),
-        None => source.problem(span(&source.text, &fault.place), &fault.message),
-    };
-    let problem = match &fault.unknown {
-        Some((found, known)) => problem.with_names(found, known.iter().map(String::as_str)),
-        None => problem,
-    };
-    match fault.help {
-        Some(help) => problem.with_help(help),
-        None => problem,
-    }
-}
-
 /// Where a place stands in a text: its value, or as much of the way there as the text spells out.
-fn span(text: &str, place: &Place) -> std::ops::Range<usize> {
-    let Ok(tree) = Tree::read(text) else {
-        return 0..0;
-    };
-    let (mut at, mut span) = (&tree, 0..0);
+fn span(tree: &Tree, place: &Place) -> std::ops::Range<usize> {
+    let mut at = tree;
+    let mut span = 0..0;
     for (depth, name) in place.0.iter().enumerate() {
         let Some(entry) = at.entry(name) else { break };
         span = if depth + 1 == place.0.len() && !is_stage(&entry.tree) {

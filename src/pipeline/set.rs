@@ -1,4 +1,5 @@
-//! `--set path=value`: one value of a pipeline overridden. Knows nothing of pipeline files.
+//! One value of a pipeline overridden: by `--set path=value`, or by a `"path": value` in a file. Knows nothing of what
+//! else stands in files.
 
 use std::ops::Range;
 
@@ -8,16 +9,17 @@ use stages::registry::AnyStage;
 use super::fault::Place;
 use super::grammar::{Named, Node, Pipeline, Rounds};
 use super::problem::{Problem, Source};
-use super::text::Tree;
+use super::text::{Entry, Tree};
 
 /// One value to override, and where.
 #[derive(Clone, Debug)]
 pub struct Override {
-    /// The argument as given.
+    /// The argument or file that it stands in.
     pub source: Source,
     path: Vec<Segment>,
+    path_span: Range<usize>,
     value: Json,
-    /// Where in the argument the value stands.
+    /// Where in it the value stands.
     pub value_span: Range<usize>,
 }
 
@@ -48,11 +50,42 @@ impl Override {
             problem.with_help("texts stand in quotes: --set 'scene.source.path=\"photos/fern\"'")
         })?;
         Ok(Self {
-            path: segments(path),
+            path: segments(path, 0),
+            path_span: 0..path.len(),
             value: tree.json(),
             value_span,
             source,
         })
+    }
+
+    /// A `"path": value` of a file.
+    pub fn of_entry(source: &Source, entry: &Entry) -> Self {
+        let inside_quotes = entry.span.start + 1;
+        Self {
+            path: segments(&entry.name, inside_quotes),
+            path_span: entry.span.clone(),
+            value: entry.tree.json(),
+            value_span: entry.tree.span.clone(),
+            source: source.clone(),
+        }
+    }
+
+    /// Its path as written: `i3ds.optimize.steps`.
+    pub fn path(&self) -> String {
+        let names: Vec<&str> = self.path.iter().map(|step| step.name.as_str()).collect();
+        names.join(".")
+    }
+
+    /// Its value as written, on one line.
+    pub fn value_text(&self) -> String {
+        let text = self.source.text.get(self.value_span.clone());
+        let words: Vec<&str> = text.unwrap_or_default().split_whitespace().collect();
+        words.join(" ")
+    }
+
+    /// Its value as serde writes it.
+    pub fn value(&self) -> &Json {
+        &self.value
     }
 
     /// Overrides the value, and says at which place of the pipeline.
@@ -77,7 +110,7 @@ impl Override {
         path.split_first().ok_or_else(|| {
             let problem = self
                 .source
-                .problem(0..self.value_span.start - 1, "this names no single value");
+                .problem(self.path_span.clone(), "this names no single value");
             problem.with_help("go on to one of its fields: stage.field=value")
         })
     }
@@ -196,8 +229,8 @@ impl Override {
     }
 }
 
-fn segments(path: &str) -> Vec<Segment> {
-    let mut start = 0;
+/// The steps of a path that stands `start` bytes into its text.
+fn segments(path: &str, mut start: usize) -> Vec<Segment> {
     let segment = |name: &str| {
         let span = start..start + name.len();
         start = span.end + 1;

@@ -9,10 +9,10 @@ use super::graph::{Graph, Node, Wire};
 use super::unroll::seed_within;
 
 /// The same stages, those with shards in parts.
-pub fn shard(graph: Graph) -> Result<Graph, Fault> {
+pub fn shard(mut graph: Graph) -> Result<Graph, Fault> {
     let mut nodes = Vec::with_capacity(graph.nodes.len());
     let mut place = Vec::with_capacity(graph.nodes.len());
-    for mut node in graph.nodes {
+    for mut node in std::mem::take(&mut graph.nodes) {
         // Stages stand behind those that they read, so these have their new places already.
         node.wires
             .iter_mut()
@@ -29,10 +29,7 @@ pub fn shard(graph: Graph) -> Result<Graph, Fault> {
         }
         place.push(nodes.len() - 1);
     }
-    Ok(Graph {
-        pipeline: graph.pipeline,
-        nodes,
-    })
+    Ok(Graph { nodes, ..graph })
 }
 
 /// One part: it reads what the whole would read, with a seed of its own.
@@ -44,6 +41,7 @@ fn part(whole: &Node, number: u32, stage: AnyStage) -> Result<Node, Fault> {
     let seed = seed_within("srnerf-dag shard seed v1", whole.seed, number);
     Ok(Node {
         name,
+        also: Vec::new(),
         seed,
         stage: stage.into_stage(),
         params,
@@ -62,6 +60,7 @@ fn merge(whole: &Node, parts: usize, first: usize) -> Node {
     let wires = merge.wires().into_iter().map(wire).collect();
     Node {
         name: whole.name.clone(),
+        also: Vec::new(),
         seed: 0,
         params: merge.parameters(),
         stage: Box::new(merge),

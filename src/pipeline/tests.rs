@@ -36,7 +36,7 @@ fn load(text: &str, sets: &[&str]) -> Result<Graph, Problem> {
         .iter()
         .map(|set| Override::read(set))
         .collect::<Result<Vec<_>, _>>()?;
-    super::load(&source, &overrides)
+    super::load(&[source], &overrides)
 }
 
 /// Who feeds the inputs of a stage: `field=fit.field`.

@@ -33,15 +33,49 @@ struct Link {
     target: Target,
 }
 
+/// The seeds of stages outside loops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seeds {
+    /// Of stages that compute from what others give.
+    pub computing: u64,
+    /// Of stages that read nothing of others: with every seed of an experiment they give the same photos.
+    pub sources: u64,
+}
+
+impl Seeds {
+    /// One seed for all stages.
+    pub fn all(seed: u64) -> Self {
+        Self {
+            computing: seed,
+            sources: seed,
+        }
+    }
+
+    fn in_round(self, round: u32) -> Self {
+        Self {
+            computing: round_seed(self.computing, round),
+            sources: round_seed(self.sources, round),
+        }
+    }
+
+    fn of(self, stage: &AnyStage) -> u64 {
+        if stage.stage().inputs().is_empty() {
+            self.sources
+        } else {
+            self.computing
+        }
+    }
+}
+
 /// Unrolls all loops, checks every stage, and wires all inputs.
-pub fn unroll(pipeline: &Pipeline) -> Result<Graph, Fault> {
+pub fn unroll(pipeline: &Pipeline, seeds: Seeds) -> Result<Graph, Fault> {
     let mut all = Vec::new();
     let frame = Frame {
         prefix: String::new(),
         stages: &pipeline.stages,
         turn: None,
     };
-    unroll_stages(&[frame], pipeline.seed, &Place::root("stages"), &mut all)?;
+    unroll_stages(&[frame], seeds, &Place::root("stages"), &mut all)?;
     if all.is_empty() {
         return Err(Place::root("stages").fault("the pipeline has no stages"));
     }
@@ -83,7 +117,7 @@ pub fn seed_within(domain: &str, seed: u64, number: u32) -> u64 {
 
 fn unroll_stages<'p>(
     chain: &[Frame<'p>],
-    seed: u64,
+    seeds: Seeds,
     place: &Place,
     all: &mut Vec<Unrolled<'p>>,
 ) -> Result<(), Fault> {
@@ -94,8 +128,10 @@ fn unroll_stages<'p>(
         let (full, place) = (format!("{}{name}", frame.prefix), place.at(name));
         check_name(name, &place)?;
         match node {
-            Node::Stage(stage) => all.push(unrolled(chain, full, seed, stage, place)?),
-            Node::Rounds(rounds) => unroll_rounds(chain, &full, seed, rounds, &place, all)?,
+            Node::Stage(stage) => {
+                all.push(unrolled(chain, full, seeds.of(stage), stage, place)?);
+            }
+            Node::Rounds(rounds) => unroll_rounds(chain, &full, seeds, rounds, &place, all)?,
         }
     }
     Ok(())
@@ -104,7 +140,7 @@ fn unroll_stages<'p>(
 fn unroll_rounds<'p>(
     chain: &[Frame<'p>],
     name: &str,
-    seed: u64,
+    seeds: Seeds,
     rounds: &'p Rounds,
     place: &Place,
     all: &mut Vec<Unrolled<'p>>,
@@ -131,7 +167,7 @@ fn unroll_rounds<'p>(
             resolve(&chain, &reference.0)
                 .map_err(|miss| miss.fault(&place.at("next").at(carried)))?;
         }
-        unroll_stages(&chain, round_seed(seed, round), &place.at("stages"), all)?;
+        unroll_stages(&chain, seeds.in_round(round), &place.at("stages"), all)?;
     }
     Ok(())
 }
@@ -259,6 +295,7 @@ fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<(graph::Node, Place), Fa
         graph::Node {
             name,
             seed,
+            also: Vec::new(),
             stage: stage.clone().into_stage(),
             params,
             wires,

@@ -41,8 +41,8 @@ impl Json {
                     .collect();
                 json!({"event": "stage_finished", "stage": stage, "key": record.key, "seconds": seconds, "outputs": outputs})
             }
-            Event::Failed { stage, error } => {
-                json!({"event": "failed", "stage": stage, "error": error})
+            Event::Failed { stage, error, arms } => {
+                json!({"event": "failed", "stage": stage, "error": error, "arms": arms})
             }
             Event::Stopped { stage } => json!({"event": "stopped", "stage": stage}),
             Event::Blocked { stage, by } => json!({"event": "blocked", "stage": stage, "by": by}),

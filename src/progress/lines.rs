@@ -102,8 +102,13 @@ impl Lines {
                 (Verbosity::Normal, line)
             }
             Event::Said { stage, message } => return self.said(stage, message),
-            Event::Failed { stage, error } => {
-                (Verbosity::Quiet, format!("{stage}: error: {error}"))
+            Event::Failed { stage, error, arms } => {
+                let arms = match arms {
+                    [] => String::new(),
+                    [arm] => format!(" (the arm {arm} fails)"),
+                    _ => format!(" (these arms fail: {})", arms.join(", ")),
+                };
+                (Verbosity::Quiet, format!("{stage}: error: {error}{arms}"))
             }
             Event::Stopped { stage } => (Verbosity::Normal, format!("{stage}: stopped")),
             Event::Blocked { stage, by } => (

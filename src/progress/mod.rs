@@ -59,6 +59,8 @@ pub enum Event<'a> {
         stage: &'a str,
         /// Why.
         error: &'a str,
+        /// The arms that it is part of, which fail with it.
+        arms: &'a [&'a str],
     },
     /// A stage was stopped half-way.
     Stopped {

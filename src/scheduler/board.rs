@@ -23,8 +23,8 @@ pub struct Outcome {
     pub stages: BTreeMap<usize, StageRun>,
     /// The results that there are.
     pub records: BTreeMap<usize, Record>,
-    /// Why stages failed.
-    pub failures: Vec<Failure>,
+    /// The stages that failed, and why.
+    pub failures: Vec<(usize, Failure)>,
     /// Whether the run was stopped before its end.
     pub interrupted: bool,
 }
@@ -199,6 +199,11 @@ impl<'p> Board<'p> {
                 }
             }
         }
+    }
+
+    /// The arms that have no result where this stage has none.
+    pub fn arms_lost(&self, failed: usize) -> Vec<&'p str> {
+        self.graph.nodes[failed].arms().into_iter().collect()
     }
 
     /// A stage has failed: all that depend on it will not run.

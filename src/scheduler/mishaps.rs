@@ -53,7 +53,7 @@ impl Progress for Ear<'_> {
                 ..
             } => self.heard.push(format!("from step {step}")),
             Event::Warning { stage, text } => self.heard.push(format!("{stage}: {text}")),
-            Event::Failed { stage, error } => self.heard.push(format!("{stage}: {error}")),
+            Event::Failed { stage, error, .. } => self.heard.push(format!("{stage}: {error}")),
             _ => {}
         }
     }
@@ -110,6 +110,7 @@ fn run(
             memory: u64::MAX,
             one_on_device: true,
         },
+        fail_fast: false,
     };
     (scheduler.run(&mut ear).unwrap(), ear.heard)
 }
@@ -117,7 +118,7 @@ fn run(
 fn graph(folder: &Path) -> Graph {
     let path = folder.join("mishaps.ron");
     std::fs::write(&path, PIPELINE).unwrap();
-    crate::pipeline::load(&Source::read(&path).unwrap(), &[]).unwrap()
+    crate::pipeline::load(&[Source::read(&path).unwrap()], &[]).unwrap()
 }
 
 const FIT: usize = 1;

@@ -85,6 +85,7 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
             memory: u64::MAX,
             one_on_device: false,
         },
+        fail_fast: false,
     };
     let outcome = scheduler.run(&mut ear).unwrap();
     let stages = outcome
@@ -98,6 +99,8 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
             started: now(),
             seconds: 0.0,
             stages,
+            experiment: None,
+            command: None,
         })
         .unwrap();
     Done {
@@ -252,10 +255,10 @@ fn a_failure_stops_what_depends_on_it_and_nothing_else() {
         assert_eq!(done.ends(&graph, End::Ran), ["a", "c"]);
         assert_eq!(done.ends(&graph, End::Failed), ["b"]);
         assert_eq!(done.ends(&graph, End::Stopped), ["d"]);
-        let text = done.outcome.failures[0].text();
+        let text = done.outcome.failures[0].1.text();
         assert!(text.contains(words), "{text}");
         assert_eq!(
-            matches!(done.outcome.failures[0], Failure::Bug(_)),
+            matches!(done.outcome.failures[0].1, Failure::Bug(_)),
             act == Act::Panic
         );
         let (graph, stages) = diamond(|_, _| {});

@@ -43,6 +43,7 @@ fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Recor
         seconds: 1.0,
         device: "cpu".into(),
         remarks: Vec::new(),
+        peak_memory: None,
     };
     work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
 }
@@ -57,6 +58,8 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
         started: now(),
         seconds: 1.0,
         stages: Default::default(),
+        experiment: None,
+        command: None,
     };
     store.put_run(&run)?;
     Ok(record)

@@ -16,7 +16,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// Begins a page. A new number when what any entry consists of changes: nothing in the file says how to read it.
-const MARK: &[u8; 8] = b"srnerf2\n";
+const MARK: &[u8; 8] = b"srnerf3\n";
 
 /// The bytes of a mark, a length and a checksum.
 const HEAD: usize = 8 + 8 + 32;

@@ -34,6 +34,9 @@ pub struct Record {
     /// What whoever uses it should know, a sentence each.
     #[serde(default)]
     pub remarks: Vec<String>,
+    /// The most memory that the program had while it ran, in bytes, where the system tells.
+    #[serde(default)]
+    pub peak_memory: Option<u64>,
 }
 
 /// One output artifact.

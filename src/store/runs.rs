@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{At, StoreError};
 use super::{Store, read_json};
+use crate::experiment::Experiment;
 
 /// What one run did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,8 +20,14 @@ pub struct Run {
     pub started: String,
     /// How long it took.
     pub seconds: f64,
-    /// What became of each stage.
+    /// What became of each stage; of one that several arms share, under each of its names.
     pub stages: BTreeMap<String, StageRun>,
+    /// What it compared, if it had arms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub experiment: Option<Experiment>,
+    /// The command line that it was begun with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<String>,
 }
 
 /// What became of a stage.

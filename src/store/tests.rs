@@ -26,6 +26,7 @@ pub fn metrics(value: f64) -> Metrics {
     Metrics {
         rows: [("row".to_owned(), row)].into(),
         definitions: Default::default(),
+        absent: Default::default(),
     }
 }
 
@@ -43,6 +44,7 @@ fn commit(store: &Store, key: Digest, value: f64, stage: &str) -> Record {
         seconds: 1.0,
         device: "cpu".into(),
         remarks: Vec::new(),
+        peak_memory: None,
     };
     work.commit(&[("m", ArtifactKind::Metrics)], facts, false)
         .unwrap()
@@ -272,6 +274,7 @@ fn an_output_that_was_not_written_is_refused() {
         seconds: 1.0,
         device: "cpu".into(),
         remarks: Vec::new(),
+        peak_memory: None,
     };
     let error = work
         .commit(&[("m", ArtifactKind::Metrics)], facts, false)
@@ -326,6 +329,8 @@ fn runs_come_newest_first() {
         started: started.into(),
         seconds: 1.0,
         stages: Default::default(),
+        experiment: None,
+        command: None,
     };
     for (pipeline, started) in [
         ("a", "20260101T000000.000Z"),

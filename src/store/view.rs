@@ -29,6 +29,17 @@ impl View {
         self.folder.join(stage).join(output)
     }
 
+    /// Shows a result as that of each of these stages.
+    pub fn show_all<'s>(
+        &self,
+        store: &Store,
+        stages: impl IntoIterator<Item = &'s str>,
+        record: &Record,
+    ) -> Result<(), StoreError> {
+        let mut stages = stages.into_iter();
+        stages.try_for_each(|stage| self.show(store, stage, record))
+    }
+
     /// Shows a stage's result.
     pub fn show(&self, store: &Store, stage: &str, record: &Record) -> Result<(), StoreError> {
         record
@@ -58,7 +69,8 @@ impl View {
     }
 }
 
-/// Whether a name in the list can be that of a stage's folder.
+/// Whether a name in the list can be that of a stage's folder, which may lie in that of an arm.
 fn is_ours(name: &str) -> bool {
-    !name.contains(['/', '\\']) && !name.starts_with('.')
+    let is_plain = |part: &str| !part.is_empty() && !part.starts_with('.');
+    !name.contains(['\\', ':']) && name.split('/').all(is_plain)
 }

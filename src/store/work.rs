@@ -39,6 +39,8 @@ pub struct Facts {
     pub device: String,
     /// What whoever uses the result should know.
     pub remarks: Vec<String>,
+    /// The most memory that the program had while it ran, in bytes, where the system tells.
+    pub peak_memory: Option<u64>,
 }
 
 impl Store {
@@ -152,6 +154,7 @@ impl Work<'_> {
             seconds,
             device,
             remarks,
+            peak_memory,
         } = facts;
         let record = Record {
             key: self.key,
@@ -160,6 +163,7 @@ impl Work<'_> {
             seconds,
             device,
             remarks,
+            peak_memory,
         };
         let record = self.store.put_result(record, replace)?;
         self.store.clear(&self.folder)?;

@@ -1,15 +1,22 @@
 //! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing
 //! of how they came about.
 
+mod consistency;
+mod pictures;
+mod scores;
+
 use std::collections::BTreeMap;
 
-use artifacts_schema::{ArtifactKind, Figures, ImageSet, Metrics, Picture, Row, View};
+use artifacts_schema::{ArtifactKind, Figures, ImageSet, View};
 use compute::resize::{Filter, resize};
-use metrics::{Image, Panel};
-use nerf::Field;
+use nerf::{Field, Rendered};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::consistency::{Shown, warped};
+use self::pictures::{BEHIND, Picked, error_map, side_by_side};
+pub use self::scores::Scored;
+use self::scores::Scores;
 use crate::convert;
 use crate::error::StageError;
 use crate::masked;
@@ -54,47 +61,19 @@ impl Default for Evaluate {
     }
 }
 
-/// What is behind a truth with alpha, and behind the fields that are measured against it: white, as
-/// NeRF-synthetic has it.
-const BEHIND: f32 = 1.0;
+/// The one column that is only this stage's.
+const OWN: (&str, &str) = (
+    "psnr_lr",
+    "PSNR in dB against the low-resolution photos that the field was trained on; higher is better",
+);
 
-/// An image in sRGB-encoded values, interleaved.
-struct Picked {
-    width: usize,
-    height: usize,
-    rgb: Vec<f32>,
-}
-
-impl Picked {
-    fn of(view: &View) -> Self {
-        Self {
-            width: view.camera.width as usize,
-            height: view.camera.height as usize,
-            rgb: convert::srgb_before(view, BEHIND),
-        }
-    }
-
-    /// The image with the truth's own pixels where the truth is masked, so that these do not count.
-    fn masked_by(mut self, truth: &Picked, mask: Option<&[bool]>) -> Self {
-        for (i, _) in mask
-            .into_iter()
-            .flatten()
-            .enumerate()
-            .filter(|(_, counts)| !**counts)
-        {
-            let pixel = 3 * i..3 * i + 3;
-            self.rgb[pixel.clone()].copy_from_slice(&truth.rgb[pixel]);
-        }
-        self
-    }
-
-    fn image(&self) -> Image<'_> {
-        Image::new(self.width, self.height, &self.rgb)
-    }
-}
+/// The rows of the fields, and that of an enlarged render.
+const SR: &str = "sr_nerf";
+const LR: &str = "lr_nerf";
+const BICUBIC: &str = "bicubic";
 
 impl Evaluate {
-    fn render(&self, field: &Field, view: &View) -> Picked {
+    fn render(&self, field: &Field, view: &View) -> Rendered {
         let background = if view.alpha.is_some() {
             [BEHIND; 3]
         } else {
@@ -104,12 +83,25 @@ impl Evaluate {
             supersample: self.supersample,
             background,
         };
-        let image = nerf::render(field, &convert::camera(&view.camera), &options);
-        Picked {
-            width: image.width as usize,
-            height: image.height as usize,
-            rgb: image.rgb,
+        nerf::render(field, &convert::camera(&view.camera), &options)
+    }
+
+    /// The field from all held-out cameras.
+    fn show(
+        &self,
+        field: &Field,
+        truths: &ImageSet,
+        tell: &mut dyn FnMut() -> Result<(), StageError>,
+    ) -> Result<Vec<Shown>, StageError> {
+        let mut shown = Vec::new();
+        for view in &truths.views {
+            shown.push(Shown {
+                camera: convert::camera(&view.camera),
+                image: self.render(field, view),
+            });
+            tell()?;
         }
+        Ok(shown)
     }
 
     /// The field at low resolution, enlarged to the size of `truth` on sRGB values.
@@ -118,7 +110,9 @@ impl Evaluate {
         let planes = (0..3)
             .flat_map(|c| small.rgb.iter().skip(c).step_by(3).copied())
             .collect();
-        let array = io.device.array(&[1, 3, small.height, small.width], planes);
+        let array = io
+            .device
+            .array(&[1, 3, small.height as usize, small.width as usize], planes);
         let height = truth.camera.height as usize;
         let width = truth.camera.width as usize;
         let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
@@ -130,93 +124,21 @@ impl Evaluate {
     }
 }
 
-/// Truth and images side by side, each with its PSNR.
-fn figure(truth: &Picked, images: &[(&str, Picked)]) -> Picture {
-    let psnr = |image: &Picked| format!("{:.2} dB", metrics::psnr(truth.image(), image.image()));
-    let texts: Vec<_> = images
-        .iter()
-        .map(|(name, image)| (name.replace('_', " "), psnr(image)))
-        .collect();
-    let mut panels = vec![Panel {
-        label: "truth",
-        note: "",
-        image: truth.image(),
-    }];
-    for ((label, note), (_, image)) in texts.iter().zip(images) {
-        panels.push(Panel {
-            label,
-            note,
-            image: image.image(),
-        });
-    }
-    let figure = metrics::comparison(&panels);
-    Picture {
-        width: figure.width as u32,
-        height: figure.height as u32,
-        rgb8: figure.rgb8,
-        legend: BTreeMap::new(),
+/// A render as a picture.
+fn picked(image: &Rendered) -> Picked {
+    Picked {
+        width: image.width as usize,
+        height: image.height as usize,
+        rgb: image.rgb.clone(),
     }
 }
 
-/// Rows of a table: by name, then by view, then by metric.
-type Rows = BTreeMap<String, BTreeMap<String, BTreeMap<String, f64>>>;
-
-fn add(rows: &mut Rows, name: &str, view: &View, values: BTreeMap<String, f64>) {
-    rows.entry(name.to_owned())
-        .or_default()
-        .insert(view.name.clone(), values);
-}
-
-/// The figures of one image against the truth.
-fn measure(image: &Picked, truth: &Picked, low: &Picked) -> BTreeMap<String, f64> {
-    let image = image.image();
-    let truth = truth.image();
-    let low = low.image();
-    let values = [
-        ("psnr_hr", Some(metrics::psnr(truth, image))),
-        ("ssim_hr", metrics::ssim(truth, image)),
-        ("niqe_y", metrics::niqe(image).map(|niqe| niqe.value)),
-        (
-            "psnr_lr_consistency",
-            Some(metrics::psnr_lr_consistency(image, low)),
-        ),
-    ];
-    values
-        .into_iter()
-        .filter_map(|(name, value)| Some((name.to_owned(), value?)))
-        .collect()
-}
-
-/// What the columns that occur mean.
-fn definitions(rows: &BTreeMap<String, Row>) -> BTreeMap<String, String> {
-    let ours = (
-        "psnr_lr",
-        "PSNR in dB against the low-resolution photos that the field was trained on; higher is better",
-    );
-    let occurs = |name: &str| rows.values().any(|row| row.mean.contains_key(name));
-    let known = metrics::DEFINITIONS
-        .iter()
-        .chain([&ours])
-        .filter(|(name, _)| occurs(name));
-    known
-        .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
-        .collect()
-}
-
-/// Adds the means over views to a row.
-fn row(views: BTreeMap<String, BTreeMap<String, f64>>) -> Row {
-    let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
-    for (name, value) in views.values().flatten() {
-        let (sum, count) = sums.entry(name.clone()).or_default();
-        (*sum, *count) = (*sum + value, *count + 1.0);
-    }
-    Row {
-        mean: sums
-            .into_iter()
-            .map(|(name, (sum, count))| (name, sum / count))
-            .collect(),
-        views,
-    }
+/// Where a metric stands among others in a table: the most telling first, what is not known here
+/// last.
+pub fn metric_rank(name: &str) -> usize {
+    let known = metrics::DEFINITIONS.iter();
+    let mut names = known.map(|(known, _)| *known);
+    names.position(|known| known == name).unwrap_or(usize::MAX)
 }
 
 impl Stage for Evaluate {
@@ -225,7 +147,7 @@ impl Stage for Evaluate {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -244,15 +166,16 @@ impl Stage for Evaluate {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
+        let port = |name, kind| OutputPort { name, kind };
         vec![
-            OutputPort {
-                name: "metrics",
-                kind: ArtifactKind::Metrics,
-            },
-            OutputPort {
-                name: "figures",
-                kind: ArtifactKind::Figures,
-            },
+            port("metrics", ArtifactKind::Metrics),
+            // Truth and rows side by side.
+            port("figures", ArtifactKind::Figures),
+            // The field as each held-out camera sees it, the photo, and what FLIP sees between the
+            // two.
+            port("renders", ArtifactKind::Figures),
+            port("photos", ArtifactKind::Figures),
+            port("flip", ArtifactKind::Figures),
         ]
     }
 
@@ -268,59 +191,66 @@ impl Stage for Evaluate {
         let truths: ImageSet = io.read("truth")?;
         let lows: ImageSet = io.read("low")?;
         let train: ImageSet = io.read("train")?;
-        let mut rows = Rows::new();
-        let mut figures = Figures {
-            images: BTreeMap::new(),
+        let steps = 3 * truths.views.len() + train.views.len();
+        let mut done = 0;
+        let mut tell = || {
+            done += 1;
+            io.progress(done, steps, &[])
         };
-        for (done, view) in truths.views.iter().enumerate() {
+        let fields = [
+            (SR, self.show(&field, &truths, &mut tell)?),
+            (LR, self.show(&baseline, &truths, &mut tell)?),
+        ];
+        let mut scores = Scores::default();
+        let mut sets: [BTreeMap<_, _>; 4] = Default::default();
+        for (at, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
             let truth = Picked::of(view);
             let mask = view.mask.as_deref();
-            let images = [
-                ("bicubic", self.bicubic(&baseline, low, view, io)),
-                ("lr_nerf", self.render(&baseline, view)),
-                ("sr_nerf", self.render(&field, view)),
-            ]
-            .map(|(name, image)| (name, image.masked_by(&truth, mask)));
-            for (name, image) in &images {
-                add(
-                    &mut rows,
-                    name,
-                    view,
-                    masked::counted(measure(image, &truth, &Picked::of(low)), mask),
-                );
+            let enlarged = self
+                .bicubic(&baseline, low, view, io)
+                .masked_by(&truth, mask);
+            let render = |field: usize| picked(&fields[field].1[at].image).masked_by(&truth, mask);
+            let [sr, lr] = [0, 1].map(render);
+            let low = Picked::of(low);
+            let images = [(BICUBIC, &enlarged), (LR, &lr), (SR, &sr)];
+            for (row, image) in images {
+                let measured = scores.measure(image.image(), truth.image(), low.image());
+                scores.add(row, &view.name, masked::counted(measured, mask));
             }
-            if done < self.figures as usize {
-                figures
-                    .images
-                    .insert(view.name.clone(), figure(&truth, &images));
+            for (row, shown) in &fields {
+                scores.add(row, &view.name, warped(shown, at));
             }
-            io.progress(done + 1, truths.views.len(), &[])?;
+            let no_depth = || Err("an enlarged picture has no depth".to_owned());
+            scores.add(BICUBIC, &view.name, [("psnr_warped", no_depth())]);
+            let mut put = |set: usize, picture| sets[set].insert(view.name.clone(), picture);
+            if at < self.figures as usize {
+                put(0, side_by_side(&truth, &images));
+            }
+            put(1, sr.picture());
+            put(2, truth.picture());
+            put(3, error_map(&truth, &sr));
+            tell()?;
         }
         for view in &train.views {
             let truth = Picked::of(view);
             let mask = view.mask.as_deref();
-            let image = self.render(&baseline, view).masked_by(&truth, mask);
-            let psnr = metrics::psnr(truth.image(), image.image());
-            let values = BTreeMap::from([("psnr_lr".to_owned(), psnr)]);
-            add(
-                &mut rows,
-                "lr_nerf_on_training_views",
-                view,
-                masked::counted(values, mask),
-            );
+            let render = picked(&self.render(&baseline, view)).masked_by(&truth, mask);
+            let psnr = metrics::psnr(truth.image(), render.image());
+            let measured = masked::counted(vec![(OWN.0, Ok(psnr))], mask);
+            scores.add("lr_nerf_on_training_views", &view.name, measured);
+            tell()?;
         }
-        let rows: BTreeMap<_, _> = rows
+        if let Some(warning) = scores.warning() {
+            io.warn(warning);
+        }
+        io.write("metrics", &scores.finish(&[OWN]))?;
+        for (name, images) in ["figures", "renders", "photos", "flip"]
             .into_iter()
-            .map(|(name, views)| (name, row(views)))
-            .collect();
-        io.write(
-            "metrics",
-            &Metrics {
-                definitions: definitions(&rows),
-                rows,
-            },
-        )?;
-        io.write("figures", &figures)
+            .zip(sets)
+        {
+            io.write(name, &Figures { images })?;
+        }
+        Ok(())
     }
 }

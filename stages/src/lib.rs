@@ -33,6 +33,7 @@ pub mod scene;
 pub mod sync;
 
 pub use error::StageError;
+pub use evaluate::metric_rank;
 pub use merge::Merge;
 pub use registry::{AnyStage, KINDS};
 pub use stage::{

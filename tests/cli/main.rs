@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod arms;
 mod checkpoint;
 mod concurrent;
 mod damage;

@@ -32,33 +32,17 @@ fn ran(space: &Space, arguments: &[&str]) -> Value {
 #[test]
 fn every_pipeline_that_ships_can_be_planned() {
     let space = Space::new();
-    for name in ["i3ds", "orbit", "smoke", "paper"] {
+    for name in ["i3ds", "orbit", "smoke", "paper", "disr", "repo"] {
         let plan = space.ok(&["plan", &pipeline(name)]);
         assert!(plan.out.contains("i3ds.1.optimize"), "{name}: {}", plan.out);
     }
+    let plan = space.ok(&["plan", &pipeline("ablation")]);
+    assert!(plan.out.contains("15 arms, "), "{}", plan.out);
     let plan = space.ok(&["plan", &pipeline("object")]);
     assert!(plan.out.contains("evaluate"), "{}", plan.out);
 }
 
-#[test]
-fn a_flight_finds_the_main_job_cached() {
-    let text = |name: &str| std::fs::read_to_string(pipeline(name)).unwrap();
-    let (job, orbit) = (text("i3ds"), text("orbit"));
-    let stages = job
-        .split_once("stages: {")
-        .unwrap()
-        .1
-        .trim_end()
-        .strip_suffix("    },\n)")
-        .unwrap();
-    assert!(
-        orbit.contains(stages),
-        "orbit.ron holds the stages of i3ds.ron, word by word"
-    );
-}
-
-/// Before white, where its photos are transparent, an object's field is as good after
-/// synchronization as before it.
+/// Before white, where its photos are transparent, an object's field is as good after synchronization as before it.
 #[test]
 fn a_transparent_scene_stays_transparent() {
     let space = Space::new();

@@ -1,4 +1,4 @@
-//! PSNR, SSIM, NIQE and consistency, each under an honest name, and the drawing of comparison figures.
+//! PSNR, SSIM, FLIP, SSIMULACRA2, NIQE and consistency, each under an honest name, and the drawing of comparison figures.
 //!
 //! Knows pictures as plain slices of sRGB-encoded numbers. Knows nothing of stages, artefacts, cameras or fields:
 //! whoever calls it decides which pictures may be compared. What each figure measures is told on its function and,
@@ -7,23 +7,28 @@
 mod consistency;
 mod eigen;
 mod figure;
+mod flip;
 mod gaussian;
 mod image;
 mod niqe;
 mod psnr;
 mod ssim;
+mod ssimulacra2;
 mod warp;
 
 pub use consistency::psnr_lr_consistency;
 pub use figure::{Figure, Panel, comparison};
+pub use flip::{Flip, flip};
 pub use image::Image;
 pub use niqe::{Niqe, niqe};
 pub use psnr::{MAX_PSNR, psnr};
 pub use ssim::ssim;
+pub use ssimulacra2::ssimulacra2;
 pub use warp::{Surface, Warped, warped};
 
-/// The columns of a table of metrics: each name with one sentence on what it measures.
-pub const DEFINITIONS: [(&str, &str); 6] = [
+/// The columns of a table of metrics, the most telling first: each name with one sentence on what it measures, which says
+/// `higher is` or `lower is` where one of them is better.
+pub const DEFINITIONS: [(&str, &str); 8] = [
     (
         "psnr_hr",
         "PSNR in dB against a held-out photo: sRGB, all pixels and channels of a view, at most 100; higher is better",
@@ -31,6 +36,14 @@ pub const DEFINITIONS: [(&str, &str); 6] = [
     (
         "ssim_hr",
         "SSIM against a held-out photo: sRGB, 11x11 Gaussian of sigma 1.5, mean over channels; higher is better",
+    ),
+    (
+        "flip_hr",
+        "FLIP against a held-out photo: LDR, 67 pixels per degree, mean of the map, 0 to 1; lower is better",
+    ),
+    (
+        "ssimulacra2_hr",
+        "SSIMULACRA2 against a held-out photo: 100 is identical, 70 is high quality, no floor; higher is better",
     ),
     (
         "niqe_y",

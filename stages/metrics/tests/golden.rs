@@ -1,9 +1,10 @@
-//! PSNR, SSIM and NIQE against scikit-image and BasicSR, on pictures beside `golden/metrics.py`. `niqe` is BasicSR as
+//! PSNR, SSIM and NIQE against scikit-image and BasicSR, on pictures beside `golden/metrics.py`; FLIP against NVIDIA's own
+//! and SSIMULACRA2 against libjxl's, on the same pictures (`golden/perceptual.py`). `niqe` is BasicSR as
 //! published; `niqe_double` is BasicSR with its halving summed in double precision, as ours is.
 
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests too
 
-use metrics::{Image, niqe, psnr, ssim};
+use metrics::{Image, flip, niqe, psnr, ssim, ssimulacra2};
 use serde_json::Value;
 
 /// An RGB8 picture.
@@ -70,6 +71,38 @@ impl Picture {
     }
 }
 
+fn assert_agrees_with_what_people_see(name: &str, truth: Picture) {
+    let golden: Value = serde_json::from_str(include_str!("golden/perceptual.json")).unwrap();
+    let golden = &golden[name];
+    let near = |what: &str, value: f64, expected: &Value, tolerance: f64| {
+        let expected = expected.as_f64().unwrap();
+        assert!(
+            (value - expected).abs() < tolerance,
+            "{name} {what}: {value}, the reference says {expected}"
+        );
+    };
+    let (a, b) = (truth.floats(), truth.degraded().floats());
+    let (a, b) = (truth.image(&a), truth.image(&b));
+    let seen = flip(a, b);
+    near("flip", seen.mean, &golden["flip"], 1e-4);
+    let row = &seen.map[truth.height / 2 * truth.width..][..truth.width];
+    let expected = golden["flip_row"].as_array().unwrap();
+    assert_eq!(expected.len(), row.len().div_ceil(10));
+    for (value, expected) in row.iter().step_by(10).zip(expected) {
+        near("flip in a pixel", f64::from(*value), expected, 1e-3);
+    }
+    let score = ssimulacra2(a, b).unwrap();
+    near("ssimulacra2", score, &golden["ssimulacra2"], 0.02);
+}
+
+#[test]
+fn what_people_see_agrees() {
+    for name in ["skyline", "portrait"] {
+        assert_agrees_with_what_people_see(name, Picture::read(name));
+    }
+    assert_agrees_with_what_people_see("texture", Picture::texture(300, 200));
+}
+
 fn assert_agrees_with_the_references(name: &str, truth: Picture) {
     let golden: Value = serde_json::from_str(include_str!("golden/metrics.json")).unwrap();
     let near = |metric: &str, value: f64, tolerance: f64| {
@@ -120,6 +153,8 @@ fn the_number_of_threads_does_not_change_a_bit() {
             (
                 ssim(a, b).map(f64::to_bits),
                 niqe(a).map(|niqe| niqe.value.to_bits()),
+                flip(a, b).mean.to_bits(),
+                ssimulacra2(a, b).map(f64::to_bits),
             )
         })
     };

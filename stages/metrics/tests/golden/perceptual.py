@@ -1,0 +1,64 @@
+"""Writes perceptual.json: what NVIDIA's FLIP and libjxl's SSIMULACRA2 say of the pictures beside this script.
+
+    python perceptual.py ssimulacra2
+
+needs numpy, Pillow and flip-evaluator; its argument is the program of that name, which libjxl 0.11 has (Debian's
+libjxl-devtools). The pictures and their degraded versions are those of metrics.py.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import flip_evaluator
+import numpy as np
+from PIL import Image
+
+HERE = Path(__file__).parent
+
+
+def read(name):
+    return np.asarray(Image.open(HERE / name).convert("RGB"))
+
+
+def texture(width, height):
+    y, x, c = np.mgrid[0:height, 0:width, 0:3]
+    noise = (x * 7919 + y * 104729 + c * 1299709 + x * y * 31) % 97
+    value = (x * x // 64 + y * 3 + c * 40) % 128 + noise
+    return np.where((x < width // 2) & (y < height // 2), 200, value).astype(np.uint8)
+
+
+def degraded(image):
+    wide = image.astype(np.int64)
+    mixed = (wide + np.roll(wide, 1, axis=1)) // 2
+    return (mixed * 9 // 10 // 8 * 8).astype(np.uint8)
+
+
+def ssimulacra2(program, truth, image):
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [str(Path(folder) / name) for name in ("truth.png", "image.png")]
+        for path, picture in zip(paths, (truth, image)):
+            Image.fromarray(picture).save(path)
+        return float(subprocess.run([program, *paths], check=True, capture_output=True, text=True).stdout)
+
+
+def main(program):
+    pictures = {"skyline": read("skyline.png"), "portrait": read("portrait.png"), "texture": texture(300, 200)}
+    golden = {}
+    for name, truth in pictures.items():
+        image = degraded(truth)
+        floats = [picture.astype(np.float32) / 255 for picture in (truth, image)]
+        error, mean, _ = flip_evaluator.evaluate(*floats, "LDR", inputsRGB=True, applyMagma=False)
+        golden[name] = {
+            "flip": float(mean),
+            # One row of the map through the middle, every tenth pixel.
+            "flip_row": [float(value) for value in error[error.shape[0] // 2, ::10].reshape(-1)],
+            "ssimulacra2": ssimulacra2(program, truth, image),
+        }
+    (HERE / "perceptual.json").write_text(json.dumps(golden, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
