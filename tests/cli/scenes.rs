@@ -194,7 +194,7 @@ fn a_colmap_scene_is_fitted_and_filmed() {
 /// A scene in `mine` whose file is changed, and a pipeline that films it.
 fn changed(change: impl Fn(&mut Value)) -> Space {
     let space = Space::new();
-    exported(&space, "object");
+    exported(&space, "object", 32);
     let path = space.path("mine/transforms_train.json");
     let mut page: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
     change(&mut page);
