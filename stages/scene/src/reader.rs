@@ -240,18 +240,23 @@ pub(crate) fn sift(
 }
 
 fn refuse_twice(path: &Path, photos: &[Posed]) -> Result<(), SceneError> {
-    let names: Vec<String> = photos.iter().map(|posed| posed.name.clone()).collect();
-    let files: Vec<String> = photos
-        .iter()
-        .map(|posed| posed.file.display().to_string())
-        .collect();
-    let twice = source_files::first_twice(&files).or(source_files::first_twice(&names));
+    let mut by_file: Vec<&Posed> = photos.iter().collect();
+    by_file.sort_by(|a, b| a.file.cmp(&b.file));
+    let mut by_name = by_file.clone();
+    by_name.sort_by(|a, b| a.name.cmp(&b.name));
+    let twice = by_file
+        .windows(2)
+        .find(|pair| pair[0].file == pair[1].file)
+        .or_else(|| by_name.windows(2).find(|pair| pair[0].name == pair[1].name));
     match twice {
         None => Ok(()),
-        Some(name) => Err(SceneError::content(
+        Some(pair) => Err(SceneError::content(
             path,
-            format!("the photo {name}"),
-            "has two poses; leave it one",
+            format!("the photo {}", pair[1].file.display()),
+            format!(
+                "has two poses, or its name {} is another's too: leave it one",
+                pair[1].name
+            ),
         )),
     }
 }

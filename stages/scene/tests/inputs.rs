@@ -179,6 +179,7 @@ fn a_byte_order_mark_is_read_over() {
     let folder = capture(|_| {});
     rewrite(&folder, |text| format!("\u{feff}{text}").into_bytes());
     assert_eq!(read(&folder), (9, String::new()));
+    let folder = capture(|_| {});
     rewrite(&folder, |text| {
         let units = text.encode_utf16().flat_map(u16::to_be_bytes);
         [0xFE, 0xFF].into_iter().chain(units).collect()
@@ -285,10 +286,9 @@ fn a_wide_fisheye_is_masked_beyond_its_rim() {
 fn a_box_that_no_camera_sees_is_refused_with_what_to_set() {
     let folder = capture(|page| {
         for_frames(page, |_, frame| {
-            for (row, offset) in [(0, 40.0), (1, 3.0), (2, 25.0)] {
-                let value = frame["transform_matrix"][row][3].as_f64().unwrap();
-                frame["transform_matrix"][row][3] = json!(value + offset);
-            }
+            // Far below the box, and looking down.
+            let height = &mut frame["transform_matrix"][1][3];
+            *height = json!(height.as_f64().unwrap() - 40.0);
         });
     });
     holds(
@@ -296,7 +296,7 @@ fn a_box_that_no_camera_sees_is_refused_with_what_to_set() {
         &[
             "the scene box",
             "is seen by no camera",
-            "(40.00, 3.00, 25.00)",
+            "-40.00",
             "`bounds`",
         ],
     );
@@ -442,18 +442,15 @@ fn a_jpeg_that_was_cut_short_is_refused_by_name() {
     let jpeg = with_orientation(&busy, 1);
     std::fs::write(&path, &jpeg).unwrap();
     assert_eq!(read(&folder).0, 9, "the whole one is read");
-    // Cut at half; and the same with an end put on it.
-    let half = jpeg[..jpeg.len() / 2].to_vec();
-    for bytes in [half.clone(), [&half[..], &[0xFF, 0xD9]].concat()] {
-        std::fs::write(&path, bytes).unwrap();
-        holds(
-            &refusal(&folder),
-            &[
-                "SCENE/images/0003.png: not a readable photo",
-                "copy it again",
-            ],
-        );
-    }
+    std::fs::write(&path, &jpeg[..jpeg.len() / 2]).unwrap();
+    holds(
+        &refusal(&folder),
+        &[
+            "SCENE/images/0003.png: not a readable photo",
+            "it was cut short",
+            "copy it again",
+        ],
+    );
 }
 
 #[test]
@@ -461,7 +458,7 @@ fn exr_tiff_webp_and_deep_pngs_are_read() {
     let linear = Rgb32FImage::from_fn(SIZE.0, SIZE.1, |x, _| {
         Rgb([0.214_041_14, x as f32 / 8.0, 0.0])
     });
-    let deep = image::ImageBuffer::from_fn(SIZE.0, SIZE.1, |_, _| Rgb([32_896u16, 257, 65_535]));
+    let deep = image::ImageBuffer::from_fn(SIZE.0, SIZE.1, |_, _| Rgb([32_900u16, 257, 65_535]));
     let with = |name: &str, save: &dyn Fn(&Path)| {
         let folder = capture(|_| {});
         std::fs::remove_file(folder.path().join("images/0004.png")).unwrap();
@@ -481,7 +478,7 @@ fn exr_tiff_webp_and_deep_pngs_are_read() {
     });
     near(&exr, [0.5, 0.0, 0.0]);
     holds(&notes, &["1 photos hold linear values above 1"]);
-    let deep_values = [32_896.0 / 65_535.0, 257.0 / 65_535.0, 1.0];
+    let deep_values = [32_900.0 / 65_535.0, 257.0 / 65_535.0, 1.0];
     for (name, format) in [
         ("0004.tif", ImageFormat::Tiff),
         ("0004.png", ImageFormat::Png),
