@@ -138,11 +138,12 @@ impl Run {
             .iter()
             .map(|(&at, result)| (context.graph.nodes[at].name.as_str(), result));
         let name = |at: usize| session.graph.nodes[at].name.as_str();
-        let ended: Vec<(&str, End)> = outcome
+        let mut ended: Vec<(&str, End)> = outcome
             .stages
             .iter()
             .map(|(&at, stage)| (name(at), stage.end))
             .collect();
+        ended.sort_by_key(|(name, _)| *name);
         self.sum_up(&record, &ended, results, &store, &view, json)?;
         verdict(&outcome, &session.graph)
     }

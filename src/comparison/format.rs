@@ -33,8 +33,8 @@ impl Comparison {
         let tables = [self.scores(), self.differences(), self.costs()];
         let mut texts: Vec<String> = match format {
             Format::Text => tables.iter().map(|rows| table(rows, true)).collect(),
-            Format::Md => tables.iter().map(|rows| markdown(rows)).collect(),
-            Format::Latex => tables.iter().map(|rows| latex(rows)).collect(),
+            Format::Md => tables.iter().map(markdown).collect(),
+            Format::Latex => tables.iter().map(latex).collect(),
             Format::Csv => return vec![self.csv()],
             Format::Json => {
                 let json = serde_json::to_value(self).unwrap_or_default();
