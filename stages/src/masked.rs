@@ -30,8 +30,6 @@ pub fn counted(scores: Vec<Scored>, mask: Option<&[bool]>) -> Vec<Scored> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
     fn masked_pixels_change_no_score() {
         // Half of the pixels are off by 0.1, the others masked: 20 dB, where the whole image has

@@ -1,9 +1,7 @@
 //! The embedded object: the same bits however it is made, on nothing, seen from all around.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
-use scene::{
-    Photo, Reduction, SceneData, TransformsOptions, downscale, object, transforms, write_transforms,
-};
+use scene::{Photo, Reader, Reduction, SceneData, Transforms, downscale, object, write_transforms};
 
 fn with_threads(threads: usize, make: impl Fn() -> SceneData + Send + Sync) -> SceneData {
     rayon::ThreadPoolBuilder::new()
@@ -116,7 +114,11 @@ fn written_as_nerf_synthetic_it_reads_back_to_the_nearest_eighth_bit() {
     let scene = object(3, (24, 24), 2, 0);
     let folder = tempfile::tempdir().unwrap();
     write_transforms(folder.path(), &scene.photos, &scene.test, scene.bounds).unwrap();
-    let read = transforms(folder.path(), &TransformsOptions::default()).unwrap();
+    let source = Transforms {
+        path: folder.path().to_owned(),
+        ..Transforms::default()
+    };
+    let read = source.read().unwrap();
     assert_eq!(
         (read.bounds, read.photos.len(), read.test.len()),
         (scene.bounds, 3, 1)
