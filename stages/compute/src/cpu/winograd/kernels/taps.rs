@@ -52,9 +52,10 @@ impl TransformTaps<'_> {
             let down: [[V; SIGHT]; 3] = std::array::from_fn(|column| {
                 kernel_transform(std::array::from_fn(|row| tap(row, column)))
             });
+            let row = |line: usize| down.map(|column| column[line]);
             for line in 0..SIGHT {
-                let row = std::array::from_fn(|column| down[column][line]);
-                for (column, value) in kernel_transform(row).into_iter().enumerate() {
+                let along = kernel_transform(row(line));
+                for (column, value) in along.into_iter().enumerate() {
                     let place = (line * SIGHT + column) * self.channels + self.first + channel;
                     value.store(self.spots.as_mut_ptr().add(place * BLOCK + lane));
                 }
