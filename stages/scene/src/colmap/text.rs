@@ -113,7 +113,8 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
     })?;
     if without_points > 0 {
         model.notes.push(format!(
-            "{without_points} of {} records of images.txt have no line of points after them, as COLMAP's format wants it:              they are read as records of one line",
+            "{without_points} of {} records of images.txt have no line of points after them, as COLMAP's format wants it: \
+             they are read as records of one line",
             model.images.len()
         ));
     }
