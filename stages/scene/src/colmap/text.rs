@@ -134,7 +134,7 @@ fn second_line(text: &str) -> Second {
     if text.starts_with('#') {
         return Second::NextImage;
     }
-    if words.len() % 3 == 0 && are_numbers(&words) {
+    if words.len().is_multiple_of(3) && are_numbers(&words) {
         return Second::Points;
     }
     match words.len() >= 10 && are_numbers(&words[..9]) {
