@@ -102,7 +102,7 @@ fn broken_images_are_named_with_the_place() {
     assert!(view(|bytes| bytes.truncate(bytes.len() - 9)).starts_with("view_001.exr: OpenEXR: "));
     assert_eq!(
         view(|bytes| replace(bytes, "R\0\x02", "X\0\x02")),
-        "view_001.exr: channels: are B, G, X; expected B, G, R, perhaps A and Z"
+        "view_001.exr: channels: are B, G, X; expected B, G, R, perhaps A, Z and mask"
     );
     assert_eq!(
         view(|bytes| replace(bytes, "B\0\x02", "B\0\x00")),

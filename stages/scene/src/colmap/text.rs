@@ -113,7 +113,8 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
     })?;
     if without_points > 0 {
         model.notes.push(format!(
-            "{without_points} of {} records of images.txt have no line of points after them, as COLMAP's format wants it:              they are read as records of one line",
+            "{without_points} of {} records of images.txt have no line of points after them, as COLMAP's format wants it: \
+             they are read as records of one line",
             model.images.len()
         ));
     }
@@ -133,7 +134,7 @@ fn second_line(text: &str) -> Second {
     if text.starts_with('#') {
         return Second::NextImage;
     }
-    if words.len() % 3 == 0 && are_numbers(&words) {
+    if words.len().is_multiple_of(3) && are_numbers(&words) {
         return Second::Points;
     }
     match words.len() >= 10 && are_numbers(&words[..9]) {
