@@ -35,6 +35,12 @@ pub fn verdict(comparison: &Comparison) -> String {
         false => format!("It is not the best by {}.", lost.join(", ")),
     });
     sentences.extend(worst(best, first));
+    let all = comparison.arms.len();
+    let silent = comparison.arms.iter().filter(|arm| arm.scores.is_empty());
+    match silent.count() {
+        0 => {}
+        silent => sentences.push(format!("{silent} of {all} arms have no scores.")),
+    }
     sentences.join(" ")
 }
 
