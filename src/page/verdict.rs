@@ -46,7 +46,8 @@ pub fn verdict(comparison: &Comparison) -> String {
 
 fn won(best: &Scored, second: Option<&Scored>, metric: &Metric) -> String {
     let mean = |arm: &Scored| arm.scores.get(&metric.name).map_or(0.0, |score| score.mean);
-    let (name, value) = (&metric.name, figure(mean(best)));
+    let name = &metric.name;
+    let value = figure(mean(best));
     let ahead = second.and_then(|second| Some((second, best.ahead_of(second, metric)?)));
     let Some((second, ahead)) = ahead else {
         return format!("{} has the best {name}: {value}.", best.name);
