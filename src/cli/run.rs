@@ -344,8 +344,8 @@ fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -
 
 /// The words that this process was started with, as a shell would read them.
 fn command_line() -> String {
-    let words: Vec<String> = std::env::args().collect();
-    quote::command(&words)
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    quote::command(&words.collect::<Vec<_>>())
 }
 
 /// The threads that stages share; as many as there are cores where `threads` is 0.

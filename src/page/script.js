@@ -5,9 +5,13 @@
   const element = (id) => document.getElementById(id);
   if (!data.views.length || !data.arms.length) return;
 
-  const baseline = Math.max(0, data.arms.findIndex((arm) => arm.name === data.baseline));
+  // An arm whose stages have not run has no pictures.
+  const seen = data.arms.map((arm, number) => number).filter((number) => data.arms[number].renders.some(Boolean));
+  if (!seen.length) return;
+  const first = seen.find((number) => data.arms[number].name === data.baseline) ?? seen[0];
+  const other = seen.find((number) => number !== first) ?? first;
   const state = {
-    view: 0, a: baseline, b: baseline === 0 ? data.arms.length - 1 : 0, mode: "image",
+    view: 0, a: first, b: other, mode: "image",
     exposure: 0, zoom: 1, x: 0.5, y: 0.5, wipe: 0.5,
   };
 
@@ -112,6 +116,7 @@
     const cell = document.createElement("button");
     cell.type = "button";
     cell.className = "cell";
+    cell.disabled = !seen.includes(number);
     const canvas = document.createElement("canvas");
     const caption = document.createElement("span");
     cell.append(canvas, caption);
@@ -128,6 +133,7 @@
       waiting = false;
       const a = content(state.a);
       const b = content(state.b);
+      if (!a) main.getContext("2d").clearRect(0, 0, main.width, main.height);
       if (a) {
         main.style.setProperty("--ratio", a.width / a.height);
         fit(main, a);
@@ -135,7 +141,7 @@
         if (b && state.a !== state.b) wipe(b);
       }
       cells.forEach(({ canvas }, number) => {
-        const source = content(number);
+        const source = seen.includes(number) && content(number);
         if (source) {
           fit(canvas, source);
           paint(canvas, source);
@@ -201,6 +207,9 @@
   choices("view", data.views.map((view) => view.name), "view");
   choices("a", data.arms.map((arm) => arm.name), "a");
   choices("b", data.arms.map((arm) => arm.name), "b");
+  for (const id of ["a", "b"]) {
+    [...element(id).options].forEach((option, number) => { option.disabled = !seen.includes(number); });
+  }
   for (const mode of ["reference", "difference", "flip"]) {
     element(mode).addEventListener("click", () => toggle(mode));
   }
@@ -222,7 +231,7 @@
       "]": () => set({ exposure: Math.min(3, state.exposure + 0.25) }),
       ArrowLeft: () => step(-1), ArrowRight: () => step(1),
     };
-    const action = number >= 1 && number <= Math.min(9, data.arms.length)
+    const action = number >= 1 && number <= 9 && seen.includes(number - 1)
       ? () => set({ a: number - 1 }) : actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (action) {
       action();

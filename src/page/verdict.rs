@@ -35,12 +35,19 @@ pub fn verdict(comparison: &Comparison) -> String {
         false => format!("It is not the best by {}.", lost.join(", ")),
     });
     sentences.extend(worst(best, first));
+    let all = comparison.arms.len();
+    let silent = comparison.arms.iter().filter(|arm| arm.scores.is_empty());
+    match silent.count() {
+        0 => {}
+        silent => sentences.push(format!("{silent} of {all} arms have no scores.")),
+    }
     sentences.join(" ")
 }
 
 fn won(best: &Scored, second: Option<&Scored>, metric: &Metric) -> String {
     let mean = |arm: &Scored| arm.scores.get(&metric.name).map_or(0.0, |score| score.mean);
-    let (name, value) = (&metric.name, figure(mean(best)));
+    let name = &metric.name;
+    let value = figure(mean(best));
     let ahead = second.and_then(|second| Some((second, best.ahead_of(second, metric)?)));
     let Some((second, ahead)) = ahead else {
         return format!("{} has the best {name}: {value}.", best.name);

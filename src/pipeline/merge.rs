@@ -70,6 +70,5 @@ fn identity(node: &Node) -> String {
         .iter()
         .map(|wire| format!("{}={}.{}", wire.input, wire.from, wire.output));
     let wires = wires.collect::<Vec<_>>().join(",");
-    let (kind, seed) = (node.stage.kind(), node.seed);
-    format!("{kind} {seed} {params} {wires}")
+    format!("{} {} {params} {wires}", node.stage.kind(), node.seed)
 }

@@ -55,15 +55,17 @@ def click_through(page):
     main_canvas.focus()
     for key in ("r", "r", "d", "d", "f", "f", "]", "0", "+", "0"):
         changes(f"key {key}", lambda: page.keyboard.press(key))
-    cells = page.locator(".cell").count()
-    for number in range(1, min(9, cells) + 1):
-        page.keyboard.press(str(number))
+    # Arms that have not run are there, but have nothing to show.
+    cells = page.locator(".cell").all()
+    seen = [number for number, cell in enumerate(cells) if cell.is_enabled()]
+    for number in seen[:9]:
+        page.keyboard.press(str(number + 1))
         page.wait_for_timeout(50)
-        assert page.input_value("#a") == str(number - 1)
-    page.locator(".cell").last.click()
-    assert page.input_value("#a") == str(cells - 1)
-    page.locator(".cell").first.click(modifiers=["Shift"])
-    assert page.input_value("#b") == "0"
+        assert page.input_value("#a") == str(number)
+    cells[seen[-1]].click()
+    assert page.input_value("#a") == str(seen[-1])
+    cells[seen[0]].click(modifiers=["Shift"])
+    assert page.input_value("#b") == str(seen[0])
     view = page.input_value("#view")
     main_canvas.focus()
     page.keyboard.press("ArrowRight")

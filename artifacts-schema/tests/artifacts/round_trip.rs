@@ -32,6 +32,17 @@ fn every_kind_comes_back() {
     comes_back(samples::film());
 }
 
+/// Why a metric is missing is told and is content; where nothing is missing, nothing is told.
+#[test]
+fn what_metrics_lack_comes_back_with_its_reason() {
+    let whole = samples::metrics();
+    let mut lacking = whole.clone();
+    let reason = ("niqe".to_owned(), "the pictures are too small".to_owned());
+    lacking.absent.insert("vsd".into(), [reason].into());
+    assert_ne!(lacking.semantic_digest(), whole.semantic_digest());
+    comes_back(lacking);
+}
+
 #[test]
 fn tensors_come_back_bit_by_bit_with_nan_and_negative_zero() {
     let field = samples::field();
