@@ -1,4 +1,5 @@
-//! What every artifact type can do: be written, be read, and say what it is by a digest of its content.
+//! What every artifact type can do: be written, be read, and say what it is by a digest of its
+//! content.
 
 use std::fmt;
 use std::path::Path;
@@ -75,21 +76,23 @@ pub trait Artifact: Sized {
     /// Its type.
     const KIND: ArtifactKind;
 
-    /// Writes its files into `folder`, which is created. Equal content and equal provenance give equal bytes.
+    /// Writes its files into `folder`, which is created. Equal content and equal provenance give
+    /// equal bytes.
     ///
     /// # Errors
-    /// Content that has no form on disk (a value without a number, two views of one name), or a file system that
-    /// refuses.
+    /// Content that has no form on disk (a value without a number, two views of one name), or a
+    /// file system that refuses.
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError>;
 
     /// Reads what [`Artifact::write`] wrote.
     ///
     /// # Errors
-    /// Files that are missing, cut off or otherwise not what was written. Never panics, whatever the files hold.
+    /// Files that are missing, cut off or otherwise not what was written. Never panics, whatever
+    /// the files hold.
     fn read(folder: &Path) -> Result<Self, SchemaError>;
 
-    /// The digest of names, shapes, values and cameras: not of provenance, nor of the files' layout.
-    /// All NaNs count as one, and -0.0 as 0.0.
+    /// The digest of names, shapes, values and cameras: not of provenance, nor of the files'
+    /// layout. All NaNs count as one, and -0.0 as 0.0.
     fn semantic_digest(&self) -> Digest;
 }
 

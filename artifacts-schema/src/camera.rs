@@ -9,7 +9,8 @@ use crate::error::SchemaError;
 /// Images are at most this wide and high.
 const LARGEST_EXTENT: u32 = 1 << 16;
 
-/// OpenCV's lens distortion, in focal lengths with y down: radial and tangential, or its fisheye; all zero is a pinhole.
+/// OpenCV's lens distortion, in focal lengths with y down: radial and tangential, or its fisheye;
+/// all zero is a pinhole.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Distortion {
@@ -47,7 +48,8 @@ impl Distortion {
         *self == Self::default()
     }
 
-    /// All coefficients, in the order of the fields, and 1 for a fisheye; the last four only where one of them is not 0.
+    /// All coefficients, in the order of the fields, and 1 for a fisheye; the last four only where
+    /// one of them is not 0.
     pub(crate) fn coefficients(&self) -> Vec<f64> {
         let first = [self.k1, self.k2, self.k3, self.p1, self.p2];
         let fisheye = f64::from(u8::from(self.fisheye));
@@ -59,7 +61,8 @@ impl Distortion {
     }
 }
 
-/// A camera. Lengths in the image are in pixels; pixel (0, 0) has its centre at (0.5, 0.5), y points down.
+/// A camera. Lengths in the image are in pixels; pixel (0, 0) has its centre at (0.5, 0.5), y
+/// points down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Camera {
     /// Width of the image.
@@ -86,7 +89,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Refuses sizes that no image has, numbers that JSON cannot hold, and poses that cannot be inverted.
+    /// Refuses sizes that no image has, numbers that JSON cannot hold, and poses that cannot be
+    /// inverted.
     pub(crate) fn check(&self, place: &str) -> Result<(), SchemaError> {
         let extents = 1..=LARGEST_EXTENT;
         if !extents.contains(&self.width) || !extents.contains(&self.height) {

@@ -1,5 +1,5 @@
-//! What all codecs share: JSON in one form only (sorted keys, shortest numbers that read back exactly), and names that
-//! are safe as file names.
+//! What all codecs share: JSON in one form only (sorted keys, shortest numbers that read back
+//! exactly), and names that are safe as file names.
 
 use std::path::Path;
 
@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use crate::error::SchemaError;
 
-/// No deflate stream (PNG, zip in EXR) unpacks to more than this many times its length: what bounds a reader's
-/// allocations.
+/// No deflate stream (PNG, zip in EXR) unpacks to more than this many times its length: what bounds
+/// a reader's allocations.
 pub const LARGEST_COMPRESSION_RATIO: u64 = 1032;
 
 /// The one JSON value of `content`, keys sorted.

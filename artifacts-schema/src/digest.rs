@@ -1,6 +1,7 @@
 //! BLAKE3 digests, and the one way in which content is fed to them.
 //!
-//! Everything is preceded by its length, so that no two contents share a preimage. Knows nothing of files.
+//! Everything is preceded by its length, so that no two contents share a preimage. Knows nothing of
+//! files.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -167,7 +168,8 @@ impl ContentHasher {
         }
     }
 
-    /// Which pixels count; nothing where all do, so that the digest is that of the days before there were masks.
+    /// Which pixels count; nothing where all do, so that the digest is that of the days before
+    /// there were masks.
     pub fn mask(&mut self, mask: Option<&[bool]>) {
         if let Some(mask) = mask {
             let bytes: Vec<u8> = mask.iter().map(|counts| u8::from(*counts)).collect();

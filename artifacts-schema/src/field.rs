@@ -1,5 +1,5 @@
-//! A radiance field: its hash tables, networks and occupancy grid as tensors of one safetensors file. Knows not what
-//! they mean.
+//! A radiance field: its hash tables, networks and occupancy grid as tensors of one safetensors
+//! file. Knows not what they mean.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! Pictures for people: one PNG each. The provenance is a text chunk of each, and in a file beside them.
+//! Pictures for people: one PNG each. The provenance is a text chunk of each, and in a file beside
+//! them.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -32,17 +33,16 @@ pub struct Picture {
     pub height: u32,
     /// Height x width x 3, sRGB.
     pub rgb8: Vec<u8>,
-    /// What the colours mean, where they are no photo's: texts of the PNG file by keyword, in Latin-1.
+    /// What the colours mean, where they are no photo's: texts of the PNG file by keyword, in
+    /// Latin-1.
     pub legend: BTreeMap<String, String>,
 }
 
 impl Picture {
     fn encode(&self, name: &str, provenance: &str) -> Result<Vec<u8>, SchemaError> {
         let refuse = |problem: String| SchemaError::content(format!("picture {name:?}"), problem);
-        let (count, expected) = (
-            self.rgb8.len() as u64,
-            3 * u64::from(self.width) * u64::from(self.height),
-        );
+        let count = self.rgb8.len() as u64;
+        let expected = 3 * u64::from(self.width) * u64::from(self.height);
         if count != expected {
             return Err(refuse(format!("has {count} bytes; expected {expected}")));
         }
@@ -152,7 +152,8 @@ impl Artifact for Figures {
             hasher.count(picture.height as usize);
             hasher.bytes(&picture.rgb8);
         }
-        // Behind everything, so that pictures without legends keep the digests of the days before there were any.
+        // Behind everything, so that pictures without legends keep the digests of the days before
+        // there were any.
         for (name, picture) in self
             .images
             .iter()

@@ -1,5 +1,5 @@
-//! Moving pictures for people: one GIF each, with the provenance in a file beside them. Knows nothing of how they are
-//! made.
+//! Moving pictures for people: one GIF each, with the provenance in a file beside them. Knows
+//! nothing of how they are made.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -18,7 +18,8 @@ const TRAILER: u8 = 0x3b;
 /// Moving pictures for people.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Film {
-    /// Whole GIF files by their stem. A GIF has 256 colours a frame: it shows the frames, and does not hold them.
+    /// Whole GIF files by their stem. A GIF has 256 colours a frame: it shows the frames, and does
+    /// not hold them.
     pub clips: BTreeMap<String, Vec<u8>>,
 }
 

@@ -25,7 +25,8 @@ pub struct View {
     pub alpha: Option<Vec<f32>>,
     /// Height x width, depth along the viewing axis in scene units.
     pub depth: Option<Vec<f32>>,
-    /// Height x width, which pixels count where some do not: what is masked is neither trained on nor measured.
+    /// Height x width, which pixels count where some do not: what is masked is neither trained on
+    /// nor measured.
     pub mask: Option<Vec<bool>>,
 }
 
@@ -36,8 +37,8 @@ pub struct ImageSet {
     pub views: Vec<View>,
     /// The scene box: its lower and its upper corner.
     pub bounds: [[f64; 3]; 2],
-    /// Rows of the similarity that takes the scene's coordinates to those of the files that it was read from; `None` where
-    /// they are the same.
+    /// Rows of the similarity that takes the scene's coordinates to those of the files that it was
+    /// read from; `None` where they are the same.
     pub to_source: Option<[[f64; 4]; 4]>,
 }
 

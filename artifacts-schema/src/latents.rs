@@ -1,5 +1,5 @@
-//! Latent images of a VAE, and the residuals that an optimisation adds to them: one safetensors file, one tensor per
-//! view.
+//! Latent images of a VAE, and the residuals that an optimisation adds to them: one safetensors
+//! file, one tensor per view.
 
 use std::collections::BTreeMap;
 use std::path::Path;

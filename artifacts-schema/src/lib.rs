@@ -1,6 +1,7 @@
 //! What lies on disk: one file per artifact type, its codec and its semantic digest.
 //!
-//! Knows files, units and conventions (`docs/artifacts.md`); knows nothing of stages, keys or the store.
+//! Knows files, units and conventions (`docs/artifacts.md`); knows nothing of stages, keys or the
+//! store.
 
 pub mod artifact;
 pub mod camera;

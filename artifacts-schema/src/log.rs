@@ -1,4 +1,5 @@
-//! What happened while a stage ran: `log.jsonl`, one JSON object per line, with the provenance in a file beside it.
+//! What happened while a stage ran: `log.jsonl`, one JSON object per line, with the provenance in a
+//! file beside it.
 
 use std::path::Path;
 

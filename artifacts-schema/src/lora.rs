@@ -1,5 +1,5 @@
-//! Low-rank weights in the diffusers/PEFT layout, and beside them the camera embedding, which that layout has no place
-//! for.
+//! Low-rank weights in the diffusers/PEFT layout, and beside them the camera embedding, which that
+//! layout has no place for.
 //!
 //! The paper writes W + AB; its A is `lora_B` here (up), its B is `lora_A` (down).
 
@@ -28,7 +28,8 @@ pub struct Lora {
     pub rank: usize,
     /// The numerator of the scale.
     pub alpha: f64,
-    /// `unet.<module path>.lora_A.weight` (down: rank x in) and `unet.<module path>.lora_B.weight` (up: out x rank).
+    /// `unet.<module path>.lora_A.weight` (down: rank x in) and `unet.<module path>.lora_B.weight`
+    /// (up: out x rank).
     pub tensors: BTreeMap<String, Tensor>,
     /// The layers that embed the camera, by name; empty if there are none.
     pub camera: BTreeMap<String, Tensor>,

@@ -19,7 +19,8 @@ const FILE: &str = "metrics.json";
 pub struct Metrics {
     /// What was scored, by name: an arm, a baseline.
     pub rows: BTreeMap<String, Row>,
-    /// What each metric is, by name: its definition, range and which way is better (`higher is`, `lower is`).
+    /// What each metric is, by name: its definition, range and which way is better (`higher is`,
+    /// `lower is`).
     pub definitions: BTreeMap<String, String>,
     /// Why a row has no value of a metric that was asked for: by row, then by metric.
     pub absent: BTreeMap<String, BTreeMap<String, String>>,
@@ -119,7 +120,8 @@ impl Artifact for Metrics {
             hasher.text(metric);
             hasher.text(definition);
         }
-        // Metrics that lack nothing keep the digest that they had before there was anything to lack.
+        // Metrics that lack nothing keep the digest that they had before there was anything to
+        // lack.
         for (row, reasons) in &self.absent {
             hasher.text(row);
             hasher.count(reasons.len());

@@ -1,10 +1,11 @@
-//! One view as one OpenEXR file: float channels R, G, B (A) (Z) (mask), scene-linear Rec.709, and the camera in the standard
-//! attributes.
+//! One view as one OpenEXR file: float channels R, G, B (A) (Z) (mask), scene-linear Rec.709, and
+//! the camera in the standard attributes.
 //!
-//! The `exr` crate writes custom attributes in random order, so that there is one per list: `srnerf`, the provenance as
-//! canonical JSON, among the layer's attributes, and `colorInteropID` among the image's.
-//! The camera in the file is a single-precision copy for viewers; `transforms.json` holds the exact one. OpenEXR has no
-//! attribute for lens distortion: it stands in `srnerf` as well, under `distortion`.
+//! The `exr` crate writes custom attributes in random order, so that there is one per list:
+//! `srnerf`, the provenance as canonical JSON, among the layer's attributes, and `colorInteropID`
+//! among the image's. The camera in the file is a single-precision copy for viewers;
+//! `transforms.json` holds the exact one. OpenEXR has no attribute for lens distortion: it stands
+//! in `srnerf` as well, under `distortion`.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -92,7 +93,8 @@ fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, SchemaErr
         SchemaError::content("provenance", "holds characters that OpenEXR cannot")
     })?;
     let world_to_camera = world_to_camera(camera);
-    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let width = f64::from(camera.width);
+    let height = f64::from(camera.height);
     let off_center = [
         (width / 2.0 - camera.cx) / camera.fl_x,
         (camera.cy - height / 2.0) / camera.fl_y,
@@ -123,10 +125,11 @@ fn world_to_camera(camera: &Camera) -> DMat4 {
             .inverse()
 }
 
-/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w; z, which readers
-/// discard, is 1/depth.
+/// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w;
+/// z, which readers discard, is 1/depth.
 fn camera_to_ndc(camera: &Camera) -> DMat4 {
-    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let width = f64::from(camera.width);
+    let height = f64::from(camera.height);
     DMat4::from_cols_array_2d(&[
         [camera.fl_x / width, 0.0, 0.0, 0.0],
         [0.0, -camera.fl_y / height, 0.0, 0.0],
@@ -171,18 +174,17 @@ fn view(
             _ => None,
         })
         .collect();
-    let (red, green, blue) = (
-        planes.remove("R")?,
-        planes.remove("G")?,
-        planes.remove("B")?,
-    );
+    let red = planes.remove("R")?;
+    let green = planes.remove("G")?;
+    let blue = planes.remove("B")?;
     let rgb: Vec<[f32; 3]> = red
         .into_iter()
         .zip(green)
         .zip(blue)
         .map(|((r, g), b)| [r, g, b])
         .collect();
-    let (alpha, depth) = (planes.remove("A"), planes.remove("Z"));
+    let alpha = planes.remove("A");
+    let depth = planes.remove("Z");
     let mask = planes
         .remove(MASK)
         .map(|values| values.iter().map(|value| *value > 0.5).collect());
@@ -196,7 +198,8 @@ fn view(
     })
 }
 
-/// Refuses a header that does not describe the view, by place and problem, before anything is allocated for its pixels.
+/// Refuses a header that does not describe the view, by place and problem, before anything is
+/// allocated for its pixels.
 fn check(
     headers: &[Header],
     camera: &Camera,

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 /// The file that holds it where the artifact's own files have no room for metadata.
 pub(crate) const FILE: &str = "provenance.json";
 
-/// Where an artifact comes from. It goes into the files' metadata as one canonical JSON text, and into no semantic
-/// digest: the same result by another way is the same artifact.
+/// Where an artifact comes from. It goes into the files' metadata as one canonical JSON text, and
+/// into no semantic digest: the same result by another way is the same artifact.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Provenance {
     /// The program and its version.

@@ -21,7 +21,8 @@ impl Tensor {
         if count == Some(self.values.len()) {
             return Ok(());
         }
-        let (shape, len) = (&self.shape, self.values.len());
+        let shape = &self.shape;
+        let len = self.values.len();
         Err(SchemaError::content(
             place,
             format!("{len} values do not fill the shape {shape:?}"),

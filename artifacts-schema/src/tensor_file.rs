@@ -1,7 +1,7 @@
 //! safetensors files: f32 tensors and string metadata, in one order only.
 //!
-//! The `safetensors` crate reads; it writes its metadata in random order, so the header is written here.
-//! Knows nothing of what the tensors mean.
+//! The `safetensors` crate reads; it writes its metadata in random order, so the header is written
+//! here. Knows nothing of what the tensors mean.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! `transforms.json`: the cameras of an image set, as nerfstudio and instant-ngp read them. It is exact: every number
-//! is the shortest text that reads back as the same f64. Knows no pixels.
+//! `transforms.json`: the cameras of an image set, as nerfstudio and instant-ngp read them. It is
+//! exact: every number is the shortest text that reads back as the same f64. Knows no pixels.
 
 use std::path::Path;
 
@@ -17,13 +17,13 @@ pub const FILE: &str = "transforms.json";
 /// The file.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Transforms {
-    /// `OPENCV`: a pinhole camera, with lens distortion where a lens has coefficients; `OPENCV_FISHEYE` where all are
-    /// fisheyes.
+    /// `OPENCV`: a pinhole camera, with lens distortion where a lens has coefficients;
+    /// `OPENCV_FISHEYE` where all are fisheyes.
     pub camera_model: String,
     /// The scene box: its lower and its upper corner.
     pub aabb: [[f64; 3]; 2],
-    /// Rows of the similarity that takes these coordinates to those of the files that the scene was read from; none where
-    /// they are the same.
+    /// Rows of the similarity that takes these coordinates to those of the files that the scene was
+    /// read from; none where they are the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to_source: Option<[[f64; 4]; 4]>,
     /// What all cameras share; empty if they differ.
@@ -84,7 +84,8 @@ pub struct Lens {
     /// Lens distortion, second tangential coefficient; none for a pinhole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p2: Option<f64>,
-    /// Lens distortion below the line, of r², or a fisheye's fourth coefficient; none for most lenses.
+    /// Lens distortion below the line, of r², or a fisheye's fourth coefficient; none for most
+    /// lenses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub k4: Option<f64>,
     /// Lens distortion below the line, of r⁴; none for most lenses.

@@ -1,5 +1,5 @@
-//! Any bytes as the three files of a COLMAP reconstruction, binary or text, beside one photo: a scene, or one error.
-//! The first byte says which format, the next two where the files part.
+//! Any bytes as the three files of a COLMAP reconstruction, binary or text, beside one photo: a
+//! scene, or one error. The first byte says which format, the next two where the files part.
 #![no_main]
 
 use std::sync::LazyLock;

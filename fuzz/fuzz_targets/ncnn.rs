@@ -1,4 +1,5 @@
-//! Any bytes as an ncnn pair, the graph up to the first zero, the weights behind it: read, or refused with one error.
+//! Any bytes as an ncnn pair, the graph up to the first zero, the weights behind it: read, or
+//! refused with one error.
 #![no_main]
 
 use compute::Device;

@@ -1,5 +1,5 @@
-//! Any bytes as a photo of any format (PNG, JPEG, WebP, TIFF or EXR, by their first bytes), and as its mask: a scene, or one
-//! error. The first byte says where the two part.
+//! Any bytes as a photo of any format (PNG, JPEG, WebP, TIFF or EXR, by their first bytes), and as
+//! its mask: a scene, or one error. The first byte says where the two part.
 #![no_main]
 
 use std::sync::LazyLock;

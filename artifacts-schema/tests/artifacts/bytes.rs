@@ -1,4 +1,5 @@
-//! Equal content and equal provenance give equal files, in any process and on any number of threads.
+//! Equal content and equal provenance give equal files, in any process and on any number of
+//! threads.
 
 use std::process::Command;
 
@@ -32,7 +33,8 @@ fn equal_artifacts_of_two_processes_are_equal_files() {
     if let Some(folder) = std::env::var_os(FOLDER) {
         return samples::write_all(folder.as_ref(), &samples::provenance()).unwrap();
     }
-    let (here, there) = (tempdir().unwrap(), tempdir().unwrap());
+    let here = tempdir().unwrap();
+    let there = tempdir().unwrap();
     samples::write_all(here.path(), &samples::provenance()).unwrap();
     let child = Command::new(std::env::current_exe().unwrap())
         .args([
@@ -49,12 +51,14 @@ fn equal_artifacts_of_two_processes_are_equal_files() {
 
 #[test]
 fn provenance_changes_the_files() {
-    let (one, other) = (tempdir().unwrap(), tempdir().unwrap());
+    let one = tempdir().unwrap();
+    let other = tempdir().unwrap();
     let mut provenance = samples::provenance();
     samples::write_all(one.path(), &provenance).unwrap();
     provenance.key = "00".repeat(32);
     samples::write_all(other.path(), &provenance).unwrap();
-    let (one, other) = (samples::files(one.path()), samples::files(other.path()));
+    let one = samples::files(one.path());
+    let other = samples::files(other.path());
     for file in [
         "images/view_000.exr",
         "images/transforms.json",

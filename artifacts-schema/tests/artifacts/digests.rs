@@ -38,7 +38,8 @@ fn the_digest_of_a_folder_is_that_of_what_was_written() {
     );
 }
 
-/// Stored results are found by these digests: if this test fails, raise the version in the digests' domain.
+/// Stored results are found by these digests: if this test fails, raise the version in the digests'
+/// domain.
 #[test]
 fn digests_are_the_same_as_ever() {
     let root = tempdir().unwrap();
@@ -64,7 +65,8 @@ const GOLDEN: [&str; 9] = [
 
 #[test]
 fn provenance_does_not_count() {
-    let (one, other) = (tempdir().unwrap(), tempdir().unwrap());
+    let one = tempdir().unwrap();
+    let other = tempdir().unwrap();
     samples::write_all(one.path(), &samples::provenance()).unwrap();
     samples::write_all(other.path(), &Provenance::default()).unwrap();
     assert_eq!(digests(one.path()), digests(other.path()));

@@ -1,5 +1,5 @@
-//! What artifacts promise: they come back exactly, equal ones are equal files, digests see content only, and no file
-//! makes a reader panic.
+//! What artifacts promise: they come back exactly, equal ones are equal files, digests see content
+//! only, and no file makes a reader panic.
 
 #![allow(clippy::unwrap_used)] // A test may panic.
 

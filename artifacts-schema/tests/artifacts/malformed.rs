@@ -120,7 +120,8 @@ fn broken_images_are_named_with_the_place() {
 fn an_absurd_size_is_refused_though_both_files_agree() {
     let root = samples_on_disk();
     let folder = root.path().join("images");
-    let (transforms, view) = (folder.join("transforms.json"), folder.join("view_000.exr"));
+    let transforms = folder.join("transforms.json");
+    let view = folder.join("view_000.exr");
     let text = std::fs::read_to_string(&transforms).unwrap();
     std::fs::write(&transforms, text.replace("\"w\": 5", "\"w\": 60000")).unwrap();
     let mut bytes = std::fs::read(&view).unwrap();
@@ -136,7 +137,8 @@ fn an_absurd_size_is_refused_though_both_files_agree() {
     );
 }
 
-/// Sets the right end of a window attribute: name, type `box2i`, length, then left, top, right, bottom.
+/// Sets the right end of a window attribute: name, type `box2i`, length, then left, top, right,
+/// bottom.
 fn widen(bytes: &mut [u8], window: &str, right: i32) {
     let start = [window.as_bytes(), b"\0box2i\0\x10\0\0\0"].concat();
     let at = bytes
@@ -234,8 +236,8 @@ fn damaged(bytes: &[u8], cut: Option<Index>, edits: &[(Index, u8)]) -> Vec<u8> {
 }
 
 proptest! {
-    /// A panic fails the test; an error, or content that happens to be sound, does not. `PROPTEST_CASES=100000` for
-    /// more.
+    /// A panic fails the test; an error, or content that happens to be sound, does not.
+    /// `PROPTEST_CASES=100000` for more.
     #[test]
     fn no_damage_makes_a_reader_panic(
         file in any::<Index>(),

@@ -52,7 +52,8 @@ fn matrices_are_left_handed_row_vector_and_upper_left() {
         [0.5, 0.25, 2.0]
     ));
 
-    // By hand: x = cx + fl_x 0.5 / 2, y = cy - fl_y 0.25 / 2, as fractions of width and height; then 1 / depth.
+    // By hand: x = cx + fl_x 0.5 / 2, y = cy - fl_y 0.25 / 2, as fractions of width and height;
+    // then 1 / depth.
     let x = (2.4 + 6.1 * 0.25) / 5.0;
     let y = (2.1 - 0.125 / 0.17) / 4.0;
     assert!(close(transform(right_up_ahead, world_to_ndc), [x, y, 0.5]));

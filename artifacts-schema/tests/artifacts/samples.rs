@@ -32,7 +32,8 @@ pub fn provenance() -> Provenance {
 
 /// Stands at (1, 2, 3), turned by 30 degrees about y, its principal point off the centre.
 pub fn camera() -> Camera {
-    let (sin, cos) = (0.5, 3f64.sqrt() / 2.0);
+    let sin = 0.5;
+    let cos = 3f64.sqrt() / 2.0;
     Camera {
         width: 5,
         height: 4,

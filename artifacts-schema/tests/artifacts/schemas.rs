@@ -1,4 +1,5 @@
-//! The JSON Schemas of the crate's folder `schemas` are those of its types, and describe what its codecs write.
+//! The JSON Schemas of the crate's folder `schemas` are those of its types, and describe what its
+//! codecs write.
 //!
 //! `UPDATE=1 cargo test -p artifacts-schema schemas` rewrites them.
 

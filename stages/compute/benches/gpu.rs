@@ -1,9 +1,12 @@
-//! The main operators on a GPU, on the shapes of the x4 upscaler: what each gives the device to do, how long it takes,
-//! and how that compares with the roofline, the time that the arithmetic or the memory would take alone.
+//! The main operators on a GPU, on the shapes of the x4 upscaler: what each gives the device to do,
+//! how long it takes, and how that compares with the roofline, the time that the arithmetic or the
+//! memory would take alone.
 //!
-//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`: GPU is the number that `srnerf-dag doctor` gives an adapter, by default
-//! the first that is hardware; PEAK the GPU's GFLOP/s and GB/s by its data sheet, by default those of a GeForce RTX
-//! 4090. With GPU=counts nothing runs, and only what would be done is printed; for that a driver of software is enough.
+//! `make bench-gpu [GPU=1] [PEAK=82600,1008]`: GPU is the number that `srnerf-dag doctor` gives an
+//! adapter, by default the first that is hardware; PEAK the GPU's GFLOP/s and GB/s by its data
+//! sheet, by default those of a GeForce RTX
+//! 4090. With GPU=counts nothing runs, and only what would be done is printed; for that a driver of
+//!       software is enough.
 
 use std::time::Instant;
 
@@ -40,7 +43,8 @@ impl Bench {
         let before = self.counts();
         work();
         let done = self.counts() - before;
-        let (operations, bytes) = (done.operations as f64 * 1e-9, done.bytes as f64 * 1e-9);
+        let operations = done.operations as f64 * 1e-9;
+        let bytes = done.bytes as f64 * 1e-9;
         let roof = 1e3 * (operations / self.peak.operations).max(bytes / self.peak.bytes);
         print!(
             "| {name} | {} | {operations:.2} | {:.1} | {roof:.3} |",
@@ -72,11 +76,9 @@ impl Bench {
     }
 
     fn linear(&self, [rows, k, m]: [usize; 3]) {
-        let (x, w, dy) = (
-            self.array(&[rows, k]),
-            self.array(&[m, k]),
-            self.array(&[rows, m]),
-        );
+        let x = self.array(&[rows, k]);
+        let w = self.array(&[m, k]);
+        let dy = self.array(&[rows, m]);
         self.row(&format!("linear {rows}x{k}-{m}"), || linear(&x, &w, None));
         self.row("its gradient to the input", || {
             linear_backward_input(&dy, &w)
@@ -89,11 +91,9 @@ impl Bench {
     }
 
     fn conv(&self, c: usize, o: usize, side: usize) {
-        let (x, w, dy) = (
-            self.array(&[1, c, side, side]),
-            self.array(&[o, c, 3, 3]),
-            self.array(&[1, o, side, side]),
-        );
+        let x = self.array(&[1, c, side, side]);
+        let w = self.array(&[o, c, 3, 3]);
+        let dy = self.array(&[1, o, side, side]);
         self.row(&format!("3x3 convolution {c}-{o}, {side}x{side}"), || {
             conv2d(&x, &w, None, Conv::padded(1))
         });
@@ -115,7 +115,8 @@ impl Bench {
     }
 
     fn others(&self, c: usize, side: usize) {
-        let (x, gamma) = (self.array(&[1, c, side, side]), self.array(&[c]));
+        let x = self.array(&[1, c, side, side]);
+        let gamma = self.array(&[c]);
         let silu = Activation::Silu;
         self.row(&format!("group norm and SiLU {c}, {side}x{side}"), || {
             group_norm(&x, &gamma, &gamma, 32, 1e-5, silu)

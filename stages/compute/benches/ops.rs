@@ -1,9 +1,10 @@
-//! The time of the main operators on the shapes of the diffusion networks, in milliseconds: the least of some runs,
-//! since other programs only ever add to it.
-//! With `PYTHON` naming an interpreter that has torch, PyTorch's time on the same shapes stands beside it (`ops.py`),
-//! and the ratio: below 1 we are faster.
+//! The time of the main operators on the shapes of the diffusion networks, in milliseconds: the
+//! least of some runs, since other programs only ever add to it. With `PYTHON` naming an
+//! interpreter that has torch, PyTorch's time on the same shapes stands beside it (`ops.py`), and
+//! the ratio: below 1 we are faster.
 //!
-//! `cargo bench -p compute [-- first word of a name ..]`. Two threads, unless `RAYON_NUM_THREADS` says otherwise.
+//! `cargo bench -p compute [-- first word of a name ..]`. Two threads, unless `RAYON_NUM_THREADS`
+//! says otherwise.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -41,7 +42,8 @@ impl Bench {
     /// Notes the least time of `work`, over at least three runs and a quarter of a second.
     fn time<T>(&mut self, name: &str, mut work: impl FnMut() -> T) {
         black_box(work());
-        let (start, mut times) = (Instant::now(), Vec::new());
+        let start = Instant::now();
+        let mut times = Vec::new();
         while times.len() < 3 || (start.elapsed().as_secs_f64() < 0.25 && times.len() < 100) {
             let begin = Instant::now();
             black_box(work());
@@ -52,24 +54,24 @@ impl Bench {
     }
 
     fn matmul(&mut self, [m, k, n]: [usize; 3]) {
-        let (a, b) = (noise(1, &[m, k]), noise(2, &[k, n]));
+        let a = noise(1, &[m, k]);
+        let b = noise(2, &[k, n]);
         if !self.wants("matmul") {
             return;
         }
         self.time(&format!("matmul {m}x{k}x{n}"), || matmul::matmul(&a, &b));
     }
 
-    /// A linear layer over `tokens`, forward and backward to its input; to its weight if that is an adapter's.
+    /// A linear layer over `tokens`, forward and backward to its input; to its weight if that is an
+    /// adapter's.
     fn linear(&mut self, [tokens, k, m]: [usize; 3]) {
         let name = format!("linear {tokens}x{k}-{m}");
         if !self.wants(&name) {
             return;
         }
-        let (x, w, dy) = (
-            noise(1, &[tokens, k]),
-            noise(2, &[m, k]),
-            noise(3, &[tokens, m]),
-        );
+        let x = noise(1, &[tokens, k]);
+        let w = noise(2, &[m, k]);
+        let dy = noise(3, &[tokens, m]);
         self.time(&format!("{name} forward"), || linear::linear(&x, &w, None));
         self.time(&format!("{name} input"), || {
             linear::linear_backward_input(&dy, &w)
@@ -99,10 +101,8 @@ impl Bench {
         if !self.wants(&name) {
             return;
         }
-        let (x, weight) = (
-            noise(1, &[batch, c, size, size]),
-            noise(2, &[o, c, kernel, kernel]),
-        );
+        let x = noise(1, &[batch, c, size, size]);
+        let weight = noise(2, &[o, c, kernel, kernel]);
         let dy = conv2d(&x, &weight, None, conv);
         self.time(&format!("{name} forward"), || {
             conv2d(&x, &weight, None, conv)
@@ -138,19 +138,20 @@ impl Bench {
         if !self.wants("norm") {
             return;
         }
-        let (x, dy) = (noise(1, &extents), noise(2, &extents));
-        let (gamma, beta) = (noise(3, &[c]), noise(4, &[c]));
-        let (act, name) = (Activation::Silu, format!("{batch}x{c} {size}x{size}"));
+        let x = noise(1, &extents);
+        let dy = noise(2, &extents);
+        let gamma = noise(3, &[c]);
+        let beta = noise(4, &[c]);
+        let act = Activation::Silu;
+        let name = format!("{batch}x{c} {size}x{size}");
         self.time(&format!("group_norm_silu {name} forward"), || {
             group_norm(&x, &gamma, &beta, groups, 1e-5, act)
         });
         self.time(&format!("group_norm_silu {name} backward"), || {
             group_norm_backward(&x, &gamma, &beta, groups, 1e-5, act, &dy)
         });
-        let (x, dy) = (
-            x.reshape(&[batch * size * size, c]),
-            dy.reshape(&[batch * size * size, c]),
-        );
+        let x = x.reshape(&[batch * size * size, c]);
+        let dy = dy.reshape(&[batch * size * size, c]);
         self.time(&format!("layer_norm {name} forward"), || {
             layer_norm(&x, &gamma, &beta, 1e-5)
         });
@@ -163,7 +164,8 @@ impl Bench {
         if !self.wants("map") {
             return;
         }
-        let (x, y) = (noise(1, &[1024, 4096]), noise(2, &[1024, 4096]));
+        let x = noise(1, &[1024, 4096]);
+        let y = noise(2, &[1024, 4096]);
         let half = noise(3, &[1024, 2048]);
         self.time("map: add 1024x4096", || elementwise::add(&x, &y));
         self.time("map: silu 1024x4096", || activation::silu(&x));
@@ -191,7 +193,8 @@ impl Bench {
         });
     }
 
-    /// The upscaler at 64x64 latents, then tiny-x4 at 32x32 with a batch of four, then their autoencoders.
+    /// The upscaler at 64x64 latents, then tiny-x4 at 32x32 with a batch of four, then their
+    /// autoencoders.
     fn all(&mut self) {
         self.matmul([1024, 1024, 1024]);
         for extents in [
@@ -237,7 +240,8 @@ impl Bench {
     }
 }
 
-/// What `ops.py` prints for the same names: milliseconds by name, and a line on versions and threads.
+/// What `ops.py` prints for the same names: milliseconds by name, and a line on versions and
+/// threads.
 fn torch(python: &str, wanted: &[String]) -> (BTreeMap<String, f64>, String) {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/ops.py");
     let output = Command::new(python)

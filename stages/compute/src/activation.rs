@@ -1,5 +1,5 @@
-//! Nonlinearities, with the gradients of those that are trained through. All work element by element; only the gated one
-//! knows an axis, the last, and [`prelu`] the channels of images.
+//! Nonlinearities, with the gradients of those that are trained through. All work element by
+//! element; only the gated one knows an axis, the last, and [`prelu`] the channels of images.
 
 use crate::array::{Array, nchw, vector};
 use crate::cpu;
@@ -18,7 +18,8 @@ pub fn silu_backward(x: &Array, dy: &Array) -> Array {
     binary("silu_backward", Binary::SiluSlope, x, dy)
 }
 
-/// `x Phi(x)` with the exact distribution function `Phi`, not its tanh approximation (Hendrycks and Gimpel 2016).
+/// `x Phi(x)` with the exact distribution function `Phi`, not its tanh approximation (Hendrycks and
+/// Gimpel 2016).
 pub fn gelu(x: &Array) -> Array {
     unary(Unary::Gelu, x)
 }
@@ -82,8 +83,8 @@ fn gated_shape(op: &str, x: &Array) -> Vec<usize> {
     shape
 }
 
-/// `a gelu(b)` where `a` and `b` are the first and second half of the last axis of `x [.., 2C]`: `[.., C]`.
-/// Shazeer 2020, equation 6, with the halves in diffusers' order.
+/// `a gelu(b)` where `a` and `b` are the first and second half of the last axis of `x [.., 2C]`:
+/// `[.., C]`. Shazeer 2020, equation 6, with the halves in diffusers' order.
 pub fn geglu(x: &Array) -> Array {
     let shape = gated_shape("geglu", x);
     match x.device().backend() {
@@ -110,7 +111,8 @@ pub fn geglu_backward(x: &Array, dy: &Array) -> Array {
             cpu::activation::geglu_backward(x.host(), dy.host(), dy.last()),
         ),
         Backend::Gpu(gpu) => {
-            let (values, dy_values) = (x.device_buffer(), dy.device_buffer());
+            let values = x.device_buffer();
+            let dy_values = dy.device_buffer();
             Array::on_gpu(
                 gpu,
                 x.shape(),

@@ -1,4 +1,5 @@
-//! The Adam optimiser. It knows one parameter array at a time and keeps its moments in a state beside it.
+//! The Adam optimiser. It knows one parameter array at a time and keeps its moments in a state
+//! beside it.
 
 use crate::array::{Array, same_shape};
 use crate::cpu;
@@ -67,7 +68,8 @@ pub(crate) struct Step {
     pub keep: f32,
 }
 
-/// One step of Adam on `parameter`, in place; `step` counts from 1. Kingma and Ba 2014, algorithm 1.
+/// One step of Adam on `parameter`, in place; `step` counts from 1. Kingma and Ba 2014, algorithm
+/// 1.
 pub fn update(
     adam: &Adam,
     parameter: &mut Array,

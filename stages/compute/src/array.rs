@@ -1,4 +1,5 @@
-//! The one data type: a contiguous row-major `f32` array. It knows its shape and its device, not what its axes mean.
+//! The one data type: a contiguous row-major `f32` array. It knows its shape and its device, not
+//! what its axes mean.
 
 use std::fmt;
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! Multi-head scaled dot-product attention and its gradients, in memory linear in the number of tokens. It knows
-//! projected queries, keys and values, not where they come from.
+//! Multi-head scaled dot-product attention and its gradients, in memory linear in the number of
+//! tokens. It knows projected queries, keys and values, not where they come from.
 
 use crate::array::{Array, same_shape};
 use crate::cpu;
@@ -11,7 +11,8 @@ use crate::gpu;
 pub struct Attended {
     /// The attended values `[N, T, heads * d]`.
     pub out: Array,
-    /// For each query, the logarithm of the sum of the exponentials of its scaled scores, `[N, T, heads]`.
+    /// For each query, the logarithm of the sum of the exponentials of its scaled scores, `[N, T,
+    /// heads]`.
     pub lse: Array,
 }
 
@@ -60,9 +61,9 @@ fn extents(op: &str, q: &Array, k: &Array, v: &Array, heads: usize, causal: bool
     }
 }
 
-/// `softmax(q k^T / sqrt(d)) v` for each head; queries `[N, T, heads * d]`, keys and values `[N, S, heads * d]`.
-/// If `causal`, query `t` sees the keys up to and including `t` only.
-/// Vaswani et al. 2017, equation 1; tiled as in Dao 2023 (FlashAttention-2), algorithm 1.
+/// `softmax(q k^T / sqrt(d)) v` for each head; queries `[N, T, heads * d]`, keys and values `[N, S,
+/// heads * d]`. If `causal`, query `t` sees the keys up to and including `t` only. Vaswani et al.
+/// 2017, equation 1; tiled as in Dao 2023 (FlashAttention-2), algorithm 1.
 pub fn attention(q: &Array, k: &Array, v: &Array, heads: usize, causal: bool) -> Attended {
     let extents = extents("attention", q, k, v, heads, causal);
     match q.device().backend() {
@@ -86,8 +87,8 @@ pub fn attention(q: &Array, k: &Array, v: &Array, heads: usize, causal: bool) ->
     }
 }
 
-/// The gradients of [`attention`] to its queries, keys and values, given the gradient `dout` to its output.
-/// The scores are computed again, tile by tile. Dao 2023, algorithm 2.
+/// The gradients of [`attention`] to its queries, keys and values, given the gradient `dout` to its
+/// output. The scores are computed again, tile by tile. Dao 2023, algorithm 2.
 pub fn attention_backward(
     q: &Array,
     k: &Array,

@@ -1,5 +1,5 @@
-//! Two-dimensional convolution (cross-correlation, as networks mean it) and its gradients. It knows images as
-//! `[N, C, H, W]` and weights as `[O, C, kh, kw]`.
+//! Two-dimensional convolution (cross-correlation, as networks mean it) and its gradients. It knows
+//! images as `[N, C, H, W]` and weights as `[O, C, kh, kw]`.
 
 use crate::array::{Array, nchw, vector};
 use crate::cpu;

@@ -49,8 +49,8 @@ impl Device {
         }
     }
 
-    /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is hardware. A fault of a GPU
-    /// in use, such as full memory, unwinds to the nearest [`attempt`].
+    /// Opens a GPU: the one that [`Device::adapters`] numbers `index`, or the first that is
+    /// hardware. A fault of a GPU in use, such as full memory, unwinds to the nearest [`attempt`].
     pub fn gpu(index: Option<usize>) -> Result<Device, GpuError> {
         Ok(Device {
             backend: Backend::Gpu(Arc::new(Gpu::open(index, None)?)),
@@ -64,8 +64,8 @@ impl Device {
         })
     }
 
-    /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows that there is no
-    /// such hardware, no driver is asked.
+    /// The first GPU that is hardware and can run our kernels, else the CPU. Where the system shows
+    /// that there is no such hardware, no driver is asked.
     pub fn auto() -> Device {
         if gpu::adapter::hardware_is_likely() {
             Device::gpu(None).unwrap_or(Device::cpu())
@@ -106,13 +106,15 @@ impl Device {
         Some(self.open_gpu()?.tuning().to_string())
     }
 
-    /// Takes the tiles that [`Device::tuning`] told of, on the same adapter. Whether the text was one.
+    /// Takes the tiles that [`Device::tuning`] told of, on the same adapter. Whether the text was
+    /// one.
     pub fn tune(&self, text: &str) -> bool {
         let found = self.open_gpu().zip(Tuning::read(text));
         found.inspect(|(gpu, tuning)| gpu.tune(*tuning)).is_some()
     }
 
-    /// Tries which tiles are the fastest, in a second or so on hardware, and takes them. No result depends on it.
+    /// Tries which tiles are the fastest, in a second or so on hardware, and takes them. No result
+    /// depends on it.
     pub fn measure(&self) -> Result<(), GpuError> {
         let Some(gpu) = self.open_gpu() else {
             return Ok(());
@@ -149,7 +151,8 @@ impl Device {
         }
     }
 
-    /// The vector instructions that kernels use: `"portable"`, `"avx2"` or `"avx512"`; `"wgsl"` on a GPU.
+    /// The vector instructions that kernels use: `"portable"`, `"avx2"` or `"avx512"`; `"wgsl"` on
+    /// a GPU.
     pub fn instructions(&self) -> &'static str {
         match self.backend {
             Backend::Cpu => cpu::simd::Level::current().name(),
@@ -169,7 +172,8 @@ impl Device {
         }
     }
 
-    /// Moves `values` (row-major) to this device. Panics if their number is not the product of `shape`.
+    /// Moves `values` (row-major) to this device. Panics if their number is not the product of
+    /// `shape`.
     pub fn array(&self, shape: &[usize], values: Vec<f32>) -> Array {
         match &self.backend {
             Backend::Cpu => Array::on_cpu(shape, values),

@@ -70,7 +70,8 @@ pub fn scaled_sum(terms: &[(f32, &Array)]) -> Array {
 
 /// `x [N, C, H, W]` with `bias [N, C]` added to every pixel.
 pub fn add_channels(x: &Array, bias: &Array) -> Array {
-    let ([n, c, h, w], per_image) = (nchw("add_channels", x), matrix("add_channels", bias));
+    let [n, c, h, w] = nchw("add_channels", x);
+    let per_image = matrix("add_channels", bias);
     assert_eq!(
         [n, c],
         per_image,

@@ -1,5 +1,5 @@
-//! The functions of one or two numbers that every back end has kernels for. Operators name them; a back end matches on
-//! them, so that a new one cannot be forgotten. They know single elements only.
+//! The functions of one or two numbers that every back end has kernels for. Operators name them; a
+//! back end matches on them, so that a new one cannot be forgotten. They know single elements only.
 
 /// A function of one element `x`.
 #[derive(Clone, Copy, Debug, PartialEq)]

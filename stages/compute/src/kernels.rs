@@ -1,5 +1,5 @@
-//! What other crates write kernels of their own with: an open GPU, its buffers, and WGSL that is expanded from
-//! templates.
+//! What other crates write kernels of their own with: an open GPU, its buffers, and WGSL that is
+//! expanded from templates.
 
 pub use crate::gpu::context::{Gpu, Job, Requested};
 pub use crate::gpu::kernel::Kernel;

@@ -89,7 +89,8 @@ pub fn linear_backward_input(dy: &Array, weight: impl Into<Weight>) -> Array {
     }
 }
 
-/// The gradient of [`linear`] to its weight: the transpose of `dy [.., M]` times `x [.., K]`, `[M, K]`.
+/// The gradient of [`linear`] to its weight: the transpose of `dy [.., M]` times `x [.., K]`, `[M,
+/// K]`.
 pub fn linear_backward_weight(x: &Array, dy: &Array) -> Array {
     assert_eq!(
         rows(x),
@@ -98,7 +99,8 @@ pub fn linear_backward_weight(x: &Array, dy: &Array) -> Array {
         x.shape(),
         dy.shape()
     );
-    let (m, k) = (dy.last(), x.last());
+    let m = dy.last();
+    let k = x.last();
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(
             &[m, k],

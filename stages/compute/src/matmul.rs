@@ -7,7 +7,8 @@ use crate::gpu;
 
 /// `a b` for `a [M, K]` and `b [K, N]`, giving `[M, N]`.
 pub fn matmul(a: &Array, b: &Array) -> Array {
-    let ([m, k], [k2, n]) = (matrix("matmul", a), matrix("matmul", b));
+    let [m, k] = matrix("matmul", a);
+    let [k2, n] = matrix("matmul", b);
     assert_eq!(k, k2, "matmul: {:?} times {:?}", a.shape(), b.shape());
     match a.device().backend() {
         Backend::Cpu => Array::on_cpu(&[m, n], cpu::linear::matmul(a.host(), b.host(), [m, k, n])),

@@ -1,5 +1,5 @@
-//! Group and layer normalisation with their gradients to the input. The scale and shift (`gamma`, `beta`) are frozen
-//! weights here: nothing in this crate differentiates to them.
+//! Group and layer normalisation with their gradients to the input. The scale and shift (`gamma`,
+//! `beta`) are frozen weights here: nothing in this crate differentiates to them.
 
 use crate::array::{Array, same_shape, vector};
 use crate::cpu;
@@ -44,8 +44,9 @@ fn groups_of(op: &str, x: &Array, gamma: &Array, groups: usize, eps: f32) -> Gro
     }
 }
 
-/// Normalises each of `groups` groups of channels of `x [N, C, ..]` to mean 0 and variance 1, scales and shifts by
-/// `gamma [C]`, `beta [C]`, and applies `activation`. Wu and He 2018, equations 1 to 7.
+/// Normalises each of `groups` groups of channels of `x [N, C, ..]` to mean 0 and variance 1,
+/// scales and shifts by `gamma [C]`, `beta [C]`, and applies `activation`. Wu and He 2018,
+/// equations 1 to 7.
 pub fn group_norm(
     x: &Array,
     gamma: &Array,
@@ -62,7 +63,8 @@ pub fn group_norm(
             cpu::norm::group(x.host(), gamma.host(), beta.host(), extents, activation),
         ),
         Backend::Gpu(gpu) => {
-            let (values, weights) = (x.device_buffer(), [gamma, beta].map(Array::device_buffer));
+            let values = x.device_buffer();
+            let weights = [gamma, beta].map(Array::device_buffer);
             Array::on_gpu(
                 gpu,
                 x.shape(),
@@ -87,7 +89,8 @@ pub fn group_norm_backward(
     same_shape("group_norm_backward", x, dy);
     match x.device().backend() {
         Backend::Cpu => {
-            let (gamma, beta) = (gamma.host(), beta.host());
+            let gamma = gamma.host();
+            let beta = beta.host();
             Array::on_cpu(
                 x.shape(),
                 cpu::norm::group_backward(x.host(), gamma, beta, extents, activation, dy.host()),
@@ -105,8 +108,8 @@ pub fn group_norm_backward(
     }
 }
 
-/// Normalises the last axis of `x [.., C]` to mean 0 and variance 1, then scales and shifts by `gamma [C]`, `beta [C]`.
-/// Ba et al. 2016, equation 4.
+/// Normalises the last axis of `x [.., C]` to mean 0 and variance 1, then scales and shifts by
+/// `gamma [C]`, `beta [C]`. Ba et al. 2016, equation 4.
 pub fn layer_norm(x: &Array, gamma: &Array, beta: &Array, eps: f32) -> Array {
     vector("layer_norm", "gamma", gamma, x.last());
     vector("layer_norm", "beta", beta, x.last());
@@ -116,7 +119,8 @@ pub fn layer_norm(x: &Array, gamma: &Array, beta: &Array, eps: f32) -> Array {
             cpu::norm::layer(x.host(), gamma.host(), beta.host(), eps),
         ),
         Backend::Gpu(gpu) => {
-            let (values, weights) = (x.device_buffer(), [gamma, beta].map(Array::device_buffer));
+            let values = x.device_buffer();
+            let weights = [gamma, beta].map(Array::device_buffer);
             Array::on_gpu(
                 gpu,
                 x.shape(),
@@ -136,7 +140,8 @@ pub fn layer_norm_backward(x: &Array, gamma: &Array, eps: f32, dy: &Array) -> Ar
             cpu::norm::layer_backward(x.host(), gamma.host(), eps, dy.host()),
         ),
         Backend::Gpu(gpu) => {
-            let (inputs, gamma) = ([x, dy].map(Array::device_buffer), gamma.device_buffer());
+            let inputs = [x, dy].map(Array::device_buffer);
+            let gamma = gamma.device_buffer();
             Array::on_gpu(
                 gpu,
                 x.shape(),

@@ -1,5 +1,6 @@
-//! Resampling images by separable filters, with gradients. It knows pixel centres at half-integers and the conventions
-//! of PyTorch and Pillow; it knows no colour space, so give it linear light where that matters.
+//! Resampling images by separable filters, with gradients. It knows pixel centres at half-integers
+//! and the conventions of PyTorch and Pillow; it knows no colour space, so give it linear light
+//! where that matters.
 
 use std::f64::consts::PI;
 
@@ -15,7 +16,8 @@ pub enum Filter {
     Nearest,
     /// The triangle.
     Bilinear,
-    /// Keys' cubic (1981) with a = -0.75, edges repeated: PyTorch's `bicubic`. Antialiased, PyTorch takes a = -0.5.
+    /// Keys' cubic (1981) with a = -0.75, edges repeated: PyTorch's `bicubic`. Antialiased, PyTorch
+    /// takes a = -0.5.
     BicubicTorch,
     /// Keys' cubic with a = -0.5, windows cut and renormalised at the edges: Pillow's `BICUBIC`.
     BicubicPil,
@@ -37,7 +39,8 @@ pub(crate) struct Window {
     pub weights: Vec<f32>,
 }
 
-/// Resamples `x [N, C, H, W]` to `height` by `width`. `antialias` widens the filter's support where the image shrinks.
+/// Resamples `x [N, C, H, W]` to `height` by `width`. `antialias` widens the filter's support where
+/// the image shrinks.
 pub fn resize(x: &Array, height: usize, width: usize, filter: Filter, antialias: bool) -> Array {
     let [n, c, h, w] = nchw("resize", x);
     assert!(
@@ -66,7 +69,8 @@ pub fn resize(x: &Array, height: usize, width: usize, filter: Filter, antialias:
     }
 }
 
-/// The gradient of [`resize`] from images of `h_in` by `w_in`, given the gradient `dy` to its output.
+/// The gradient of [`resize`] from images of `h_in` by `w_in`, given the gradient `dy` to its
+/// output.
 pub fn resize_backward(
     dy: &Array,
     h_in: usize,
@@ -155,7 +159,8 @@ impl Filter {
 
 /// Every pixel that the output pixel touches, with equal weights.
 fn area(i: usize, from: usize, to: usize) -> Window {
-    let (first, end) = (i * from / to, ((i + 1) * from).div_ceil(to));
+    let first = i * from / to;
+    let end = ((i + 1) * from).div_ceil(to);
     Window {
         first,
         weights: vec![1.0 / (end - first) as f32; end - first],
@@ -204,8 +209,8 @@ fn renormalised(
 }
 
 impl Taps {
-    /// The taps of the adjoint map, back to `from` inputs. Windows advance monotonically, so the outputs that see one
-    /// input are contiguous too.
+    /// The taps of the adjoint map, back to `from` inputs. Windows advance monotonically, so the
+    /// outputs that see one input are contiguous too.
     fn transposed(&self, from: usize) -> Taps {
         let mut windows = vec![
             Window {

@@ -1,5 +1,6 @@
-//! Random numbers as pure functions of (seed, domain, step, element): a counter-based generator has no state to save,
-//! and any thread may draw any. Philox4x32-10, Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3".
+//! Random numbers as pure functions of (seed, domain, step, element): a counter-based generator has
+//! no state to save, and any thread may draw any. Philox4x32-10, Salmon et al. 2011, "Parallel
+//! random numbers: as easy as 1, 2, 3".
 
 use rayon::prelude::*;
 

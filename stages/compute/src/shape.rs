@@ -152,7 +152,8 @@ pub fn upsample_nearest_backward(dy: &Array, factor: usize) -> Array {
         "upsample_nearest_backward: {:?} by {factor}",
         dy.shape()
     );
-    let (h, w) = (h / factor, w / factor);
+    let h = h / factor;
+    let w = w / factor;
     match dy.device().backend() {
         Backend::Cpu => Array::on_cpu(
             &[n, c, h, w],
@@ -166,16 +167,14 @@ pub fn upsample_nearest_backward(dy: &Array, factor: usize) -> Array {
     }
 }
 
-/// Groups of `factor^2` neighbouring channels laid out as blocks of pixels, row by row: `[N, C factor^2, H, W]` as
-/// `[N, C, H factor, W factor]` (Shi et al. 2016), PyTorch's `pixel_shuffle`.
+/// Groups of `factor^2` neighbouring channels laid out as blocks of pixels, row by row: `[N, C
+/// factor^2, H, W]` as `[N, C, H factor, W factor]` (Shi et al. 2016), PyTorch's `pixel_shuffle`.
 pub fn pixel_shuffle(x: &Array, factor: usize) -> Array {
     let [n, c, h, w] = nchw("pixel_shuffle", x);
     let whole = factor > 0 && c % (factor * factor) == 0;
     assert!(whole, "pixel_shuffle: {:?} by {factor}", x.shape());
-    let (shape, planes) = (
-        [n, c / (factor * factor), h * factor, w * factor],
-        n * c / (factor * factor),
-    );
+    let shape = [n, c / (factor * factor), h * factor, w * factor];
+    let planes = n * c / (factor * factor);
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(
             &shape,
@@ -194,7 +193,8 @@ pub fn pixel_unshuffle(x: &Array, factor: usize) -> Array {
     let [n, c, h, w] = nchw("pixel_unshuffle", x);
     let whole = factor > 0 && h % factor == 0 && w % factor == 0;
     assert!(whole, "pixel_unshuffle: {:?} by {factor}", x.shape());
-    let (h, w) = (h / factor, w / factor);
+    let h = h / factor;
+    let w = w / factor;
     let shape = [n, c * factor * factor, h, w];
     match x.device().backend() {
         Backend::Cpu => Array::on_cpu(
@@ -209,8 +209,8 @@ pub fn pixel_unshuffle(x: &Array, factor: usize) -> Array {
     }
 }
 
-/// `x [N, C, H, W]` continued by mirroring at its edge pixels, `pad` = `[top, bottom, left, right]` pixels wide.
-/// Each must be less than the image's extent that way.
+/// `x [N, C, H, W]` continued by mirroring at its edge pixels, `pad` = `[top, bottom, left, right]`
+/// pixels wide. Each must be less than the image's extent that way.
 pub fn pad_reflect(x: &Array, pad: [usize; 4]) -> Array {
     let [n, c, h, w] = nchw("pad_reflect", x);
     let [top, bottom, left, right] = pad;
@@ -228,7 +228,8 @@ pub fn pad_reflect(x: &Array, pad: [usize; 4]) -> Array {
     }
 }
 
-/// The window of `height` by `width` pixels of `x [N, C, H, W]` whose first pixel is (`top`, `left`).
+/// The window of `height` by `width` pixels of `x [N, C, H, W]` whose first pixel is (`top`,
+/// `left`).
 pub fn crop(x: &Array, top: usize, left: usize, height: usize, width: usize) -> Array {
     nchw("crop", x);
     slice(&slice(x, 2, top, height), 3, left, width)

@@ -1,17 +1,17 @@
-//! The GPU that tests use, of this crate and of those that bring kernels of their own, and the mishaps that it may
-//! have. It knows no operator.
+//! The GPU that tests use, of this crate and of those that bring kernels of their own, and the
+//! mishaps that it may have. It knows no operator.
 
 use crate::{Device, GpuError};
 
-/// The first adapter, opened anew, so that its counts are the caller's own. Without one the caller skips its test,
-/// which is said on stderr; where tests must not do without (`SRNERF_REQUIRE_GPU` is set, as by `make test`), it
-/// panics.
+/// The first adapter, opened anew, so that its counts are the caller's own. Without one the caller
+/// skips its test, which is said on stderr; where tests must not do without (`SRNERF_REQUIRE_GPU`
+/// is set, as by `make test`), it panics.
 pub fn gpu() -> Option<Device> {
     or_skip(Device::gpu(Some(0)))
 }
 
-/// The same as a weak adapter, whose kernels see no more than `window` bytes of an array at once and name no numbers of
-/// 16 bits.
+/// The same as a weak adapter, whose kernels see no more than `window` bytes of an array at once
+/// and name no numbers of 16 bits.
 pub fn weak_gpu(window: u64) -> Option<Device> {
     or_skip(Device::weak_gpu(Some(0), window))
 }

@@ -1,5 +1,5 @@
-//! Frozen weights: `f32` arrays, or 16-bit numbers that operators widen piece by piece. It knows how numbers are
-//! stored, not what a weight is for.
+//! Frozen weights: `f32` arrays, or 16-bit numbers that operators widen piece by piece. It knows
+//! how numbers are stored, not what a weight is for.
 
 use std::fmt;
 use std::ops::Range;
@@ -39,17 +39,18 @@ pub enum Precision {
     /// In `f32`.
     #[default]
     F32,
-    /// Both factors rounded to bf16, their products summed in `f32`: an error of about 2e-3 of the result's norm. With
-    /// AVX-512 BF16 that is the processor's dot product; elsewhere it is as exact, and no faster than `f32`. 3x3
-    /// convolutions that Winograd's filtering suits stay in `f32`, which is faster still.
+    /// Both factors rounded to bf16, their products summed in `f32`: an error of about 2e-3 of the
+    /// result's norm. With AVX-512 BF16 that is the processor's dot product; elsewhere it is as
+    /// exact, and no faster than `f32`. 3x3 convolutions that Winograd's filtering suits stay in
+    /// `f32`, which is faster still.
     Bf16,
 }
 
 /// Bytes that outlive the weights cut from them: a memory map, or a vector.
 pub type SharedBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
 
-/// An immutable weight, in row-major order. A clone shares the numbers. Operators that take `impl Into<Weight>` also
-/// take `&Array` and `&Weight`.
+/// An immutable weight, in row-major order. A clone shares the numbers. Operators that take `impl
+/// Into<Weight>` also take `&Array` and `&Weight`.
 #[derive(Clone)]
 pub struct Weight {
     shape: Arc<[usize]>,
@@ -150,8 +151,9 @@ impl Weight {
         Weight { precision, ..self }
     }
 
-    /// The same weight of a 3x3 convolution, whose transforms the CPU keeps once it has needed them: for networks that
-    /// run often, and can spare four times what the numbers take in `f32`. Clones share them.
+    /// The same weight of a 3x3 convolution, whose transforms the CPU keeps once it has needed
+    /// them: for networks that run often, and can spare four times what the numbers take in `f32`.
+    /// Clones share them.
     pub fn keeping_transforms(self) -> Weight {
         Weight {
             transformed: Some(Arc::default()),
@@ -196,7 +198,8 @@ impl Weight {
         }
     }
 
-    /// The values for GPU kernels only; at the first call, they are copied to the device in the format that they have.
+    /// The values for GPU kernels only; at the first call, they are copied to the device in the
+    /// format that they have.
     pub(crate) fn factor(&self, gpu: &Gpu) -> gpu::product::Factor<'_> {
         match &self.storage {
             Storage::Array(array) => array.device_buffer().into(),

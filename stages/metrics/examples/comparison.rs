@@ -15,10 +15,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("usage: comparison PHOTO.png COMPARISON.png".into());
     };
     let photo = image::open(photo)?.into_rgb8();
-    let (width, height) = (
-        photo.width() as usize / FACTOR * FACTOR,
-        photo.height() as usize / FACTOR * FACTOR,
-    );
+    let width = photo.width() as usize / FACTOR * FACTOR;
+    let height = photo.height() as usize / FACTOR * FACTOR;
     let photo = image::imageops::crop_imm(&photo, 0, 0, width as u32, height as u32).to_image();
     let truth: Vec<f32> = photo
         .into_raw()
@@ -52,10 +50,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let psnr = psnr(truth_image, image);
         let consistency =
             psnr_lr_consistency(image, Image::new(width / FACTOR, height / FACTOR, &low_rgb));
-        let (ssim, niqe) = (
-            ssim(truth_image, image).unwrap_or(f64::NAN),
-            niqe(image).map_or(f64::NAN, |n| n.value),
-        );
+        let ssim = ssim(truth_image, image).unwrap_or(f64::NAN);
+        let niqe = niqe(image).map_or(f64::NAN, |n| n.value);
         println!("{label:>9} {psnr:>8.2} {ssim:>8.4} {niqe:>8.3} {consistency:>20.2}");
         notes.push(format!("{psnr:.2} dB"));
     }
@@ -72,7 +68,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         image: truth_image,
     };
     let figure = comparison(&std::iter::once(truth).chain(panels).collect::<Vec<_>>());
-    let (width, height) = (figure.width as u32, figure.height as u32);
+    let width = figure.width as u32;
+    let height = figure.height as u32;
     Ok(image::save_buffer(
         target,
         &figure.rgb8,
@@ -95,7 +92,8 @@ fn planes(rgb: &[f32], width: usize, height: usize) -> Array {
 
 /// An array [1, 3, height, width] as interleaved colours.
 fn interleaved(planes: &Array) -> Vec<f32> {
-    let (values, pixels) = (planes.to_vec(), planes.len() / 3);
+    let values = planes.to_vec();
+    let pixels = planes.len() / 3;
     (0..3 * pixels)
         .map(|i| values[i % 3 * pixels + i / 3])
         .collect()

@@ -1,5 +1,5 @@
-//! Eigenvalues of small symmetric matrices by Jacobi rotations, and the pseudo-inverse made of them.
-//! Knows nothing of what the matrix means; meant for tens of rows, not thousands.
+//! Eigenvalues of small symmetric matrices by Jacobi rotations, and the pseudo-inverse made of
+//! them. Knows nothing of what the matrix means; meant for tens of rows, not thousands.
 
 /// Sweeps after which a matrix counts as diagonal whatever is left; 36 rows need about eight.
 const MAX_SWEEPS: usize = 60;
@@ -34,7 +34,8 @@ pub(crate) fn eigen(mut matrix: Vec<Vec<f64>>) -> Eigen {
     }
 }
 
-/// `d^T pinv(matrix) d`. Eigenvalues below `1e-15` of the largest count as zero, as numpy's `pinv` has it.
+/// `d^T pinv(matrix) d`. Eigenvalues below `1e-15` of the largest count as zero, as numpy's `pinv`
+/// has it.
 pub(crate) fn pinv_quadratic_form(matrix: Vec<Vec<f64>>, d: &[f64]) -> f64 {
     let Eigen { values, vectors } = eigen(matrix);
     let largest = values
@@ -54,7 +55,8 @@ fn negligible(matrix: &[Vec<f64>], p: usize, q: usize) -> bool {
     entry <= f64::MIN_POSITIVE || entry <= 1e-17 * (matrix[p][p] * matrix[q][q]).abs().sqrt()
 }
 
-/// One rotation in the plane (p, q) that brings entry (p, q) to zero (Golub and Van Loan, 8.5.2), if there is need.
+/// One rotation in the plane (p, q) that brings entry (p, q) to zero (Golub and Van Loan, 8.5.2),
+/// if there is need.
 fn rotate(matrix: &mut [Vec<f64>], vectors: &mut [Vec<f64>], p: usize, q: usize) -> bool {
     if negligible(matrix, p, q) {
         return false;
@@ -129,7 +131,8 @@ mod tests {
         }
     }
 
-    /// diag(4, 1e-20) has rank one to working precision: the second direction is dropped, not divided by 1e-20.
+    /// diag(4, 1e-20) has rank one to working precision: the second direction is dropped, not
+    /// divided by 1e-20.
     #[test]
     fn the_pseudo_inverse_ignores_what_the_matrix_does_not_span() {
         let form = pinv_quadratic_form(vec![vec![4.0, 0.0], vec![0.0, 1e-20]], &[2.0, 5.0]);

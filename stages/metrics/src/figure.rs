@@ -1,5 +1,5 @@
-//! Comparison pictures: the same view from several methods side by side, and magnified crops below each.
-//! Knows nothing of files: it returns RGB8, and the caller writes it.
+//! Comparison pictures: the same view from several methods side by side, and magnified crops below
+//! each. Knows nothing of files: it returns RGB8, and the caller writes it.
 
 mod canvas;
 mod detail;
@@ -15,7 +15,8 @@ const GUTTER: usize = 20;
 const GAP: usize = 8;
 /// Crops show each pixel four times as wide, unfiltered.
 const ZOOM: usize = 4;
-/// Wider pictures are reduced by a whole factor, narrower ones enlarged, to come within these widths.
+/// Wider pictures are reduced by a whole factor, narrower ones enlarged, to come within these
+/// widths.
 const PANEL_WIDTHS: std::ops::RangeInclusive<usize> = 256..=640;
 
 const PAPER: Colour = [255, 255, 255];
@@ -46,11 +47,12 @@ pub struct Figure {
     pub rgb8: Vec<u8>,
 }
 
-/// Draws the panels from left to right, each with its label, its picture and two crops magnified four times.
+/// Draws the panels from left to right, each with its label, its picture and two crops magnified
+/// four times.
 ///
-/// The crops lie where the first panel, by custom the truth, has most detail, at the same places in every panel and
-/// outlined in its picture. Colours are clamped to 0..1 and shown as they are (sRGB). Panics without panels, or if
-/// their sizes differ.
+/// The crops lie where the first panel, by custom the truth, has most detail, at the same places in
+/// every panel and outlined in its picture. Colours are clamped to 0..1 and shown as they are
+/// (sRGB). Panics without panels, or if their sizes differ.
 pub fn comparison(panels: &[Panel]) -> Figure {
     let [truth, ..] = panels else {
         panic!("comparison: no panels")
@@ -112,7 +114,8 @@ impl Overview {
             Overview::Enlarged(factor) => at * factor,
             Overview::Reduced(divisor) => at / divisor,
         };
-        let (width, height) = (self.length(crop.width), self.length(crop.height));
+        let width = self.length(crop.width);
+        let height = self.length(crop.height);
         Rect {
             left: left + place(crop.left),
             top: top + place(crop.top),
@@ -183,7 +186,8 @@ impl Layout {
                 2,
                 colour,
             );
-            let (width, height) = (crop.width * ZOOM, crop.height * ZOOM);
+            let width = crop.width * ZOOM;
+            let height = crop.height * ZOOM;
             let left = left + index * (self.panel_width - width);
             canvas.enlarged(left, self.crops_top, panel.image, crop, ZOOM);
             canvas.frame(

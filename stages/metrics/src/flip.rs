@@ -1,7 +1,9 @@
-//! FLIP, the difference that a person sees when two pictures are shown one after the other in the same place (Andersson
-//! et al. 2020, <https://doi.org/10.1145/3406183>), for pictures of low dynamic range. Knows nothing of what they show.
+//! FLIP, the difference that a person sees when two pictures are shown one after the other in the
+//! same place (Andersson et al. 2020, <https://doi.org/10.1145/3406183>), for pictures of low
+//! dynamic range. Knows nothing of what they show.
 //!
-//! Names and constants are those of the paper; the colour spaces are in [`color`], the filters in [`filters`].
+//! Names and constants are those of the paper; the colour spaces are in [`color`], the filters in
+//! [`filters`].
 
 mod color;
 mod filters;
@@ -33,10 +35,12 @@ pub struct Flip {
     pub map: Vec<f32>,
 }
 
-/// FLIP of `image` against `truth`: sRGB-encoded, clamped to 0..1, at 67 pixels per degree. Symmetric.
+/// FLIP of `image` against `truth`: sRGB-encoded, clamped to 0..1, at 67 pixels per degree.
+/// Symmetric.
 ///
-/// Colours are compared after the contrast sensitivity of the eye at that distance has blurred them, and edges and points
-/// where only one picture has them weigh more. Panics if the sizes differ.
+/// Colours are compared after the contrast sensitivity of the eye at that distance has blurred
+/// them, and edges and points where only one picture has them weigh more. Panics if the sizes
+/// differ.
 pub fn flip(truth: Image, image: Image) -> Flip {
     truth.assert_same_size(&image, "flip");
     let (a, b) = rayon::join(|| Seen::new(truth), || Seen::new(image));
@@ -91,7 +95,8 @@ fn compressed(difference: f64) -> f64 {
     difference.powf(Q_C)
 }
 
-/// Differences from 0 to `largest` on 0 to 1, such that the smaller ones, of which there are most, have most of the range.
+/// Differences from 0 to `largest` on 0 to 1, such that the smaller ones, of which there are most,
+/// have most of the range.
 fn redistributed(difference: f64, largest: f64) -> f64 {
     let knee = P_C * largest;
     if difference < knee {
@@ -126,7 +131,8 @@ mod tests {
     fn the_order_of_the_pictures_does_not_matter() {
         let rgb = noise(20 * 30);
         let other: Vec<f32> = rgb.iter().map(|value| value * 0.8).collect();
-        let (a, b) = (Image::new(20, 30, &rgb), Image::new(20, 30, &other));
+        let a = Image::new(20, 30, &rgb);
+        let b = Image::new(20, 30, &other);
         assert!((flip(a, b).mean - flip(b, a).mean).abs() < 1e-12);
         assert!(
             flip(a, b)

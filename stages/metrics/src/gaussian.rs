@@ -6,10 +6,11 @@ use rayon::prelude::*;
 pub(crate) const RADIUS: usize = 5;
 const SIGMA: f64 = 1.5;
 
-/// Averages a plane of `height * width` under the window, where the whole window fits: the result is
-/// `(height - 10) * (width - 10)`. Both sides must be at least 11.
+/// Averages a plane of `height * width` under the window, where the whole window fits: the result
+/// is `(height - 10) * (width - 10)`. Both sides must be at least 11.
 pub(crate) fn average(plane: &[f64], width: usize) -> Vec<f64> {
-    let (window, inner) = (window(), width - 2 * RADIUS);
+    let window = window();
+    let inner = width - 2 * RADIUS;
     let rows: Vec<f64> = plane
         .par_chunks(width)
         .flat_map_iter(|row| {

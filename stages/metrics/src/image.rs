@@ -1,8 +1,10 @@
-//! A picture as the metrics see it: borrowed, sRGB-encoded. Knows nothing of files or colour management.
+//! A picture as the metrics see it: borrowed, sRGB-encoded. Knows nothing of files or colour
+//! management.
 
 /// A picture of `height * width * 3` sRGB-encoded numbers, rows from the top, channels interleaved.
 ///
-/// The nominal range is 0 to 1. Every metric clamps what lies outside, as an 8-bit file would; NaN counts as 0.
+/// The nominal range is 0 to 1. Every metric clamps what lies outside, as an 8-bit file would; NaN
+/// counts as 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
     width: usize,
@@ -62,7 +64,8 @@ impl<'a> Image<'a> {
 
     /// Panics unless `other` has the same size: comparing different sizes is a programmer's error.
     pub(crate) fn assert_same_size(&self, other: &Image, metric: &str) {
-        let (a, b) = ((self.width, self.height), (other.width, other.height));
+        let a = (self.width, self.height);
+        let b = (other.width, other.height);
         assert_eq!(a, b, "{metric}: pictures of different sizes");
     }
 }

@@ -1,8 +1,9 @@
-//! PSNR, SSIM, FLIP, SSIMULACRA2, NIQE and consistency, each under an honest name, and the drawing of comparison figures.
+//! PSNR, SSIM, FLIP, SSIMULACRA2, NIQE and consistency, each under an honest name, and the drawing
+//! of comparison figures.
 //!
-//! Knows pictures as plain slices of sRGB-encoded numbers. Knows nothing of stages, artefacts, cameras or fields:
-//! whoever calls it decides which pictures may be compared. What each figure measures is told on its function and,
-//! for readers of results, in `docs/metrics.md`.
+//! Knows pictures as plain slices of sRGB-encoded numbers. Knows nothing of stages, artefacts,
+//! cameras or fields: whoever calls it decides which pictures may be compared. What each figure
+//! measures is told on its function and, for readers of results, in `docs/metrics.md`.
 
 mod consistency;
 mod eigen;
@@ -26,8 +27,8 @@ pub use ssim::ssim;
 pub use ssimulacra2::ssimulacra2;
 pub use warp::{Surface, Warped, warped};
 
-/// The columns of a table of metrics, the most telling first: each name with one sentence on what it measures, which says
-/// `higher is` or `lower is` where one of them is better.
+/// The columns of a table of metrics, the most telling first: each name with one sentence on what
+/// it measures, which says `higher is` or `lower is` where one of them is better.
 pub const DEFINITIONS: [(&str, &str); 8] = [
     (
         "psnr_hr",

@@ -1,6 +1,7 @@
-//! The natural image quality evaluator: how far a picture's local statistics are from those of undistorted photos
-//! (Mittal, Soundararajan, Bovik 2013). Follows BasicSR's port of the LIVE release step by step, its single-precision
-//! intermediate pictures included, because flat regions depend on them. Knows no reference picture.
+//! The natural image quality evaluator: how far a picture's local statistics are from those of
+//! undistorted photos (Mittal, Soundararajan, Bovik 2013). Follows BasicSR's port of the LIVE
+//! release step by step, its single-precision intermediate pictures included, because flat regions
+//! depend on them. Knows no reference picture.
 
 mod aggd;
 mod features;
@@ -14,27 +15,32 @@ use pristine::{FEATURES, Pristine};
 /// What NIQE says of one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Niqe {
-    /// The distance to the statistics of undistorted photos, from 0; lower is better, photos lie around 2 to 6.
+    /// The distance to the statistics of undistorted photos, from 0; lower is better, photos lie
+    /// around 2 to 6.
     pub value: f64,
     /// The 96x96 blocks whose statistics were fitted.
     pub blocks: usize,
 }
 
 impl Niqe {
-    /// Whether the blocks are too few (36 or less) for a covariance of full rank. The value still comes out, since it
-    /// is averaged with the pristine covariance, but it leans on the latter and scatters: warn when reporting it.
+    /// Whether the blocks are too few (36 or less) for a covariance of full rank. The value still
+    /// comes out, since it is averaged with the pristine covariance, but it leans on the latter and
+    /// scatters: warn when reporting it.
     pub fn rank_deficient(&self) -> bool {
         self.blocks <= FEATURES
     }
 }
 
-/// NIQE of the BT.601 luma (studio swing, rounded to integers) of an sRGB picture clamped to 0..1; no border crop.
+/// NIQE of the BT.601 luma (studio swing, rounded to integers) of an sRGB picture clamped to 0..1;
+/// no border crop.
 ///
-/// Only whole 96x96 blocks from the top left count. `None` if the picture holds fewer than two blocks with texture:
-/// anything below 96x192, and pictures without contrast. Depends on resolution, so compare pictures of one size only.
-/// Not the number of MATLAB's `niqe` nor of gray-scale variants (`docs/metrics.md`).
+/// Only whole 96x96 blocks from the top left count. `None` if the picture holds fewer than two
+/// blocks with texture: anything below 96x192, and pictures without contrast. Depends on
+/// resolution, so compare pictures of one size only. Not the number of MATLAB's `niqe` nor of
+/// gray-scale variants (`docs/metrics.md`).
 pub fn niqe(image: Image) -> Option<Niqe> {
-    let (columns, rows) = (image.width() / BLOCK, image.height() / BLOCK);
+    let columns = image.width() / BLOCK;
+    let rows = image.height() / BLOCK;
     if columns * rows < 2 {
         return None;
     }
@@ -51,8 +57,8 @@ pub fn niqe(image: Image) -> Option<Niqe> {
     })
 }
 
-/// The top left `width * height` pixels as BT.601 luma in 16..235, rounded half to even, as BasicSR's chain of single
-/// and double precision gives it.
+/// The top left `width * height` pixels as BT.601 luma in 16..235, rounded half to even, as
+/// BasicSR's chain of single and double precision gives it.
 fn luma(image: Image, width: usize, height: usize) -> Vec<f32> {
     let y = |[r, g, b]: [f32; 3]| {
         let luma = 65.481 * f64::from(r) + 128.553 * f64::from(g) + 24.966 * f64::from(b) + 16.0;
@@ -63,8 +69,9 @@ fn luma(image: Image, width: usize, height: usize) -> Vec<f32> {
         .collect()
 }
 
-/// `sqrt(d^T pinv((C_pristine + C) / 2) d)` with d the difference of the means (Eq. 10). The mean takes every finite
-/// feature, the covariance only the blocks where all are; fewer than two of these fit no distribution.
+/// `sqrt(d^T pinv((C_pristine + C) / 2) d)` with d the difference of the means (Eq. 10). The mean
+/// takes every finite feature, the covariance only the blocks where all are; fewer than two of
+/// these fit no distribution.
 fn distance(pristine: &Pristine, mean: &Features, complete: &[Features]) -> Option<f64> {
     if complete.len() < 2 {
         return None;

@@ -5,11 +5,12 @@ use crate::Image;
 /// The PSNR of identical pictures, in dB. The true value is infinite, which JSON cannot say.
 pub const MAX_PSNR: f64 = 100.0;
 
-/// PSNR in dB of `image` against `truth`: `-10 log10(MSE)`, peak 1, over all pixels and channels of the sRGB-encoded
-/// pictures clamped to 0..1. Symmetric; from 0 (black against white) to [`MAX_PSNR`].
+/// PSNR in dB of `image` against `truth`: `-10 log10(MSE)`, peak 1, over all pixels and channels of
+/// the sRGB-encoded pictures clamped to 0..1. Symmetric; from 0 (black against white) to
+/// [`MAX_PSNR`].
 ///
-/// No border is cropped and no luma is taken, unlike the custom in super-resolution papers. Average it over views,
-/// do not average the MSE (`docs/metrics.md`). Panics if the sizes differ.
+/// No border is cropped and no luma is taken, unlike the custom in super-resolution papers. Average
+/// it over views, do not average the MSE (`docs/metrics.md`). Panics if the sizes differ.
 pub fn psnr(truth: Image, image: Image) -> f64 {
     truth.assert_same_size(&image, "psnr");
     let squares: f64 = truth
@@ -40,14 +41,17 @@ mod tests {
 
     #[test]
     fn a_constant_error_of_a_tenth_is_20_db() {
-        let (dark, light) = (vec![0.3f32; 48], vec![0.4f32; 48]);
+        let dark = vec![0.3f32; 48];
+        let light = vec![0.4f32; 48];
         let value = psnr(Image::new(4, 4, &dark), Image::new(4, 4, &light));
         assert!((value - 20.0).abs() < 1e-5, "{value}");
     }
 
     #[test]
     fn identical_pictures_reach_the_cap_and_black_against_white_the_floor() {
-        let (ramp, black, white) = (ramp(48), vec![0.0; 48], vec![1.0; 48]);
+        let ramp = ramp(48);
+        let black = vec![0.0; 48];
+        let white = vec![1.0; 48];
         assert_eq!(
             psnr(Image::new(4, 4, &ramp), Image::new(4, 4, &ramp)),
             MAX_PSNR
@@ -58,11 +62,12 @@ mod tests {
         );
     }
 
-    /// Oracle (g): against white, PSNR measures brightness only. Mean 0.40 and deviation 0.20 give the 3.98 dB that
-    /// the paper's table prints.
+    /// Oracle (g): against white, PSNR measures brightness only. Mean 0.40 and deviation 0.20 give
+    /// the 3.98 dB that the paper's table prints.
     #[test]
     fn psnr_against_white_is_a_function_of_mean_and_deviation() {
-        let (white, rgb) = (vec![1.0; 300], ramp(300));
+        let white = vec![1.0; 300];
+        let rgb = ramp(300);
         let values: Vec<f64> = rgb.iter().map(|&v| f64::from(v)).collect();
         let mean = values.iter().sum::<f64>() / 300.0;
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 300.0;

@@ -1,4 +1,5 @@
-//! Structural similarity of two pictures (Wang et al. 2004). Knows nothing of what either of them shows.
+//! Structural similarity of two pictures (Wang et al. 2004). Knows nothing of what either of them
+//! shows.
 
 use crate::{Image, gaussian};
 
@@ -6,13 +7,15 @@ use crate::{Image, gaussian};
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// SSIM of `image` against `truth`, from -1 to 1; 1 for identical pictures. `None` if a side is below 11 pixels.
+/// SSIM of `image` against `truth`, from -1 to 1; 1 for identical pictures. `None` if a side is
+/// below 11 pixels.
 ///
-/// Measured on sRGB-encoded numbers clamped to 0..1, data range 1, K1 = 0.01, K2 = 0.03, means and (biased) variances
-/// under an 11x11 Gaussian of sigma 1.5. Border rule: only places where the whole window fits count, so five pixels
-/// on each side are centre of none. Channel rule: the mean of the three channels' means. This is
-/// `skimage.metrics.structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
-/// data_range=1, channel_axis=2)`. Panics if the sizes differ.
+/// Measured on sRGB-encoded numbers clamped to 0..1, data range 1, K1 = 0.01, K2 = 0.03, means and
+/// (biased) variances under an 11x11 Gaussian of sigma 1.5. Border rule: only places where the
+/// whole window fits count, so five pixels on each side are centre of none. Channel rule: the mean
+/// of the three channels' means. This is
+/// `skimage.metrics.structural_similarity(gaussian_weights=True, sigma=1.5,
+/// use_sample_covariance=False, data_range=1, channel_axis=2)`. Panics if the sizes differ.
 pub fn ssim(truth: Image, image: Image) -> Option<f64> {
     truth.assert_same_size(&image, "ssim");
     let fits = truth.width().min(truth.height()) > 2 * gaussian::RADIUS;
@@ -24,14 +27,17 @@ pub fn ssim(truth: Image, image: Image) -> Option<f64> {
 fn ssim_plane(x: &[f64], y: &[f64], width: usize) -> f64 {
     let product =
         |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
-    let (mean_x, mean_y) = (gaussian::average(x, width), gaussian::average(y, width));
+    let mean_x = gaussian::average(x, width);
+    let mean_y = gaussian::average(y, width);
     let xx = gaussian::average(&product(x, x), width);
     let yy = gaussian::average(&product(y, y), width);
     let xy = gaussian::average(&product(x, y), width);
     let at = |i: usize| {
-        let (mx, my) = (mean_x[i], mean_y[i]);
-        let (variance_x, variance_y, covariance) =
-            (xx[i] - mx * mx, yy[i] - my * my, xy[i] - mx * my);
+        let mx = mean_x[i];
+        let my = mean_y[i];
+        let variance_x = xx[i] - mx * mx;
+        let variance_y = yy[i] - my * my;
+        let covariance = xy[i] - mx * my;
         let luminance = (2.0 * mx * my + C1) / (mx * mx + my * my + C1);
         luminance * (2.0 * covariance + C2) / (variance_x + variance_y + C2)
     };
@@ -55,8 +61,10 @@ mod tests {
 
     #[test]
     fn identical_pictures_score_one_and_inverted_ones_below_zero() {
-        let (board, inverse) = (checker(16, 12, 0.2, 0.8), checker(16, 12, 0.8, 0.2));
-        let (board, inverse) = (Image::new(16, 12, &board), Image::new(16, 12, &inverse));
+        let board = checker(16, 12, 0.2, 0.8);
+        let inverse = checker(16, 12, 0.8, 0.2);
+        let board = Image::new(16, 12, &board);
+        let inverse = Image::new(16, 12, &inverse);
         assert!((ssim(board, board).unwrap() - 1.0).abs() < 1e-12);
         assert!(ssim(board, inverse).unwrap() < -0.9);
     }
@@ -64,7 +72,8 @@ mod tests {
     /// Without texture the variances vanish and only the luminance term is left.
     #[test]
     fn flat_pictures_follow_the_closed_form() {
-        let (a, b) = (vec![0.25f32; 11 * 11 * 3], vec![0.75f32; 11 * 11 * 3]);
+        let a = vec![0.25f32; 11 * 11 * 3];
+        let b = vec![0.75f32; 11 * 11 * 3];
         let expected = (2.0 * 0.25 * 0.75 + C1) / (0.0625 + 0.5625 + C1);
         let value = ssim(Image::new(11, 11, &a), Image::new(11, 11, &b)).unwrap();
         assert!((value - expected).abs() < 1e-12, "{value} {expected}");

@@ -1,5 +1,5 @@
-//! Whether two rendered views show the same surface in the same colour. Knows nothing of cameras: the caller maps a
-//! pixel and its depth in one view to a place and a depth in the other.
+//! Whether two rendered views show the same surface in the same colour. Knows nothing of cameras:
+//! the caller maps a pixel and its depth in one view to a place and a depth in the other.
 
 use crate::Image;
 use crate::psnr::{from_mse, squared_difference};
@@ -9,7 +9,8 @@ const OPAQUE: f32 = 0.5;
 /// Depths that differ by more than this share of the target's belong to different surfaces.
 const DEPTH_TOLERANCE: f64 = 0.02;
 
-/// A rendered view: its colours, and per pixel the depth along the view axis and the opacity (0..1), rows first.
+/// A rendered view: its colours, and per pixel the depth along the view axis and the opacity
+/// (0..1), rows first.
 #[derive(Clone, Copy)]
 pub struct Surface<'a> {
     /// The colours.
@@ -23,19 +24,21 @@ pub struct Surface<'a> {
 /// How well one view, carried into another by its own depth, agrees with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Warped {
-    /// PSNR in dB over the visible pixels ([`crate::psnr`]'s cap and clamp); `None` where nothing is visible.
+    /// PSNR in dB over the visible pixels ([`crate::psnr`]'s cap and clamp); `None` where nothing
+    /// is visible.
     pub psnr: Option<f64>,
-    /// The share of the source's pixels that are visible in the target, 0 to 1. Without it the PSNR says little: a
-    /// small overlap is easily consistent.
+    /// The share of the source's pixels that are visible in the target, 0 to 1. Without it the PSNR
+    /// says little: a small overlap is easily consistent.
     pub coverage: f64,
 }
 
 /// Compares each pixel of `source` with the place in `target` where its surface point lies.
 ///
-/// `project(x, y, depth)` takes a pixel position in the source (centres at .5) and its depth, and returns `[x, y,
-/// depth]` in the target, or `None` behind its camera. A pixel is visible if it is opaque, lands among the centres of
-/// the target's pixels, and the target there is opaque and equally deep within 2 % (the z-test: hidden surfaces
-/// drop out). Its colour is compared with the target's, interpolated bilinearly. Panics if lengths and sizes differ.
+/// `project(x, y, depth)` takes a pixel position in the source (centres at .5) and its depth, and
+/// returns `[x, y, depth]` in the target, or `None` behind its camera. A pixel is visible if it is
+/// opaque, lands among the centres of the target's pixels, and the target there is opaque and
+/// equally deep within 2 % (the z-test: hidden surfaces drop out). Its colour is compared with the
+/// target's, interpolated bilinearly. Panics if lengths and sizes differ.
 pub fn warped(
     source: Surface,
     target: Surface,
@@ -43,8 +46,10 @@ pub fn warped(
 ) -> Warped {
     source.assert_complete();
     target.assert_complete();
-    let (width, height) = (source.image.width(), source.image.height());
-    let (mut squares, mut visible) = (0.0, 0usize);
+    let width = source.image.width();
+    let height = source.image.height();
+    let mut squares = 0.0;
+    let mut visible = 0usize;
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let Some([u, v, depth]) = source
             .point(x, y)
@@ -88,7 +93,8 @@ impl Surface<'_> {
 
     /// The colour at (`u`, `v`), if a surface at `depth` is what this view sees there.
     fn seen(&self, u: f64, v: f64, depth: f64) -> Option<[f32; 3]> {
-        let (width, height) = (self.image.width(), self.image.height());
+        let width = self.image.width();
+        let height = self.image.height();
         let inside = |at: f64, length: usize| (0.5..=length as f64 - 0.5).contains(&at);
         if !inside(u, width) || !inside(v, height) {
             return None;
@@ -99,12 +105,12 @@ impl Surface<'_> {
 
     /// The bilinear colour at (`u`, `v`), counted from the first pixel's centre.
     fn interpolated(&self, u: f64, v: f64) -> [f32; 3] {
-        let (x, y) = (u as usize, v as usize);
-        let (right, below) = (
-            (x + 1).min(self.image.width() - 1),
-            (y + 1).min(self.image.height() - 1),
-        );
-        let (s, t) = ((u - x as f64) as f32, (v - y as f64) as f32);
+        let x = u as usize;
+        let y = v as usize;
+        let right = (x + 1).min(self.image.width() - 1);
+        let below = (y + 1).min(self.image.height() - 1);
+        let s = (u - x as f64) as f32;
+        let t = (v - y as f64) as f32;
         let mix =
             |a: [f32; 3], b: [f32; 3], s: f32| std::array::from_fn(|c| a[c] + s * (b[c] - a[c]));
         let top = mix(self.image.pixel(x, y), self.image.pixel(right, y), s);
@@ -141,7 +147,8 @@ mod tests {
 
     #[test]
     fn a_view_is_consistent_with_itself() {
-        let (rgb, ones) = (ramp(), vec![1.0; PIXELS]);
+        let rgb = ramp();
+        let ones = vec![1.0; PIXELS];
         let view = surface(&rgb, &ones, &ones);
         let warped = warped(view, view, |x, y, depth| Some([x, y, depth]));
         assert_eq!(
@@ -153,10 +160,12 @@ mod tests {
         );
     }
 
-    /// Shifted by one and a half columns the ramp is off by 1.5 / 8 everywhere, and two of eight columns leave.
+    /// Shifted by one and a half columns the ramp is off by 1.5 / 8 everywhere, and two of eight
+    /// columns leave.
     #[test]
     fn a_shift_costs_what_the_ramp_says_and_covers_what_stays_inside() {
-        let (rgb, ones) = (ramp(), vec![1.0; PIXELS]);
+        let rgb = ramp();
+        let ones = vec![1.0; PIXELS];
         let view = surface(&rgb, &ones, &ones);
         let warped = warped(view, view, |x, y, depth| Some([x + 1.5, y, depth]));
         assert_eq!(warped.coverage, 0.75);
@@ -168,11 +177,14 @@ mod tests {
 
     #[test]
     fn hidden_transparent_and_unprojected_pixels_are_not_compared() {
-        let (rgb, ones, black) = (ramp(), vec![1.0; PIXELS], vec![0.0; PIXELS * 3]);
+        let rgb = ramp();
+        let ones = vec![1.0; PIXELS];
+        let black = vec![0.0; PIXELS * 3];
         let half: Vec<f32> = (0..PIXELS)
             .map(|i| if i < 32 { 1.0 } else { 0.4 })
             .collect();
-        let (view, other) = (surface(&rgb, &ones, &ones), surface(&black, &ones, &half));
+        let view = surface(&rgb, &ones, &ones);
+        let other = surface(&black, &ones, &half);
         let nothing = Warped {
             psnr: None,
             coverage: 0.0,

@@ -1,6 +1,7 @@
-//! PSNR, SSIM and NIQE against scikit-image and BasicSR, on pictures beside `golden/metrics.py`; FLIP against NVIDIA's own
-//! and SSIMULACRA2 against libjxl's, on the same pictures (`golden/perceptual.py`). `niqe` is BasicSR as
-//! published; `niqe_double` is BasicSR with its halving summed in double precision, as ours is.
+//! PSNR, SSIM and NIQE against scikit-image and BasicSR, on pictures beside `golden/metrics.py`;
+//! FLIP against NVIDIA's own and SSIMULACRA2 against libjxl's, on the same pictures
+//! (`golden/perceptual.py`). `niqe` is BasicSR as published; `niqe_double` is BasicSR with its
+//! halving summed in double precision, as ours is.
 
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests too
 
@@ -25,7 +26,8 @@ impl Picture {
         }
     }
 
-    /// `texture` of metrics.py: waves with noise, and a flat quarter that NIQE has no statistics for.
+    /// `texture` of metrics.py: waves with noise, and a flat quarter that NIQE has no statistics
+    /// for.
     fn texture(width: usize, height: usize) -> Picture {
         let value = |x: usize, y: usize, c: usize| match x < width / 2 && y < height / 2 {
             true => 200,
@@ -81,8 +83,10 @@ fn assert_agrees_with_what_people_see(name: &str, truth: Picture) {
             "{name} {what}: {value}, the reference says {expected}"
         );
     };
-    let (a, b) = (truth.floats(), truth.degraded().floats());
-    let (a, b) = (truth.image(&a), truth.image(&b));
+    let a = truth.floats();
+    let b = truth.degraded().floats();
+    let a = truth.image(&a);
+    let b = truth.image(&b);
     let seen = flip(a, b);
     near("flip", seen.mean, &golden["flip"], 1e-4);
     let row = &seen.map[truth.height / 2 * truth.width..][..truth.width];
@@ -92,8 +96,8 @@ fn assert_agrees_with_what_people_see(name: &str, truth: Picture) {
         near("flip in a pixel", f64::from(*value), expected, 1e-3);
     }
     let score = ssimulacra2(a, b).unwrap();
-    // The crate and libjxl blur by recursive filters in single precision, each in an order of its own: before large flat white
-    // that shows.
+    // The crate and libjxl blur by recursive filters in single precision, each in an order of its
+    // own: before large flat white that shows.
     let tolerance = if name == "portrait" { 0.3 } else { 0.02 };
     near("ssimulacra2", score, &golden["ssimulacra2"], tolerance);
 }
@@ -115,11 +119,14 @@ fn assert_agrees_with_the_references(name: &str, truth: Picture) {
             "{name} {metric}: {value}, the reference says {expected}"
         );
     };
-    let (a, b) = (truth.floats(), truth.degraded().floats());
-    let (a, b) = (truth.image(&a), truth.image(&b));
+    let a = truth.floats();
+    let b = truth.degraded().floats();
+    let a = truth.image(&a);
+    let b = truth.image(&b);
     near("psnr", psnr(a, b), 1e-5);
     near("ssim", ssim(a, b).unwrap(), 1e-6);
-    let (niqe_a, niqe_b) = (niqe(a).unwrap().value, niqe(b).unwrap().value);
+    let niqe_a = niqe(a).unwrap().value;
+    let niqe_b = niqe(b).unwrap().value;
     near("niqe", niqe_a, 3e-3);
     near("niqe_degraded", niqe_b, 3e-3);
     near("niqe_double", niqe_a, 2e-6);
@@ -145,8 +152,10 @@ fn a_synthetic_texture_agrees() {
 #[test]
 fn the_number_of_threads_does_not_change_a_bit() {
     let picture = Picture::read("portrait");
-    let (a, b) = (picture.floats(), picture.degraded().floats());
-    let (a, b) = (picture.image(&a), picture.image(&b));
+    let a = picture.floats();
+    let b = picture.degraded().floats();
+    let a = picture.image(&a);
+    let b = picture.image(&b);
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

@@ -1,5 +1,6 @@
-//! Prints the time that the embedded network takes for a megapixel of its result, in tiles and as a whole, with one thread
-//! and with two: `enlarge.py` beside this file puts PyTorch's beside it, where `PYTHON` names one that has torch.
+//! Prints the time that the embedded network takes for a megapixel of its result, in tiles and as a
+//! whole, with one thread and with two: `enlarge.py` beside this file puts PyTorch's beside it,
+//! where `PYTHON` names one that has torch.
 //!
 //! Both run in turns, and the least time of each counts, since other programs only ever add to it.
 

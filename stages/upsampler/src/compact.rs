@@ -1,5 +1,5 @@
-//! SRVGGNetCompact, Real-ESRGAN's small network: 3x3 convolutions and PReLUs in a row at the image's size, added to the
-//! image whose pixels are repeated.
+//! SRVGGNetCompact, Real-ESRGAN's small network: 3x3 convolutions and PReLUs in a row at the
+//! image's size, added to the image whose pixels are repeated.
 
 use compute::Array;
 use compute::activation::prelu;

@@ -1,11 +1,13 @@
-//! The mean over the eight ways in which an image can be turned and mirrored, each enlarged and put back: it costs
-//! eight times as much, and gains a tenth of a decibel or so (Timofte et al. 2016). Sums in a fixed order.
+//! The mean over the eight ways in which an image can be turned and mirrored, each enlarged and put
+//! back: it costs eight times as much, and gains a tenth of a decibel or so (Timofte et al. 2016).
+//! Sums in a fixed order.
 
 use compute::Array;
 
 /// The eight ways: whether axes are exchanged, rows reversed, columns reversed, in this order.
 const WAYS: [[bool; 3]; 8] = {
-    let (f, t) = (false, true);
+    let f = false;
+    let t = true;
     [
         [f, f, f],
         [f, f, t],

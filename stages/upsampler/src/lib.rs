@@ -1,8 +1,10 @@
-//! Feed-forward networks that enlarge images: ours, Real-ESRGAN's RRDBNet, SRVGGNetCompact and SPAN.
+//! Feed-forward networks that enlarge images: ours, Real-ESRGAN's RRDBNet, SRVGGNetCompact and
+//! SPAN.
 //!
-//! Reads what people have of them, safetensors and ncnn's pairs of files, and tells a network by its tensors' names and
-//! shapes, or by its graph. Runs on the operators of `compute`, so on the CPU and on GPUs. Knows nothing of colour
-//! spaces, cameras and pipelines: it takes and gives numbers from 0 to 1.
+//! Reads what people have of them, safetensors and ncnn's pairs of files, and tells a network by
+//! its tensors' names and shapes, or by its graph. Runs on the operators of `compute`, so on the
+//! CPU and on GPUs. Knows nothing of colour spaces, cameras and pipelines: it takes and gives
+//! numbers from 0 to 1.
 
 mod compact;
 mod convolution;

@@ -23,7 +23,8 @@ pub struct Facts {
 
 /// A network that enlarges images.
 pub trait Network: Send + Sync {
-    /// `x [N, 3, H, W]`, 0 to 1, enlarged: `[N, 3, H scale, W scale]`. H and W are multiples of the grain.
+    /// `x [N, 3, H, W]`, 0 to 1, enlarged: `[N, 3, H scale, W scale]`. H and W are multiples of the
+    /// grain.
     fn forward(&self, x: &Array) -> Array;
 
     /// What is known of it.

@@ -1,5 +1,6 @@
-//! Our own family, of which the embedded network is one: residual pairs of 3x3 convolutions at the image's size, and
-//! what is missing from bicubic enlargement at four times it (as EDSR, Lim et al. 2017, without its long way up).
+//! Our own family, of which the embedded network is one: residual pairs of 3x3 convolutions at the
+//! image's size, and what is missing from bicubic enlargement at four times it (as EDSR, Lim et al.
+//! 2017, without its long way up).
 
 use compute::Array;
 use compute::conv::Finish;

@@ -1,8 +1,8 @@
-//! RRDBNet (Wang et al. 2018), the network of ESRGAN and Real-ESRGAN: residual blocks within residual blocks of densely
-//! connected convolutions, then twice the size, once or more.
+//! RRDBNet (Wang et al. 2018), the network of ESRGAN and Real-ESRGAN: residual blocks within
+//! residual blocks of densely connected convolutions, then twice the size, once or more.
 //!
-//! Real-ESRGAN's for x2 and x1 are the one for x4 behind a pixel unshuffle. ESRGAN's older files name tensors by place;
-//! [`rename`] gives the names that are used here.
+//! Real-ESRGAN's for x2 and x1 are the one for x4 behind a pixel unshuffle. ESRGAN's older files
+//! name tensors by place; [`rename`] gives the names that are used here.
 
 use compute::Array;
 use compute::conv::Finish;
@@ -53,8 +53,8 @@ pub fn rename(tensors: &mut Tensors) {
         return;
     }
     let blocks = tensors.count(|i| format!("model.1.sub.{i}.RDB1.conv1.0.weight"));
-    // Behind the blocks: a doubling and its convolution, with an activation, take three places; then come two more
-    // convolutions with one between them.
+    // Behind the blocks: a doubling and its convolution, with an activation, take three places;
+    // then come two more convolutions with one between them.
     let ups = (0..=DOUBLINGS)
         .find(|ups| tensors.has(&format!("model.{}.weight", 3 * ups + 4)))
         .unwrap_or_default();
@@ -187,7 +187,8 @@ impl Network for Rrdb {
 
     fn facts(&self) -> Facts {
         let doubled = 1 << self.ups.len();
-        // Seen from the small image, each doubling halves what a convolution behind it adds; rounded up.
+        // Seen from the small image, each doubling halves what a convolution behind it adds;
+        // rounded up.
         let low = 2 + 15 * self.blocks.len() + 3;
         Facts {
             family: "RRDBNet",

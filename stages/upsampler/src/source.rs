@@ -1,5 +1,5 @@
-//! Where an upsampler's files come from: the program itself, or a path. Hands out named bytes; knows which files belong
-//! together, not what stands in them.
+//! Where an upsampler's files come from: the program itself, or a path. Hands out named bytes;
+//! knows which files belong together, not what stands in them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,7 +17,8 @@ pub const EMBEDDED_NAME: &str = "residual-x4";
 pub enum UpsamplerSource {
     /// The network that the program carries.
     Embedded,
-    /// A `.safetensors` file; or either file of an ncnn pair, `.param` and `.bin`, the other of which lies beside it.
+    /// A `.safetensors` file; or either file of an ncnn pair, `.param` and `.bin`, the other of
+    /// which lies beside it.
     File(PathBuf),
 }
 
@@ -102,8 +103,8 @@ impl UpsamplerSource {
         }
     }
 
-    /// Its files: one, or an ncnn network's graph and weights. Fails where one is missing, and where none can be read
-    /// by what its name ends with.
+    /// Its files: one, or an ncnn network's graph and weights. Fails where one is missing, and
+    /// where none can be read by what its name ends with.
     pub fn files(&self) -> Result<Vec<SourceFile>, UpsamplerError> {
         let Self::File(path) = self else {
             let name = format!("{EMBEDDED_NAME}.safetensors");

@@ -1,8 +1,9 @@
-//! SPAN (Wan et al. 2024): blocks of three convolutions whose result, symmetric about zero, weighs itself; no weights of
-//! attention.
+//! SPAN (Wan et al. 2024): blocks of three convolutions whose result, symmetric about zero, weighs
+//! itself; no weights of attention.
 //!
-//! A convolution is trained as three in a row beside a fourth, which are one 3x3 convolution when nothing is learned any
-//! more. The parts are what was trained: where a file holds them, the sum that it may hold as well is computed anew.
+//! A convolution is trained as three in a row beside a fourth, which are one 3x3 convolution when
+//! nothing is learned any more. The parts are what was trained: where a file holds them, the sum
+//! that it may hold as well is computed anew.
 
 use compute::Array;
 use compute::activation::{sigmoid, silu};
@@ -83,7 +84,8 @@ impl Span {
     }
 }
 
-/// The convolution under the place `name`: the sum of its parts where there are such, else as it stands there.
+/// The convolution under the place `name`: the sum of its parts where there are such, else as it
+/// stands there.
 fn collapsed(
     tensors: &Tensors,
     name: &str,
@@ -125,9 +127,11 @@ fn collapsed(
                 .for_each(|(sum, x)| *sum += f64::from(*factor) * f64::from(*x));
         }
     }
-    let (mut weight, mut bias) = (vec![0.0; outputs * inputs * 9], Vec::with_capacity(outputs));
+    let mut weight = vec![0.0; outputs * inputs * 9];
+    let mut bias = Vec::with_capacity(outputs);
     for o in 0..outputs {
-        // The image is padded before the first of the three, so its bias is seen everywhere, beyond the edge as well.
+        // The image is padded before the first of the three, so its bias is seen everywhere, beyond
+        // the edge as well.
         let mut sum = f64::from(skip_bias[o]);
         sum += down[o * wider..][..wider]
             .iter()

@@ -1,5 +1,6 @@
-//! The named tensors of a safetensors file. Hands them out by name, each of exactly the shape that is asked for, and
-//! knows which nobody wanted. Nothing is allocated before the header has been checked against the file's size.
+//! The named tensors of a safetensors file. Hands them out by name, each of exactly the shape that
+//! is asked for, and knows which nobody wanted. Nothing is allocated before the header has been
+//! checked against the file's size.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -127,13 +128,14 @@ impl Tensors {
         }
     }
 
-    /// How many numbered layers there are: the first number of which there is no tensor with the name made of it.
+    /// How many numbered layers there are: the first number of which there is no tensor with the
+    /// name made of it.
     pub fn count(&self, name: impl Fn(usize) -> String) -> usize {
         (0..).find(|&i| !self.has(&name(i))).unwrap_or_default()
     }
 
-    /// The tensor of this name and shape. Fails where there is none, where it is of another shape, where it holds other
-    /// numbers than F32, F16 or BF16, and where one of them is not finite.
+    /// The tensor of this name and shape. Fails where there is none, where it is of another shape,
+    /// where it holds other numbers than F32, F16 or BF16, and where one of them is not finite.
     pub fn array(&self, name: &str, shape: &[usize]) -> Result<Array, UpsamplerError> {
         let Some(entry) = self.entries.get(name) else {
             return Err(self.wrong(name, format!("of shape {shape:?} is missing")));

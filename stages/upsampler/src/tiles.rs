@@ -1,8 +1,8 @@
 //! Takes a large image in windows that overlap, so that memory is bounded by one of them.
 //!
-//! Of each window only the part is kept that lies further from its inner edges than the network reaches; so the result
-//! is that of the whole image, but for rounding. Of networks that reach further than [`MARGIN`] it is nearly that: what
-//! lies so far away hardly changes a pixel.
+//! Of each window only the part is kept that lies further from its inner edges than the network
+//! reaches; so the result is that of the whole image, but for rounding. Of networks that reach
+//! further than [`MARGIN`] it is nearly that: what lies so far away hardly changes a pixel.
 
 use compute::Array;
 use compute::shape::{concat, crop, pad_reflect, slice};
@@ -45,10 +45,8 @@ fn windows(extent: usize, tile: usize, margin: usize) -> Vec<Window> {
     let kept = extent.div_ceil(count).next_multiple_of(STEP);
     let window = |kept_start: usize| {
         let kept_end = (kept_start + kept).min(extent);
-        let (start, end) = (
-            kept_start.saturating_sub(margin),
-            (kept_end + margin).min(extent),
-        );
+        let start = kept_start.saturating_sub(margin);
+        let end = (kept_end + margin).min(extent);
         Window {
             start,
             end,
@@ -59,13 +57,15 @@ fn windows(extent: usize, tile: usize, margin: usize) -> Vec<Window> {
     (0..extent).step_by(kept).map(window).collect()
 }
 
-/// `x [N, 3, H, W]` enlarged by `network`, in windows of at most `tile` pixels a side, margins and all.
+/// `x [N, 3, H, W]` enlarged by `network`, in windows of at most `tile` pixels a side, margins and
+/// all.
 pub fn enlarge(network: &dyn Network, x: &Array, tile: usize) -> Array {
     let (facts, &[n, _, height, width]) = (network.facts(), x.shape()) else {
         panic!("enlarge: {:?}", x.shape())
     };
     let x = whole_grains(x, facts.grain);
-    let (scale, margin) = (facts.scale, margin(&facts));
+    let scale = facts.scale;
+    let margin = margin(&facts);
     let [rows, columns] = [x.shape()[2], x.shape()[3]].map(|extent| windows(extent, tile, margin));
     let whole = [scale * x.shape()[2], scale * x.shape()[3]];
     let enlarged = if rows.len() * columns.len() == 1 {
@@ -107,10 +107,8 @@ fn keep(
     [row, column]: [&Window; 2],
     scale: usize,
 ) {
-    let (planes, [h, w]) = (
-        result.shape()[0] * result.shape()[1],
-        [result.shape()[2], result.shape()[3]],
-    );
+    let planes = result.shape()[0] * result.shape()[1];
+    let [h, w] = [result.shape()[2], result.shape()[3]];
     let values = result.to_vec();
     let len = scale * (column.kept_end - column.kept_start);
     for plane in 0..planes {
@@ -128,7 +126,8 @@ fn whole_grains(x: &Array, grain: usize) -> Array {
     let mut x = x.clone();
     for axis in [2, 3] {
         while !x.shape()[axis].is_multiple_of(grain) {
-            let (extent, missing) = (x.shape()[axis], grain - x.shape()[axis] % grain);
+            let extent = x.shape()[axis];
+            let missing = grain - x.shape()[axis] % grain;
             x = match (extent, axis) {
                 (1, _) => concat(&[&x, &slice(&x, axis, 0, 1)], axis),
                 (_, 2) => pad_reflect(&x, [0, missing.min(extent - 1), 0, 0]),

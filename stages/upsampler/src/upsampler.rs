@@ -60,7 +60,8 @@ pub struct Upsampler {
 }
 
 impl Upsampler {
-    /// Reads a network whole. The error names the file, and the tensor or layer in it, that cannot be used.
+    /// Reads a network whole. The error names the file, and the tensor or layer in it, that cannot
+    /// be used.
     pub fn load(source: &UpsamplerSource, device: &Device) -> Result<Self, UpsamplerError> {
         let mut files = source.files()?.into_iter();
         match (files.next(), files.next()) {
@@ -74,7 +75,8 @@ impl Upsampler {
     pub fn from_safetensors(file: SourceFile, device: &Device) -> Result<Self, UpsamplerError> {
         let mut tensors = Tensors::open(file, device)?;
         let network = family::recognise(&mut tensors)?;
-        let (types, count) = (tensors.counts(), tensors.names().count());
+        let types = tensors.counts();
+        let count = tensors.names().count();
         Ok(Self {
             network,
             device: device.clone(),
@@ -119,7 +121,8 @@ impl Upsampler {
         }
     }
 
-    /// Bytes that the weights take, and what lies between the layers for one window of `tile` by `tile`, roughly.
+    /// Bytes that the weights take, and what lies between the layers for one window of `tile` by
+    /// `tile`, roughly.
     pub fn memory(&self, tile: usize) -> [u64; 2] {
         let parameters: usize = self.types.values().sum();
         [
@@ -128,8 +131,8 @@ impl Upsampler {
         ]
     }
 
-    /// `x [N, 3, H, W]`, 0 to 1, enlarged: `[N, 3, H scale, W scale]`, which may go somewhat beyond. Panics where `x` has
-    /// another shape, or is empty.
+    /// `x [N, 3, H, W]`, 0 to 1, enlarged: `[N, 3, H scale, W scale]`, which may go somewhat
+    /// beyond. Panics where `x` has another shape, or is empty.
     pub fn enlarge(&self, x: &Array, options: Options) -> Array {
         assert!(
             matches!(*x.shape(), [n, 3, h, w] if n * h * w > 0),

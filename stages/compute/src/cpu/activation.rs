@@ -60,7 +60,8 @@ pub fn geglu_backward(x: &[f32], dy: &[f32], half: usize) -> Buffer {
             .chunks(2 * half)
             .zip(dy[i * ROWS * half..].chunks(half));
         for (dx, (x, dy)) in dx.chunks_mut(2 * half).zip(rows) {
-            let ((a, b), (da, db)) = (x.split_at(half), dx.split_at_mut(half));
+            let (a, b) = x.split_at(half);
+            let (da, db) = dx.split_at_mut(half);
             vectorize(
                 #[inline(always)]
                 || {

@@ -1,5 +1,5 @@
-//! Attention in tiles: a block of queries meets the keys tile by tile, and no more than one tile of scores exists per
-//! thread.
+//! Attention in tiles: a block of queries meets the keys tile by tile, and no more than one tile of
+//! scores exists per thread.
 
 use rayon::prelude::*;
 
@@ -19,7 +19,8 @@ const QUERIES: usize = 48;
 const BLOCKS: usize = 8;
 /// Keys per tile.
 const KEYS: usize = 512;
-/// The backward pass cuts the keys into at most this many ranges, each with its own share of the queries' gradient.
+/// The backward pass cuts the keys into at most this many ranges, each with its own share of the
+/// queries' gradient.
 const RANGES: usize = 4;
 
 impl Extents {
@@ -61,10 +62,8 @@ struct Running {
 
 /// The output and the logarithms of the sums of exponentials.
 pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (Buffer, Buffer) {
-    let (mut out, mut lse) = (
-        Buffer::stale(q.len()),
-        Buffer::stale(e.batch * e.queries * e.heads),
-    );
+    let mut out = Buffer::stale(q.len());
+    let mut lse = Buffer::stale(e.batch * e.queries * e.heads);
     // A panel is one head.
     let heads = Cut {
         matrices: e.batch,
@@ -75,11 +74,9 @@ pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (Buffer, Buffer) 
         share_panels: 1,
     };
     let sums = heads.map_shares(&mut out, |mut share| {
-        let (image, head, first) = (
-            share.panels.start / e.heads,
-            share.panels.start % e.heads,
-            share.rows.start,
-        );
+        let image = share.panels.start / e.heads;
+        let head = share.panels.start % e.heads;
+        let first = share.rows.start;
         let [k, v] = [k, v].map(|x| &x[image * e.keys * e.width()..]);
         let queries = e.head(
             &q[image * e.queries * e.width()..],
@@ -174,7 +171,8 @@ impl Running {
         }
     }
 
-    /// Turns one row of scores into weights relative to the running maximum, and rescales what came before.
+    /// Turns one row of scores into weights relative to the running maximum, and rescales what came
+    /// before.
     fn take(&mut self, row: usize, scores: &mut [f32], visible: usize, scale: f32, depth: usize) {
         vectorize(
             #[inline(always)]
@@ -213,11 +211,9 @@ pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffe
     let shares: Vec<Share> = (0..e.batch * e.heads * ranges)
         .into_par_iter()
         .map(|task| {
-            let (image, head, first) = (
-                task / ranges / e.heads,
-                task / ranges % e.heads,
-                task % ranges * range,
-            );
+            let image = task / ranges / e.heads;
+            let head = task / ranges % e.heads;
+            let first = task % ranges * range;
             key_range(
                 inputs,
                 outputs,
@@ -230,11 +226,9 @@ pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffe
         .collect();
     let [mut dq, mut dk, mut dv] = inputs.map(|x| Buffer::zeros(x.len()));
     for (task, share) in shares.iter().enumerate() {
-        let (image, head, first) = (
-            task / ranges / e.heads,
-            task / ranges % e.heads,
-            task % ranges * range,
-        );
+        let image = task / ranges / e.heads;
+        let head = task / ranges % e.heads;
+        let first = task % ranges * range;
         add_head(
             &mut dq[image * e.queries * e.width()..],
             &share.dq,
@@ -291,7 +285,8 @@ fn key_range(
     let [mut weights, mut slopes] = [(); 2].map(|()| vec![0.0; QUERIES * KEYS.min(count)]);
     for key in (first..first + count).step_by(KEYS) {
         let keys = KEYS.min(first + count - key);
-        let (k, v) = (e.head(k, head, key, keys), e.head(v, head, key, keys));
+        let k = e.head(k, head, key, keys);
+        let v = e.head(v, head, key, keys);
         let [turned_k, turned_v] =
             [k, v].map(|x| Packed::new(&x.transposed(), e.depth, keys, Precision::F32));
         let k = Packed::new(&k, keys, e.depth, Precision::F32);
@@ -300,11 +295,10 @@ fn key_range(
             if e.visible(query + rows - 1, key, keys) == 0 {
                 continue;
             }
-            let (q, dout) = (
-                e.head(q, head, query, rows),
-                e.head(dout, head, query, rows),
-            );
-            let (weights, slopes) = (&mut weights[..rows * keys], &mut slopes[..rows * keys]);
+            let q = e.head(q, head, query, rows);
+            let dout = e.head(dout, head, query, rows);
+            let weights = &mut weights[..rows * keys];
+            let slopes = &mut slopes[..rows * keys];
             turned_k.multiply(weights, rows, &q, Old::Forget);
             turned_v.multiply(slopes, rows, &dout, Old::Forget);
             for (row, (weights, slopes)) in weights
@@ -323,10 +317,8 @@ fn key_range(
                     deltas[token],
                 );
             }
-            let (weights, slopes) = (
-                Matrix::new(weights, rows, keys),
-                Matrix::new(slopes, rows, keys),
-            );
+            let weights = Matrix::new(weights, rows, keys);
+            let slopes = Matrix::new(slopes, rows, keys);
             let at = (key - first) * e.depth;
             k.multiply(
                 &mut dq[query * e.depth..][..rows * e.depth],

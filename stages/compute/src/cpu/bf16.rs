@@ -24,7 +24,8 @@ mod tests {
     #[test]
     fn a_pair_rounds_as_the_half_crate_does() {
         for bits in (0..=u32::MAX).step_by(65_521) {
-            let (x, y) = (f32::from_bits(bits), f32::from_bits(bits.rotate_left(7)));
+            let x = f32::from_bits(bits);
+            let y = f32::from_bits(bits.rotate_left(7));
             let [lower, upper] = [x, y].map(|x| u32::from(half::bf16::from_f32(x).to_bits()));
             let got = pair(x, y).to_bits();
             let same = |x: f32, got: u32, expected: u32| {

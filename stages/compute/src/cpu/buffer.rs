@@ -1,5 +1,5 @@
-//! Memory for values. Large buffers that are done with are kept for the next ones, since fresh pages cost as much as
-//! filling them does. It knows sizes, not what the values mean.
+//! Memory for values. Large buffers that are done with are kept for the next ones, since fresh
+//! pages cost as much as filling them does. It knows sizes, not what the values mean.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -11,7 +11,8 @@ const SMALLEST: usize = 1 << 14;
 /// Elements kept in all: 128 MiB.
 const LIMIT: usize = 1 << 25;
 
-/// Elements of a cache line. Vectors that lie across two lines are read and written at half the speed.
+/// Elements of a cache line. Vectors that lie across two lines are read and written at half the
+/// speed.
 const ALIGNMENT: usize = 16;
 
 /// Values in host memory; those of kernels' results begin with a cache line.
@@ -66,7 +67,8 @@ impl Pool {
 }
 
 impl Buffer {
-    /// Room for `len` values, which are whatever they were: for kernels that write every one of them.
+    /// Room for `len` values, which are whatever they were: for kernels that write every one of
+    /// them.
     pub fn stale(len: usize) -> Buffer {
         let room = len + ALIGNMENT - 1;
         let kept = if len < SMALLEST {

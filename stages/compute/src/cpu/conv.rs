@@ -1,5 +1,5 @@
-//! Convolution as products of matrices: panels of the column matrix (im2col) are packed from the image when they are
-//! needed, and forgotten.
+//! Convolution as products of matrices: panels of the column matrix (im2col) are packed from the
+//! image when they are needed, and forgotten.
 
 use std::ops::Range;
 
@@ -19,7 +19,8 @@ use crate::weight::{Precision, Weight};
 const CHANNELS: usize = 8;
 /// Tasks of it per image, about.
 const TASKS: usize = 16;
-/// Elements of the column matrix's gradient that a task holds, if it has more than the fewest channels.
+/// Elements of the column matrix's gradient that a task holds, if it has more than the fewest
+/// channels.
 const HELD: usize = 1 << 16;
 
 impl Geometry {
@@ -54,7 +55,8 @@ impl Geometry {
         }
     }
 
-    /// The convolution by which gradients flow back, if that is one: of stride 1, with the kernel turned around.
+    /// The convolution by which gradients flow back, if that is one: of stride 1, with the kernel
+    /// turned around.
     fn turned(&self) -> Option<Geometry> {
         let [kh, kw] = self.kernel;
         let [top, bottom, left, right] = self.conv.pad;
@@ -77,14 +79,16 @@ impl Geometry {
     }
 }
 
-/// Where one tap sees the image: a run of `len` output pixels of a panel reads the plane from `source` on.
+/// Where one tap sees the image: a run of `len` output pixels of a panel reads the plane from
+/// `source` on.
 struct Run {
     target: usize,
     source: usize,
     len: usize,
 }
 
-/// The runs of the tap (`ky`, `kx`) over `pixels`, which lie in the image; the other pixels see padding.
+/// The runs of the tap (`ky`, `kx`) over `pixels`, which lie in the image; the other pixels see
+/// padding.
 fn runs(g: &Geometry, [ky, kx]: [usize; 2], pixels: Range<usize>) -> impl Iterator<Item = Run> {
     let g = *g;
     let stride = g.conv.stride;
@@ -110,10 +114,8 @@ fn runs(g: &Geometry, [ky, kx]: [usize; 2], pixels: Range<usize>) -> impl Iterat
 
 #[inline(always)]
 fn copy_run(run: &Run, plane: &[f32], stride: usize, out: &mut [f32]) {
-    let (source, target) = (
-        &plane[run.source..],
-        &mut out[run.target..run.target + run.len],
-    );
+    let source = &plane[run.source..];
+    let target = &mut out[run.target..run.target + run.len];
     match stride {
         1 if run.len == COLUMNS => target.copy_from_slice(&source[..COLUMNS]),
         1 => target
@@ -144,7 +146,8 @@ struct Patches<'a> {
 }
 
 impl Patches<'_> {
-    /// The rows `depth` of one image's column matrix at `pixels`: each `width` elements after the one before.
+    /// The rows `depth` of one image's column matrix at `pixels`: each `width` elements after the
+    /// one before.
     fn rows(
         &self,
         image: usize,
@@ -270,7 +273,8 @@ pub fn backward_input(
     backward_input_by_columns(dy, (weight, precision), g)
 }
 
-/// The general gradient to the input: rows of the column matrix's gradient, added back to where they came from.
+/// The general gradient to the input: rows of the column matrix's gradient, added back to where
+/// they came from.
 fn backward_input_by_columns(
     dy: &[f32],
     (weight, precision): (Values, Precision),
@@ -338,7 +342,8 @@ fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
     }
 }
 
-/// The gradient to the weight: over all images in their order, `dy` times the transposed column matrix.
+/// The gradient to the weight: over all images in their order, `dy` times the transposed column
+/// matrix.
 pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Buffer {
     let g = g.flat();
     let rows = g.channels * g.taps();

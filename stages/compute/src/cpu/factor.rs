@@ -1,5 +1,5 @@
-//! The factors of products. Each says for itself how it is read, piece by piece, so that neither an image's patches nor
-//! a widened weight ever exists as a whole.
+//! The factors of products. Each says for itself how it is read, piece by piece, so that neither an
+//! image's patches nor a widened weight ever exists as a whole.
 
 use std::ops::Range;
 
@@ -10,7 +10,8 @@ use super::weight::Values;
 
 /// Steps of the inner sum per packed panel: a panel and a tile's rows stay in the first cache.
 pub const DEPTH: usize = 256;
-/// Elements between the rows of a packed tile; not a multiple of a page, so that they do not crowd one cache set.
+/// Elements between the rows of a packed tile; not a multiple of a page, so that they do not crowd
+/// one cache set.
 pub const TILE_STRIDE: usize = DEPTH + 16;
 /// Elements of a packed tile.
 pub const TILE: usize = ROWS * TILE_STRIDE;
@@ -31,14 +32,14 @@ pub trait Left: Sync {
 
 /// The right factor: one matrix, or one for each matrix of the result.
 pub trait Right: Sync {
-    /// Rows to pack for all panels of a task before the next rows: few where neighbouring panels read neighbouring
-    /// memory of far-apart rows. A multiple of 16.
+    /// Rows to pack for all panels of a task before the next rows: few where neighbouring panels
+    /// read neighbouring memory of far-apart rows. A multiple of 16.
     fn grain(&self) -> usize {
         GRAIN
     }
 
-    /// Writes rows `depth` of at most [`COLUMNS`] columns to `panel`, whose rows have [`COLUMNS`] elements. What lies
-    /// beyond the columns may stay as it is: it meets no column of the result.
+    /// Writes rows `depth` of at most [`COLUMNS`] columns to `panel`, whose rows have [`COLUMNS`]
+    /// elements. What lies beyond the columns may stay as it is: it meets no column of the result.
     fn pack(&self, matrix: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]);
 }
 

@@ -1,5 +1,6 @@
-//! Reductions in a fixed number of lanes side by side, joined as a tree: the same bits whatever the vectors' width.
-//! Written as `for` loops, which are sure to be inlined into the vectorised kernel; iterators' `fold` is not.
+//! Reductions in a fixed number of lanes side by side, joined as a tree: the same bits whatever the
+//! vectors' width. Written as `for` loops, which are sure to be inlined into the vectorised kernel;
+//! iterators' `fold` is not.
 
 /// Lanes of every reduction; a multiple of the widest vector, to hide the latency of its additions.
 pub const LANES: usize = 64;
@@ -48,7 +49,8 @@ pub fn sum(x: &[f32], term: impl Fn(f32) -> f32) -> f32 {
 #[inline(always)]
 pub fn sum_pairs(x: &[f32], y: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
     let mut lanes = [0.0; LANES];
-    let (xs, ys) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
+    let xs = x.chunks_exact(LANES);
+    let ys = y.chunks_exact(LANES);
     let rest = xs.remainder().iter().zip(ys.remainder());
     for (x, y) in xs.zip(ys) {
         for ((lane, &x), &y) in lanes.iter_mut().zip(x).zip(y) {
@@ -73,11 +75,9 @@ pub fn sums<const N: usize>(
     terms: impl Fn(f32, f32, f32) -> [f32; N],
 ) -> [f32; N] {
     let mut lanes = [[0.0; FEW]; N];
-    let ((xs, x), (ys, y), (zs, z)) = (
-        x.as_chunks::<FEW>(),
-        y.as_chunks::<FEW>(),
-        z.as_chunks::<FEW>(),
-    );
+    let (xs, x) = x.as_chunks::<FEW>();
+    let (ys, y) = y.as_chunks::<FEW>();
+    let (zs, z) = z.as_chunks::<FEW>();
     for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
         for lane in 0..FEW {
             let terms = terms(x[lane], y[lane], z[lane]);

@@ -9,7 +9,8 @@ use super::simd::vectorize;
 use crate::conv::Finish;
 use crate::function::{Binary, Reduction, Unary};
 
-/// Elements per task: large enough to hide the cost of a task, small enough to stay in the first cache.
+/// Elements per task: large enough to hide the cost of a task, small enough to stay in the first
+/// cache.
 pub const CHUNK: usize = 1 << 14;
 
 /// Elements that one thread works through sooner than it wakes others.
@@ -28,7 +29,8 @@ pub fn fill(out: &mut [f32], chunk: usize, kernel: impl Fn(usize, &mut [f32]) + 
     }
 }
 
-/// Maps a closure over chunks. A macro, so that the closure is surely inlined where its vectors may be used.
+/// Maps a closure over chunks. A macro, so that the closure is surely inlined where its vectors may
+/// be used.
 macro_rules! map {
     ($x:expr, |$a:ident| $value:expr) => {{
         let x: &[f32] = $x;

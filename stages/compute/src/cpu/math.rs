@@ -2,14 +2,15 @@
 
 use std::f32::consts::{FRAC_1_SQRT_2, FRAC_2_SQRT_PI, LOG2_E};
 
-/// Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, which then lies in the low bits of the sum.
+/// Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, which then lies in the low bits
+/// of the sum.
 const ROUND: f32 = 12_582_912.0;
 /// ln 2 in two parts: the high part has few enough bits for its multiples to be exact.
 const LN2_HIGH: f32 = 355.0 / 512.0;
 const LN2_LOW: f32 = -2.121_944_4e-4;
 
-/// Evaluates a polynomial whose highest coefficient comes first, by Horner's rule. A macro, since a loop over the
-/// coefficients keeps the loop around it from becoming vectors.
+/// Evaluates a polynomial whose highest coefficient comes first, by Horner's rule. A macro, since a
+/// loop over the coefficients keeps the loop around it from becoming vectors.
 macro_rules! polynomial {
     ($x:expr; $first:expr $(, $next:expr)* $(,)?) => {{
         let value: f32 = $first;
@@ -18,7 +19,8 @@ macro_rules! polynomial {
     }};
 }
 
-/// The exponential function, to a relative error of about 1e-7; clamped to the range of normal numbers. NaN stays NaN.
+/// The exponential function, to a relative error of about 1e-7; clamped to the range of normal
+/// numbers. NaN stays NaN.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     let x = x.clamp(-87.3, 88.3);
@@ -36,8 +38,8 @@ pub fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + exp(-x))
 }
 
-/// The error function, to a relative error of about 2e-7: a polynomial in `x^2` below 1, and `1 - exp(-x^2) p(t)` with
-/// `t = 2 / (2 + x)` above. Both are Chebyshev fits.
+/// The error function, to a relative error of about 2e-7: a polynomial in `x^2` below 1, and `1 -
+/// exp(-x^2) p(t)` with `t = 2 / (2 + x)` above. Both are Chebyshev fits.
 #[inline(always)]
 pub fn erf(x: f32) -> f32 {
     let magnitude = x.abs();
@@ -51,7 +53,8 @@ pub fn erf(x: f32) -> f32 {
         t; -1.133_854e-2, -2.819_593_4e-2, 0.268_488_6, -0.524_538_76, 0.347_045_87, -7.931_277e-2, 0.225_032_69,
         0.237_641_2, 0.283_095_5, 0.282_046_7,
     );
-    let (near, far) = (magnitude * inner, 1.0 - exp(-square) * t * outer);
+    let near = magnitude * inner;
+    let far = 1.0 - exp(-square) * t * outer;
     (if magnitude < 1.0 { near } else { far }).copysign(x)
 }
 
@@ -92,7 +95,8 @@ mod tests {
         for i in -350..350 {
             let x = f64::from(i) * 0.01 + 0.001;
             // 2/sqrt(pi) times the sum of (-1)^n x^(2n+1) / (n! (2n+1)).
-            let (mut term, mut sum) = (x, x);
+            let mut term = x;
+            let mut sum = x;
             for n in 1..80 {
                 term *= -x * x / f64::from(n);
                 sum += term / f64::from(2 * n + 1);

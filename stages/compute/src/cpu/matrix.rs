@@ -149,7 +149,8 @@ impl<'a> MatrixMut<'a> {
         } else {
             rows.start * self.row_stride + columns.start
         };
-        // SAFETY: the block lies within the borrowed values, and `&mut self` keeps others from being handed out.
+        // SAFETY: the block lies within the borrowed values, and `&mut self` keeps others from
+        // being handed out.
         let start = unsafe { self.start.add(offset) };
         MatrixMut {
             start,
@@ -163,7 +164,8 @@ impl<'a> MatrixMut<'a> {
     /// One row.
     pub fn row(&mut self, row: usize) -> &mut [f32] {
         assert!(row < self.rows, "matrix: no row {row} in {}", self.rows);
-        // SAFETY: the row lies within the borrowed values, and `&mut self` keeps other rows from being handed out.
+        // SAFETY: the row lies within the borrowed values, and `&mut self` keeps other rows from
+        // being handed out.
         unsafe {
             std::slice::from_raw_parts_mut(self.start.add(row * self.row_stride), self.columns)
         }
@@ -225,7 +227,8 @@ impl Cut {
         }
     }
 
-    /// Share number `index` of the stack that begins at `start`. No two shares have both a row and a panel in common.
+    /// Share number `index` of the stack that begins at `start`. No two shares have both a row and
+    /// a panel in common.
     fn share(self, start: *mut f32, index: usize) -> Share<'static> {
         let row = index / self.shares_across() * self.share_rows;
         let panel = index % self.shares_across() * self.share_panels;
@@ -282,8 +285,8 @@ impl Share<'_> {
         );
         let (matrix, columns) = self.cut.columns_of(panel);
         let row = matrix * self.cut.rows + self.rows.start + rows.start;
-        // SAFETY: the block lies within the stack and the share, whose values no other task may touch; `&mut self`
-        // keeps other blocks from being handed out.
+        // SAFETY: the block lies within the stack and the share, whose values no other task may
+        // touch; `&mut self` keeps other blocks from being handed out.
         let start = unsafe { self.start.add(row * self.cut.columns + columns.start) };
         let row_stride = self.cut.columns;
         MatrixMut {
@@ -297,7 +300,8 @@ impl Share<'_> {
 }
 
 impl Share<'_> {
-    /// One row of the share in each of `matrices`, which have a single panel: as the rows of one matrix.
+    /// One row of the share in each of `matrices`, which have a single panel: as the rows of one
+    /// matrix.
     pub fn through(&mut self, row: usize, matrices: Range<usize>) -> MatrixMut<'_> {
         let inside = matrices.start >= self.panels.start && matrices.end <= self.panels.end;
         assert!(
@@ -305,8 +309,8 @@ impl Share<'_> {
             "matrix: row {row} of {matrices:?} is no part of a share"
         );
         let first = matrices.start * self.cut.rows + self.rows.start + row;
-        // SAFETY: every row lies within the stack and the share, whose values no other task may touch; `&mut self`
-        // keeps other blocks from being handed out.
+        // SAFETY: every row lies within the stack and the share, whose values no other task may
+        // touch; `&mut self` keeps other blocks from being handed out.
         let start = unsafe { self.start.add(first * self.cut.columns) };
         MatrixMut {
             start,

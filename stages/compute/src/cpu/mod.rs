@@ -1,4 +1,5 @@
-//! The kernels of the CPU back end: slices in, buffers out. They trust the shapes that the operators have checked.
+//! The kernels of the CPU back end: slices in, buffers out. They trust the shapes that the
+//! operators have checked.
 
 pub mod activation;
 pub mod adam;

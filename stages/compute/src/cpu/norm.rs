@@ -12,8 +12,8 @@ fn rows_per_task(width: usize) -> usize {
     (CHUNK / width.max(1)).max(1)
 }
 
-/// What a group is normalised by. The mean comes in two parts, the second what the first lost by rounding: in a group
-/// whose numbers hardly differ, that is much of what they differ by.
+/// What a group is normalised by. The mean comes in two parts, the second what the first lost by
+/// rounding: in a group whose numbers hardly differ, that is much of what they differ by.
 #[derive(Clone, Copy)]
 struct Moments {
     mean: f32,
@@ -72,7 +72,8 @@ pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Acti
                     let moments = Moments::of(x, g.eps);
                     for (c, (out, x)) in out.chunks_mut(g.plane).zip(x.chunks(g.plane)).enumerate()
                     {
-                        let (scale, shift) = (gamma[channel + c] * moments.rstd, beta[channel + c]);
+                        let scale = gamma[channel + c] * moments.rstd;
+                        let shift = beta[channel + c];
                         match activation {
                             Activation::None => {
                                 for (out, x) in out.iter_mut().zip(x) {
@@ -108,15 +109,18 @@ pub fn group_backward(
         (g.channels / g.groups * g.plane).max(1),
         |i, dx| {
             let (start, channel) = group_at(i, g);
-            let (x, dy) = (&x[start..start + dx.len()], &dy[start..start + dx.len()]);
+            let x = &x[start..start + dx.len()];
+            let dy = &dy[start..start + dx.len()];
             vectorize(
                 #[inline(always)]
                 || {
                     let moments = Moments::of(x, g.eps);
                     for (c, dx) in dx.chunks_mut(g.plane).enumerate() {
-                        let (x, dy) = (&x[c * g.plane..], &dy[c * g.plane..]);
+                        let x = &x[c * g.plane..];
+                        let dy = &dy[c * g.plane..];
                         let gamma = gamma[channel + c];
-                        let (scale, shift) = (gamma * moments.rstd, beta[channel + c]);
+                        let scale = gamma * moments.rstd;
+                        let shift = beta[channel + c];
                         match activation {
                             Activation::None => {
                                 for (dx, dy) in dx.iter_mut().zip(dy) {
@@ -139,8 +143,8 @@ pub fn group_backward(
     dx
 }
 
-/// Takes `dx` from the gradient to the normalised values to the gradient to `x`: what the mean and the variance fix
-/// cannot change.
+/// Takes `dx` from the gradient to the normalised values to the gradient to `x`: what the mean and
+/// the variance fix cannot change.
 #[inline(always)]
 fn project(x: &[f32], dx: &mut [f32], moments: Moments) {
     let count = x.len() as f32;
@@ -154,7 +158,8 @@ fn project(x: &[f32], dx: &mut [f32], moments: Moments) {
 
 /// Each row of `gamma.len()` elements normalised, scaled and shifted.
 pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
-    let (width, rows) = (gamma.len(), rows_per_task(gamma.len()));
+    let width = gamma.len();
+    let rows = rows_per_task(gamma.len());
     let mut out = Buffer::stale(x.len());
     fill(&mut out, rows * width, |i, out| {
         let pairs = out
@@ -179,7 +184,8 @@ pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
 
 /// The gradient of [`layer`] to `x`.
 pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Buffer {
-    let (width, rows) = (gamma.len(), rows_per_task(gamma.len()));
+    let width = gamma.len();
+    let rows = rows_per_task(gamma.len());
     let mut dx = Buffer::stale(x.len());
     fill(&mut dx, rows * width, |i, dx| {
         let inputs = x[i * rows * width..]
@@ -204,7 +210,8 @@ fn layer_row_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32], dx: &mut [
     let count = x.len() as f32;
     let mean = lanes::sums(x, x, x, |x, _, _| [x])[0] / count;
     let [sum, squares, slopes, along] = lanes::sums(x, dy, gamma, |x, dy, gamma| {
-        let (x, slope) = (x - mean, dy * gamma);
+        let x = x - mean;
+        let slope = dy * gamma;
         [x, x * x, slope, slope * x]
     });
     let moments = Moments::new(mean, [sum, squares], count, eps);

@@ -1,5 +1,5 @@
-//! Products of matrices: packed panels of the right factor meet tiles of the left one, share by share. It knows how
-//! work is cut, not where factors come from.
+//! Products of matrices: packed panels of the right factor meet tiles of the left one, share by
+//! share. It knows how work is cut, not where factors come from.
 
 use super::bf16;
 use super::buffer::Buffer;
@@ -53,8 +53,8 @@ pub fn product(
     out
 }
 
-/// Shares of at most 256 columns and of as many rows as leave enough tasks: fewer columns first, since a share packs
-/// its columns for all of its rows.
+/// Shares of at most 256 columns and of as many rows as leave enough tasks: fewer columns first,
+/// since a share packs its columns for all of its rows.
 pub fn cut([matrices, rows, columns]: [usize; 3]) -> Cut {
     let panels = (matrices * columns.div_ceil(COLUMNS)).max(1);
     let share_panels = (panels / TASKS).clamp(2, PANELS);
@@ -75,7 +75,8 @@ pub fn cut([matrices, rows, columns]: [usize; 3]) -> Cut {
 
 /// Fills a share with what its sums start from, unless that is nothing.
 pub fn begin(share: &mut Share, start: Start) -> Old {
-    let (rows, cut) = (share.rows.clone(), share.cut);
+    let rows = share.rows.clone();
+    let cut = share.cut;
     for panel in share.panels.clone() {
         let (_, columns) = cut.columns_of(panel);
         let mut block = share.block(0..rows.len(), panel);
@@ -98,7 +99,8 @@ pub fn add_product(
     depth: usize,
     (old, precision): (Old, Precision),
 ) {
-    let (rows, cut) = (share.rows.clone(), share.cut);
+    let rows = share.rows.clone();
+    let cut = share.cut;
     let mut panels = Buffer::stale(share.panels.len() * DEPTH.min(depth) * COLUMNS);
     let mut spaces = [[0.0; TILE]; 2];
     for first in (0..depth).step_by(DEPTH) {
@@ -154,7 +156,8 @@ fn narrow_panel(panel: &mut [f32], precision: Precision) {
         #[inline(always)]
         || {
             for row in 0..(panel.len() / COLUMNS).div_ceil(2) {
-                let (lower, upper) = (2 * row * COLUMNS, (2 * row + 1) * COLUMNS);
+                let lower = 2 * row * COLUMNS;
+                let upper = (2 * row + 1) * COLUMNS;
                 for column in 0..COLUMNS {
                     let upper = if upper < panel.len() {
                         panel[upper + column]
@@ -173,7 +176,9 @@ fn narrow_tile<'a>(tile: Matrix<'a>, space: &'a mut [f32], precision: Precision)
     if precision == Precision::F32 {
         return tile;
     }
-    let (row_stride, step, columns) = (tile.row_stride, tile.column_stride, tile.columns);
+    let row_stride = tile.row_stride;
+    let step = tile.column_stride;
+    let columns = tile.columns;
     let values = tile.values();
     vectorize(
         #[inline(always)]
@@ -223,7 +228,8 @@ impl Packed {
         }
     }
 
-    /// Writes `left` times this factor to `out`, a contiguous matrix of `rows` rows, on the calling thread.
+    /// Writes `left` times this factor to `out`, a contiguous matrix of `rows` rows, on the calling
+    /// thread.
     pub fn multiply(&self, out: &mut [f32], rows: usize, left: &impl Left, old: Old) {
         let panels = self.columns.div_ceil(COLUMNS);
         let mut out = MatrixMut::new(out, rows, self.columns);

@@ -5,9 +5,11 @@ use super::map::fill;
 use super::simd::vectorize;
 use crate::resize::Taps;
 
-/// Applies the horizontal taps to every row, then the vertical taps to every column, of planes `[h, w]`.
+/// Applies the horizontal taps to every row, then the vertical taps to every column, of planes `[h,
+/// w]`.
 pub fn separable(x: &[f32], [h, w]: [usize; 2], vertical: &Taps, horizontal: &Taps) -> Buffer {
-    let (height, width) = (vertical.windows.len(), horizontal.windows.len());
+    let height = vertical.windows.len();
+    let width = horizontal.windows.len();
     let mut out = Buffer::stale(x.len() / (h * w) * height * width);
     fill(&mut out, height * width, |plane, out| {
         let mut narrow = Buffer::stale(h * width);

@@ -100,13 +100,14 @@ pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) 
     out
 }
 
-/// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the result, and the
-/// extents of one before.
+/// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the
+/// result, and the extents of one before.
 pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     let wide = w * factor;
     let mut out = Buffer::stale(planes * h * factor * wide);
     fill(&mut out, wide.max(1), |row, out| {
-        let (plane, y) = (row / (h * factor), row % (h * factor));
+        let plane = row / (h * factor);
+        let y = row % (h * factor);
         for column in 0..factor {
             let source = (plane * factor + y % factor) * factor + column;
             let x = &x[(source * h + y / factor) * w..][..w];
@@ -120,17 +121,17 @@ pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     out
 }
 
-/// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one afterwards.
+/// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one
+/// afterwards.
 pub fn unshuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     let wide = w * factor;
     let mut out = Buffer::stale(planes * h * factor * wide);
     fill(&mut out, w.max(1), |row, out| {
-        let (plane, y) = (row / h, row % h);
-        let (source, line, column) = (
-            plane / (factor * factor),
-            plane / factor % factor,
-            plane % factor,
-        );
+        let plane = row / h;
+        let y = row % h;
+        let source = plane / (factor * factor);
+        let line = plane / factor % factor;
+        let column = plane % factor;
         let x = &x[(source * h * factor + y * factor + line) * wide..][..wide];
         out.iter_mut()
             .zip(x[column..].iter().step_by(factor))
@@ -155,7 +156,8 @@ pub fn pad_reflect(
     [planes, h, w]: [usize; 3],
     [top, bottom, left, right]: [usize; 4],
 ) -> Buffer {
-    let (height, width) = (top + h + bottom, left + w + right);
+    let height = top + h + bottom;
+    let width = left + w + right;
     let mut out = Buffer::stale(planes * height * width);
     fill(&mut out, width.max(1), |i, out| {
         let row = &x[(i / height * h + mirrored(i % height, top, h)) * w..][..w];

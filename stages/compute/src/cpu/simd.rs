@@ -1,9 +1,11 @@
-//! Choosing vector instructions at run time. It knows instruction sets, and nothing of what is computed.
+//! Choosing vector instructions at run time. It knows instruction sets, and nothing of what is
+//! computed.
 #![allow(unsafe_code)]
 
 use std::sync::OnceLock;
 
-/// The instruction sets that kernels exist for. On aarch64 the portable kernels are compiled to NEON.
+/// The instruction sets that kernels exist for. On aarch64 the portable kernels are compiled to
+/// NEON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// What every processor of the target has.
@@ -16,11 +18,13 @@ pub enum Level {
     Avx512,
 }
 
-/// Set to `portable` or `avx2`, this environment variable keeps this crate from using wider vectors.
+/// Set to `portable` or `avx2`, this environment variable keeps this crate from using wider
+/// vectors.
 const LIMIT: &str = "COMPUTE_SIMD";
 
 impl Level {
-    /// The level that all kernels of this process use: the widest that the processor has and `COMPUTE_SIMD` permits.
+    /// The level that all kernels of this process use: the widest that the processor has and
+    /// `COMPUTE_SIMD` permits.
     pub fn current() -> Level {
         static CURRENT: OnceLock<Level> = OnceLock::new();
         *CURRENT.get_or_init(|| match std::env::var(LIMIT).as_deref() {
@@ -69,8 +73,9 @@ impl Level {
 }
 
 /// Runs `kernel` compiled for the current level. Only what is inlined here is compiled anew, so
-/// mark the closure (and closures that it calls) `#[inline(always)]`, and loop by `for`, not by `for_each`. Kernels
-/// round every operation by itself (no fused multiply-add), so their bits are the same for every instruction set.
+/// mark the closure (and closures that it calls) `#[inline(always)]`, and loop by `for`, not by
+/// `for_each`. Kernels round every operation by itself (no fused multiply-add), so their bits are
+/// the same for every instruction set.
 #[inline(always)]
 pub fn vectorize<R>(kernel: impl FnOnce() -> R) -> R {
     match Level::current() {
@@ -84,8 +89,8 @@ pub fn vectorize<R>(kernel: impl FnOnce() -> R) -> R {
     }
 }
 
-/// Asks for values that will soon be read or written, where they may still lie in memory and too few lie side by side
-/// for the processor to guess it.
+/// Asks for values that will soon be read or written, where they may still lie in memory and too
+/// few lie side by side for the processor to guess it.
 #[inline(always)]
 pub fn prefetch(values: &[f32]) {
     #[cfg(target_arch = "x86_64")]

@@ -16,8 +16,8 @@ pub const ROWS: usize = 12;
 /// Columns of a tile, and of a packed panel.
 pub const COLUMNS: usize = 32;
 
-/// Terms that are summed one after the other before they join the total: sums of short sums round less than one long
-/// sum does, here by more than half.
+/// Terms that are summed one after the other before they join the total: sums of short sums round
+/// less than one long sum does, here by more than half.
 const CHAIN: usize = 32;
 
 /// What becomes of the values that a product finds in its result.
@@ -29,9 +29,9 @@ pub enum Old {
     Forget,
 }
 
-/// Writes `a` times `panel` to `out`, which has at most [`ROWS`] rows and [`COLUMNS`] columns. A panel is packed: its
-/// rows have [`COLUMNS`] elements, one after the other, whatever `out` has. In bf16, `a` and `panel` hold
-/// [pairs](super::bf16::pair).
+/// Writes `a` times `panel` to `out`, which has at most [`ROWS`] rows and [`COLUMNS`] columns. A
+/// panel is packed: its rows have [`COLUMNS`] elements, one after the other, whatever `out` has. In
+/// bf16, `a` and `panel` hold [pairs](super::bf16::pair).
 #[inline(always)]
 pub fn multiply_tile(
     out: &mut MatrixMut,
@@ -39,7 +39,9 @@ pub fn multiply_tile(
     panel: &[f32],
     (old, precision): (Old, Precision),
 ) {
-    let (rows, columns, depth) = (out.rows(), out.columns(), a.columns);
+    let rows = out.rows();
+    let columns = out.columns();
+    let depth = a.columns;
     assert!(
         rows <= ROWS && columns <= COLUMNS && a.rows == rows,
         "tile: the extents disagree"
@@ -80,7 +82,8 @@ pub fn multiply_tile(
     }
 }
 
-/// SAFETY: `panel` holds `depth` rows, and `out` has as many rows as `a`, of [`COLUMNS`] elements each.
+/// SAFETY: `panel` holds `depth` rows, and `out` has as many rows as `a`, of [`COLUMNS`] elements
+/// each.
 #[inline(always)]
 unsafe fn dispatch(
     depth: usize,
@@ -175,11 +178,10 @@ unsafe fn split<V: Vector>(
         for column in (0..COLUMNS).step_by(2 * V::LANES) {
             // SAFETY: the offsets lie within the tile and the panel.
             unsafe {
-                let (a_start, strides) = (
-                    a.values().as_ptr().add(row * a.row_stride),
-                    [a.row_stride, a.column_stride],
-                );
-                let (panel, out) = (panel.add(column), out.add(row * stride + column));
+                let a_start = a.values().as_ptr().add(row * a.row_stride);
+                let strides = [a.row_stride, a.column_stride];
+                let panel = panel.add(column);
+                let out = out.add(row * stride + column);
                 macro_rules! rows {
                     ($($rows:literal)*) => {
                         match V::TALL.min(a.rows - row) {

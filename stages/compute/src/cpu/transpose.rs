@@ -6,8 +6,8 @@ use super::simd::Level;
 /// Side of the square blocks that vectors turn at once.
 const BLOCK: usize = 16;
 
-/// Writes the `count` rows of `rows`, each of `depth` elements and `row_stride` apart, as the first columns of `out`,
-/// whose `depth` rows are `out_stride` apart.
+/// Writes the `count` rows of `rows`, each of `depth` elements and `row_stride` apart, as the first
+/// columns of `out`, whose `depth` rows are `out_stride` apart.
 pub fn transpose_into(
     rows: &[f32],
     row_stride: usize,
@@ -29,12 +29,11 @@ pub fn transpose_into(
     for row in (0..count).step_by(BLOCK) {
         for k in (0..depth).step_by(BLOCK) {
             let extent = [BLOCK.min(count - row), BLOCK.min(depth - k)];
-            let (from, to) = (
-                &rows[row * row_stride + k..],
-                &mut out[k * out_stride + row..],
-            );
+            let from = &rows[row * row_stride + k..];
+            let to = &mut out[k * out_stride + row..];
             match Level::current() {
-                // SAFETY: the level is the processor's; the block lies within both, by the assertions above.
+                // SAFETY: the level is the processor's; the block lies within both, by the
+                // assertions above.
                 #[cfg(target_arch = "x86_64")]
                 Level::Avx512 => unsafe {
                     turn(
@@ -65,9 +64,9 @@ fn turn_by_element(
     }
 }
 
-/// Turns a block of at most 16 by 16 in four rounds: round s exchanges, between rows that differ in bit s, the elements
-/// whose column differs in that bit.
-/// SAFETY: the processor has AVX-512, and the block lies within both memories.
+/// Turns a block of at most 16 by 16 in four rounds: round s exchanges, between rows that differ in
+/// bit s, the elements whose column differs in that bit. SAFETY: the processor has AVX-512, and the
+/// block lies within both memories.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
 unsafe fn turn(
@@ -104,7 +103,8 @@ unsafe fn turn(
             let high = _mm512_loadu_si512(const { &choices(STEP, true) }.as_ptr().cast());
             for row in 0..BLOCK {
                 if row & STEP == 0 {
-                    let (a, b) = (rows[row], rows[row + STEP]);
+                    let a = rows[row];
+                    let b = rows[row + STEP];
                     rows[row] = _mm512_permutex2var_ps(a, low, b);
                     rows[row + STEP] = _mm512_permutex2var_ps(a, high, b);
                 }
@@ -112,10 +112,8 @@ unsafe fn turn(
         }
     }
 
-    let (read, write) = (
-        (1u32 << depth).wrapping_sub(1) as u16,
-        (1u32 << count).wrapping_sub(1) as u16,
-    );
+    let read = (1u32 << depth).wrapping_sub(1) as u16;
+    let write = (1u32 << count).wrapping_sub(1) as u16;
     // SAFETY: masks and counts keep every access within the block.
     unsafe {
         let mut rows: [__m512; BLOCK] = std::array::from_fn(|row| {
@@ -139,7 +137,8 @@ mod tests {
     #[test]
     fn turns_blocks_of_any_size() {
         for (count, depth) in [(1, 1), (16, 16), (17, 9), (5, 40), (32, 33)] {
-            let (stride, out_stride) = (depth + 3, count + 2);
+            let stride = depth + 3;
+            let out_stride = count + 2;
             let rows: Vec<f32> = (0..count * stride).map(|i| i as f32).collect();
             let mut out = vec![-1.0; depth * out_stride];
             transpose_into(&rows, stride, [count, depth], &mut out, out_stride);

@@ -6,8 +6,9 @@ use std::arch::x86_64::*;
 
 /// Some `f32` side by side.
 ///
-/// SAFETY of every function: the processor has the instruction set, and pointers are good for [`LANES`](Self::LANES)
-/// values. They must be inlined into a function compiled for that instruction set.
+/// SAFETY of every function: the processor has the instruction set, and pointers are good for
+/// [`LANES`](Self::LANES) values. They must be inlined into a function compiled for that
+/// instruction set.
 pub trait Vector: Copy {
     const LANES: usize;
     /// Rows of a tile two vectors wide that the registers hold.
@@ -200,7 +201,9 @@ macro_rules! pair_vector {
 
             #[inline(always)]
             unsafe fn multiply_add(self, factor: Self, sum: Self) -> Self {
-                let ($a, $b, $sum) = (self.0, factor.0, sum.0);
+                let $a = self.0;
+                let $b = factor.0;
+                let $sum = sum.0;
                 // SAFETY: see above.
                 Self(unsafe { $product })
             }

@@ -90,14 +90,13 @@ fn convert<const N: usize>(bytes: &[[u8; N]], out: &mut [f32], read: impl Fn([u8
     );
 }
 
-/// An IEEE half without a branch: its exponent and fraction, moved to where an `f32` keeps them, are too small by the
-/// difference of the biases, 2^112, be it normal or not; only infinities and NaN need their exponent filled.
+/// An IEEE half without a branch: its exponent and fraction, moved to where an `f32` keeps them,
+/// are too small by the difference of the biases, 2^112, be it normal or not; only infinities and
+/// NaN need their exponent filled.
 #[inline(always)]
 fn from_f16(bits: u16) -> f32 {
-    let (sign, magnitude) = (
-        u32::from(bits & 0x8000) << 16,
-        u32::from(bits & 0x7fff) << 13,
-    );
+    let sign = u32::from(bits & 0x8000) << 16;
+    let magnitude = u32::from(bits & 0x7fff) << 13;
     let scaled = (f32::from_bits(magnitude) * f32::from_bits((127 + 112) << 23)).to_bits();
     let special = if magnitude >= 0x7c00 << 13 {
         0x7f80_0000
@@ -120,7 +119,8 @@ mod tests {
             .copied()
             .enumerate()
         {
-            let (exponent, fraction) = (bits >> 10 & 31, (bits & 1023) as f64 / 1024.0);
+            let exponent = bits >> 10 & 31;
+            let fraction = (bits & 1023) as f64 / 1024.0;
             let magnitude = match exponent {
                 0 => fraction * 2f64.powi(-14),
                 31 if fraction == 0.0 => f64::INFINITY,

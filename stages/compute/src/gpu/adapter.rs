@@ -9,7 +9,8 @@ pub const WORKGROUP_SIZE: u32 = 256;
 /// Arrays that one of our kernels sees.
 pub const BINDINGS: u32 = 8;
 
-/// What [`Report::features`] calls kernels that can name numbers of 16 bits: it is the one feature that they use.
+/// What [`Report::features`] calls kernels that can name numbers of 16 bits: it is the one feature
+/// that they use.
 pub const HALVES: &str = "16-bit floats in kernels";
 
 /// What `doctor` says of one adapter.
@@ -41,14 +42,15 @@ pub struct Found {
     pub report: Report,
 }
 
-/// Whether this may be a machine with a GPU of hardware, asked in no time: on Linux, its driver has made a device file.
+/// Whether this may be a machine with a GPU of hardware, asked in no time: on Linux, its driver has
+/// made a device file.
 pub fn hardware_is_likely() -> bool {
     const FILES: [&str; 3] = ["/dev/nvidiactl", "/dev/dxg", "/dev/dri/renderD128"];
     !cfg!(target_os = "linux") || FILES.iter().any(|file| std::path::Path::new(file).exists())
 }
 
-/// The drivers of this machine, through Vulkan, Metal or DX12. Environment variables of wgpu (`WGPU_VALIDATION=1`)
-/// count.
+/// The drivers of this machine, through Vulkan, Metal or DX12. Environment variables of wgpu
+/// (`WGPU_VALIDATION=1`) count.
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
@@ -93,7 +95,9 @@ fn order(kind: wgpu::DeviceType) -> usize {
 }
 
 fn report(index: usize, adapter: &wgpu::Adapter) -> Report {
-    let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
+    let info = adapter.get_info();
+    let limits = adapter.limits();
+    let features = adapter.features();
     let driver = format!("{} {}", info.driver, info.driver_info)
         .trim()
         .to_owned();

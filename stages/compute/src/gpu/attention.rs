@@ -24,7 +24,8 @@ fn words(e: Extents) -> [u32; 6] {
     ]
 }
 
-/// How many slices of a head's features one workgroup sums, `most` at most, and the workgroups for `tokens` rows.
+/// How many slices of a head's features one workgroup sums, `most` at most, and the workgroups for
+/// `tokens` rows.
 fn shape(e: Extents, tokens: usize, most: usize) -> (u32, [u32; 3]) {
     let slices = e.depth.div_ceil(SIDE);
     let each = slices.clamp(1, most);
@@ -36,7 +37,8 @@ fn shape(e: Extents, tokens: usize, most: usize) -> (u32, [u32; 3]) {
     (each as u32, groups.map(|count| count as u32))
 }
 
-/// Multiplications and additions of one product of all scores, of which forward has two and backward five.
+/// Multiplications and additions of one product of all scores, of which forward has two and
+/// backward five.
 fn operations(e: Extents) -> u64 {
     2 * (e.batch * e.heads * e.queries * e.keys * e.depth) as u64
 }

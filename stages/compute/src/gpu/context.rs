@@ -1,5 +1,5 @@
-//! An open GPU: its kernels and the commands recorded for it, and in `memory` its arrays. It knows no operator.
-//! Its faults unwind to [`super::fault::attempt`].
+//! An open GPU: its kernels and the commands recorded for it, and in `memory` its arrays. It knows
+//! no operator. Its faults unwind to [`super::fault::attempt`].
 
 mod memory;
 
@@ -71,14 +71,13 @@ pub struct Job<'a> {
 }
 
 impl Gpu {
-    /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it were a weak one,
-    /// whose kernels see so many bytes of an array at once, and name no numbers of 16 bits.
+    /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it
+    /// were a weak one, whose kernels see so many bytes of an array at once, and name no numbers of
+    /// 16 bits.
     pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
-        let (mut limits, mut required_features) = (
-            adapter.limits(),
-            adapter.features() & wgpu::Features::SHADER_F16,
-        );
+        let mut limits = adapter.limits();
+        let mut required_features = adapter.features() & wgpu::Features::SHADER_F16;
         if let Some(window) = window {
             limits.max_storage_buffer_binding_size =
                 limits.max_storage_buffer_binding_size.min(window);
@@ -97,7 +96,8 @@ impl Gpu {
                     reason: error.to_string(),
                 }
             })?;
-        let (fault, pool) = (Fault::default(), Arc::default());
+        let fault = Fault::default();
+        let pool = Arc::default();
         watch(&device, &fault, &pool);
         let work = Work {
             kernels: Kernels::default(),
@@ -157,7 +157,8 @@ impl Gpu {
 
     /// Stops whatever runs on the device, up to the nearest [`super::fault::attempt`].
     fn fail(&self, error: GpuError) -> ! {
-        // A command may be refused since the device is lost, of which it tells when asked after all work is over.
+        // A command may be refused since the device is lost, of which it tells when asked after all
+        // work is over.
         let _ = self.device.poll(wgpu::PollType::Wait {
             submission_index: None,
             timeout: Some(LAST_WORDS),
@@ -196,8 +197,8 @@ impl Gpu {
         work.counts.bytes += bytes;
     }
 
-    /// Records a job that touches a part of its arrays which only the device knows: whoever learns of it tells
-    /// [`Gpu::account`].
+    /// Records a job that touches a part of its arrays which only the device knows: whoever learns
+    /// of it tells [`Gpu::account`].
     pub fn start(&self, job: &Job) {
         self.check();
         assert!(
@@ -226,7 +227,8 @@ impl Gpu {
 
     /// An array as kernels see it.
     fn pieces<'b>(&self, array: &'b Buffer) -> impl Iterator<Item = Piece<'b>> + use<'b> {
-        let (window, all) = (self.window, array.bytes());
+        let window = self.window;
+        let all = array.bytes();
         let piece = move |offset| Piece {
             buffer: array.raw(),
             offset,

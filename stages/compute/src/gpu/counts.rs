@@ -1,5 +1,5 @@
-//! How much a device was given to do. A figure of its own for each thing that costs time, so that a test sees a
-//! regression where no GPU is.
+//! How much a device was given to do. A figure of its own for each thing that costs time, so that a
+//! test sees a regression where no GPU is.
 
 use std::ops::Sub;
 

@@ -1,7 +1,7 @@
 //! What goes wrong with a GPU, and how that stops whoever computes on it.
 //!
-//! Operators have no errors of their own, so a fault of the device unwinds to [`attempt`] with a [`GpuError`] as its
-//! load; no panic hook sees it.
+//! Operators have no errors of their own, so a fault of the device unwinds to [`attempt`] with a
+//! [`GpuError`] as its load; no panic hook sees it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -35,10 +35,13 @@ pub fn full(pool: &Pool) -> GpuError {
     }
 }
 
-/// Keeps the first fault that the driver tells of; a loss, which other faults may come of, before any other.
+/// Keeps the first fault that the driver tells of; a loss, which other faults may come of, before
+/// any other.
 pub fn watch(device: &wgpu::Device, fault: &Fault, pool: &Arc<Pool>) {
     // The pool keeps the device alive, which must not keep the pool.
-    let (errors, losses, pool) = (fault.clone(), fault.clone(), Arc::downgrade(pool));
+    let errors = fault.clone();
+    let losses = fault.clone();
+    let pool = Arc::downgrade(pool);
     device.on_uncaptured_error(Arc::new(move |error| {
         let fault = match error {
             wgpu::Error::OutOfMemory { .. } => pool

@@ -1,5 +1,5 @@
-//! Kernels as text, and as pipelines, each compiled once. It knows how kernels see their arrays: parameters at binding
-//! 0, then what they read, then what they write, in that order.
+//! Kernels as text, and as pipelines, each compiled once. It knows how kernels see their arrays:
+//! parameters at binding 0, then what they read, then what they write, in that order.
 
 use std::collections::BTreeMap;
 
@@ -126,7 +126,8 @@ pub struct Kernels {
 }
 
 impl Kernels {
-    /// The pipeline of `kernel`, compiled at the first call; `None` if its arrays cannot lie in such pieces.
+    /// The pipeline of `kernel`, compiled at the first call; `None` if its arrays cannot lie in
+    /// such pieces.
     pub fn get(
         &mut self,
         device: &wgpu::Device,
@@ -142,7 +143,8 @@ impl Kernels {
         if let Some(pipeline) = self.pipelines.get(&identity) {
             return Some(pipeline.clone());
         }
-        let (text, bindings) = (kernel.text(pieces)?, kernel.bindings(pieces));
+        let text = kernel.text(pieces)?;
+        let bindings = kernel.bindings(pieces);
         let layout = self
             .layouts
             .entry(bindings)

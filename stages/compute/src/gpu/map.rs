@@ -62,10 +62,8 @@ pub fn binary(gpu: &Gpu, function: Binary, x: &Buffer, y: &Buffer, len: usize) -
         Binary::GeluSlope => ("return y[i] * gelu_slope(x[i]);", [0.0; 2]),
         Binary::QuickGeluSlope => ("return y[i] * quick_gelu_slope(x[i]);", [0.0; 2]),
     };
-    let (reads, words) = (
-        [("x: f32", x), ("y: f32", y)],
-        [("a: f32", bits(a)), ("b: f32", bits(b))],
-    );
+    let reads = [("x: f32", x), ("y: f32", y)];
+    let words = [("a: f32", bits(a)), ("b: f32", bits(b))];
     Each {
         name: "binary",
         reads: &reads,
@@ -78,10 +76,8 @@ pub fn binary(gpu: &Gpu, function: Binary, x: &Buffer, y: &Buffer, len: usize) -
 
 /// Every plane of `plane` elements plus its own number.
 pub fn add_per_plane(gpu: &Gpu, x: &Buffer, numbers: &Buffer, plane: usize, len: usize) -> Buffer {
-    let (reads, words) = (
-        [("x: f32", x), ("numbers: f32", numbers)],
-        [("plane: u32", plane as u32)],
-    );
+    let reads = [("x: f32", x), ("numbers: f32", numbers)];
+    let words = [("plane: u32", plane as u32)];
     let value = "return x[i] + numbers[i / p.plane];";
     Each {
         name: "add_per_plane",
@@ -101,13 +97,11 @@ pub fn leaky_per_channel(
     plane: usize,
     len: usize,
 ) -> Buffer {
-    let (reads, words) = (
-        [("x: f32", x), ("slopes: f32", slopes)],
-        [
-            ("plane: u32", plane as u32),
-            ("channels: u32", channels as u32),
-        ],
-    );
+    let reads = [("x: f32", x), ("slopes: f32", slopes)];
+    let words = [
+        ("plane: u32", plane as u32),
+        ("channels: u32", channels as u32),
+    ];
     let value = "return select(slopes[i / p.plane % p.channels] * x[i], x[i], x[i] > 0.0);";
     Each {
         name: "leaky_per_channel",
@@ -135,10 +129,8 @@ pub fn geglu(gpu: &Gpu, x: &Buffer, half: usize, len: usize) -> Buffer {
 
 /// The gradient of [`geglu`]; `len` is twice the number of `dy`.
 pub fn geglu_backward(gpu: &Gpu, x: &Buffer, dy: &Buffer, half: usize, len: usize) -> Buffer {
-    let (reads, words) = (
-        [("x: f32", x), ("dy: f32", dy)],
-        [("half: u32", half as u32)],
-    );
+    let reads = [("x: f32", x), ("dy: f32", dy)];
+    let words = [("half: u32", half as u32)];
     let value = "let row = i / (2u * p.half); let c = i % (2u * p.half); let d = dy[row * p.half + c % p.half];
     if (c < p.half) {
         let b = x[i + p.half];

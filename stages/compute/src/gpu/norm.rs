@@ -29,7 +29,8 @@ impl Launch {
     fn new(gpu: &Gpu, x: &Buffer, len: usize, g: Groups, activation: Activation) -> Launch {
         let channels = g.channels / g.groups;
         let size = channels * g.plane;
-        let (count, chunks) = (len / size.max(1), size.div_ceil(CHUNK));
+        let count = len / size.max(1);
+        let chunks = size.div_ceil(CHUNK);
         let groups = [chunks as u32, count as u32, 1];
         let kernel = Kernel::new(
             "group_moments",
@@ -170,7 +171,8 @@ fn layer_kernel(
         ("BACKWARD", u32::from(!forward)),
     ];
     let kernel = Kernel::new("layer_norm", &[SUMS, LAYER], [3, 1]).with(&constants);
-    let (rows, out) = (len / width.max(1), gpu.buffer(len));
+    let rows = len / width.max(1);
+    let out = gpu.buffer(len);
     let [x, gamma, other] = reads;
     gpu.run(&Job {
         kernel: &kernel,

@@ -1,5 +1,5 @@
-//! Device memory that is used again: a buffer that is dropped waits for the next one of its size. It knows sizes and
-//! the order of submissions, not what the bytes mean.
+//! Device memory that is used again: a buffer that is dropped waits for the next one of its size.
+//! It knows sizes and the order of submissions, not what the bytes mean.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -67,13 +67,15 @@ struct Waiting {
 /// Who writes a buffer first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writer {
-    /// A kernel of the batch being recorded: any idle buffer will do, since commands run in their order.
+    /// A kernel of the batch being recorded: any idle buffer will do, since commands run in their
+    /// order.
     Kernel,
     /// The host, ahead of that batch: only a buffer that the batch has not used.
     Host,
 }
 
-/// Sizes are rounded up to four steps per power of two, so that buffers of nearly equal size can stand for each other.
+/// Sizes are rounded up to four steps per power of two, so that buffers of nearly equal size can
+/// stand for each other.
 fn class(bytes: u64) -> u64 {
     let bytes = bytes.max(SMALLEST);
     bytes.next_multiple_of((bytes.next_power_of_two() / 8).max(4))
@@ -84,8 +86,8 @@ impl Pool {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A buffer of at least `bytes`, and at most `largest` where those are no more, with any content; `create` makes
-    /// one where none is idle.
+    /// A buffer of at least `bytes`, and at most `largest` where those are no more, with any
+    /// content; `create` makes one where none is idle.
     pub fn take(
         self: &Arc<Self>,
         bytes: u64,

@@ -1,5 +1,5 @@
-//! Every matrix product: of linear layers, and of convolutions, whose column matrix is never formed. What differs is
-//! how the factors are read and in which tiles a product is cut.
+//! Every matrix product: of linear layers, and of convolutions, whose column matrix is never
+//! formed. What differs is how the factors are read and in which tiles a product is cut.
 
 use std::fmt;
 
@@ -13,8 +13,8 @@ use crate::weight::Format;
 
 const PRODUCT: &str = include_str!("wgsl/product.wgsl");
 
-/// Tiles per product below which the depth is cut as well, so that a large GPU has something for each of its
-/// processors.
+/// Tiles per product below which the depth is cut as well, so that a large GPU has something for
+/// each of its processors.
 const ENOUGH_TILES: usize = 64;
 /// The least depth that is worth a workgroup of its own.
 const LEAST_DEPTH: usize = 256;
@@ -72,8 +72,8 @@ pub enum Along {
     Columns,
 }
 
-/// How a product is cut: rows, columns and depth of a tile, rows and columns of one invocation. All have 256
-/// invocations.
+/// How a product is cut: rows, columns and depth of a tile, rows and columns of one invocation. All
+/// have 256 invocations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tile {
     rows: usize,
@@ -124,8 +124,9 @@ const WIDE: Tile = Tile {
 };
 
 impl Tile {
-    /// The largest tile that leaves enough of them; long ones where one extent is short. It says how the depth is cut,
-    /// whichever tile an adapter is faster with: so that all give the same bits.
+    /// The largest tile that leaves enough of them; long ones where one extent is short. It says
+    /// how the depth is cut, whichever tile an adapter is faster with: so that all give the same
+    /// bits.
     fn usual(rows: usize, columns: usize) -> Tile {
         let large = rows.div_ceil(LARGE.rows) * columns.div_ceil(LARGE.columns);
         match (rows, columns) {
@@ -413,7 +414,8 @@ fn reader(name: &str, binding: u32, format: Format) -> String {
     )
 }
 
-/// The same of halves, by kernels that can name them: they stay halves in the memory that a workgroup shares.
+/// The same of halves, by kernels that can name them: they stay halves in the memory that a
+/// workgroup shares.
 fn half_reader(name: &str, binding: u32) -> String {
     format!(
         "@group(0) @binding({binding}) var<storage, read> {name}: array<f16>;\n\

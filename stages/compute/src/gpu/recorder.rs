@@ -1,4 +1,5 @@
-//! Commands that wait to be handed over together. It knows passes, parameters and copies, not what kernels compute.
+//! Commands that wait to be handed over together. It knows passes, parameters and copies, not what
+//! kernels compute.
 
 use super::kernel::Pipeline;
 
@@ -20,7 +21,9 @@ pub struct Piece<'b> {
 
 impl<'b> Piece<'b> {
     fn entry(&self, binding: usize) -> wgpu::BindGroupEntry<'b> {
-        let (buffer, offset, size) = (self.buffer, self.offset, wgpu::BufferSize::new(self.bytes));
+        let buffer = self.buffer;
+        let offset = self.offset;
+        let size = wgpu::BufferSize::new(self.bytes);
         let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer,
             offset,
@@ -65,7 +68,8 @@ impl Recorder {
         self.words.len() >= SLOT * BATCH
     }
 
-    /// Records one kernel over `groups` workgroups; `pieces` of its arrays are in the order of its bindings.
+    /// Records one kernel over `groups` workgroups; `pieces` of its arrays are in the order of its
+    /// bindings.
     pub fn dispatch(
         &mut self,
         device: &wgpu::Device,

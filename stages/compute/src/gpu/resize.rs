@@ -25,7 +25,8 @@ pub fn separable(
 
 /// Resamples the middle axis of `[outer, from, inner]`.
 fn along(gpu: &Gpu, x: &Buffer, [outer, from, inner]: [usize; 3], taps: &Taps) -> Buffer {
-    let (mut weights, mut windows) = (Vec::new(), Vec::new());
+    let mut weights = Vec::new();
+    let mut windows = Vec::new();
     for window in &taps.windows {
         windows.extend([
             window.first as u32,

@@ -123,8 +123,8 @@ pub fn upsample_backward(
     .run(gpu, planes * h * w)
 }
 
-/// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the result, and the
-/// extents of one before.
+/// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the
+/// result, and the extents of one before.
 pub fn shuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     let words = [
         ("h: u32", h as u32),
@@ -147,7 +147,8 @@ pub fn shuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize)
     .run(gpu, len)
 }
 
-/// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one afterwards.
+/// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one
+/// afterwards.
 pub fn unshuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
     let words = [
         ("h: u32", h as u32),
@@ -171,7 +172,8 @@ pub fn unshuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usiz
 /// `[planes, h, w]` continued by mirroring, `[top, bottom, left, right]` pixels wide.
 pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usize; 4]) -> Buffer {
     let [top, bottom, left, right] = pad;
-    let (height, width) = (top + h + bottom, left + w + right);
+    let height = top + h + bottom;
+    let width = left + w + right;
     let words = [
         ("h: u32", h as u32),
         ("w: u32", w as u32),
@@ -199,10 +201,8 @@ pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usiz
 /// Row `id` of the table for every id.
 pub fn gather_rows(gpu: &Gpu, table: &Buffer, depth: usize, ids: &[u32]) -> Buffer {
     let ids_on_device = gpu.upload(bytemuck::cast_slice(ids));
-    let (reads, words) = (
-        [("x: f32", table), ("ids: u32", &ids_on_device)],
-        [("depth: u32", depth as u32)],
-    );
+    let reads = [("x: f32", table), ("ids: u32", &ids_on_device)];
+    let words = [("depth: u32", depth as u32)];
     let value = "return x[ids[i / p.depth] * p.depth + i % p.depth];";
     Each {
         name: "gather_rows",

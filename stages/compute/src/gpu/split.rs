@@ -1,7 +1,9 @@
-//! Arrays longer than a kernel may see at once: they are bound piece by piece, and the kernel's text is rewritten so
-//! that every access finds its piece. It knows how kernels declare and use arrays, not what they compute.
+//! Arrays longer than a kernel may see at once: they are bound piece by piece, and the kernel's
+//! text is rewritten so that every access finds its piece. It knows how kernels declare and use
+//! arrays, not what they compute.
 //!
-//! Only addresses change, no sum and no order: the results are those of a GPU that sees arrays as a whole.
+//! Only addresses change, no sum and no order: the results are those of a GPU that sees arrays as a
+//! whole.
 
 use std::collections::BTreeSet;
 
@@ -27,10 +29,11 @@ enum Use {
     Call(String),
 }
 
-/// The text of a kernel whose array number `k`, in the order of bindings, lies in `pieces[k]` pieces of `window` bytes.
-/// `None` if one of those has elements of a type that is not known here.
+/// The text of a kernel whose array number `k`, in the order of bindings, lies in `pieces[k]`
+/// pieces of `window` bytes. `None` if one of those has elements of a type that is not known here.
 pub fn split(text: &str, pieces: &[u32], window: u64) -> Option<String> {
-    let (mut arrays, mut uses) = (Vec::new(), BTreeSet::new());
+    let mut arrays = Vec::new();
+    let mut uses = BTreeSet::new();
     let (mut declared, rest): (Vec<&str>, Vec<&str>) =
         text.lines().partition(|line| is_declaration(line));
     declared.sort_by_key(|line| binding(line));
@@ -38,7 +41,8 @@ pub fn split(text: &str, pieces: &[u32], window: u64) -> Option<String> {
         arrays.push(Array::read(line, pieces)?);
     }
     let body = rewrite(&rest.join("\n"), &arrays, &mut uses);
-    let (mut out, mut first) = (String::new(), 1);
+    let mut out = String::new();
+    let mut first = 1;
     for array in &arrays {
         out += &array.declaration(first);
         first += array.pieces;
@@ -90,7 +94,8 @@ impl<'t> Array<'t> {
             access, element, ..
         } = self;
         let one = |number| {
-            let (binding, name) = (first + number, self.piece(number));
+            let binding = first + number;
+            let name = self.piece(number);
             format!(
                 "@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;\n"
             )
@@ -158,7 +163,8 @@ fn is_name(c: char) -> bool {
 
 /// The text with every use of an array that lies in pieces as a call, and what uses there were.
 fn rewrite(text: &str, arrays: &[Array], uses: &mut BTreeSet<(usize, Use)>) -> String {
-    let (mut out, mut rest) = (String::new(), text);
+    let mut out = String::new();
+    let mut rest = text;
     while let Some(open) = rest.find('[') {
         let start = rest[..open]
             .rfind(|c| !is_name(c))
@@ -187,7 +193,8 @@ fn rewrite(text: &str, arrays: &[Array], uses: &mut BTreeSet<(usize, Use)>) -> S
     out + rest
 }
 
-/// What is done with an element, by what stands around it; the value that it is given; and the text behind.
+/// What is done with an element, by what stands around it; the value that it is given; and the text
+/// behind.
 fn usage<'t>(before: &mut String, after: &'t str) -> (Use, Option<&'t str>, &'t str) {
     if let Some(call) = before.strip_suffix("(&") {
         let start = call.rfind(|c| !is_name(c)).map_or(0, |end| end + 1);

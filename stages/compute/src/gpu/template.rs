@@ -1,5 +1,5 @@
-//! Expands the templates of kernels into WGSL. It knows three directives, each on a line of its own, and no shading
-//! language:
+//! Expands the templates of kernels into WGSL. It knows three directives, each on a line of its
+//! own, and no shading language:
 //!
 //! ```text
 //! #for i 4               the lines up to the matching #end, with ${i} = 0, 1, 2, 3
@@ -7,21 +7,24 @@
 //! #use name A=q B=k      those lines, with ${A} = q and ${B} = k
 //! ```
 //!
-//! A count may be a `${name}` too. Loops over registers are written out this way: a variable per register stays in one.
+//! A count may be a `${name}` too. Loops over registers are written out this way: a variable per
+//! register stays in one.
 
 use std::collections::BTreeMap;
 
 /// Names and what stands for them.
 type Names = BTreeMap<String, String>;
 
-/// The text of `template` with every directive carried out and every `${name}` of `constants` replaced.
+/// The text of `template` with every directive carried out and every `${name}` of `constants`
+/// replaced.
 pub fn expand(template: &str, constants: &[(&'static str, u32)]) -> String {
     let names = constants
         .iter()
         .map(|(name, value)| ((*name).to_owned(), value.to_string()))
         .collect();
     let lines: Vec<&str> = template.lines().collect();
-    let (mut blocks, mut out) = (BTreeMap::new(), String::new());
+    let mut blocks = BTreeMap::new();
+    let mut out = String::new();
     expand_lines(&lines, &names, &mut blocks, &mut out);
     out
 }

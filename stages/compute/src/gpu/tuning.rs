@@ -1,8 +1,8 @@
-//! In which tiles an adapter computes matrix products fastest: measured in a second or two, told as text. It knows no
-//! file.
+//! In which tiles an adapter computes matrix products fastest: measured in a second or two, told as
+//! text. It knows no file.
 //!
-//! All tiles sum along the depth in one order, so that a choice changes how long a product takes and no bit of it: what
-//! was measured need not be measured alike again.
+//! All tiles sum along the depth in one order, so that a choice changes how long a product takes
+//! and no bit of it: what was measured need not be measured alike again.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -18,7 +18,8 @@ const TOGETHER: usize = 4;
 /// How often; the least time counts.
 const TIMES: usize = 3;
 
-/// Kinds of products that have a tile each: how they read their factors, and how many tiles there are.
+/// Kinds of products that have a tile each: how they read their factors, and how many tiles there
+/// are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     /// Of linear layers, with too few large tiles for all processors of a GPU.
@@ -62,25 +63,24 @@ impl Class {
         }
     }
 
-    /// Computes a product of this kind in a tile, of an extent that networks have divided by `less` each way.
+    /// Computes a product of this kind in a tile, of an extent that networks have divided by `less`
+    /// each way.
     fn run(self, gpu: &Gpu, tile: Tile, less: usize) {
-        let (channels, more) = (256 / less, if self.usual() == LARGE { 2 } else { 1 });
-        let ([rows, columns], side) = ([1024, 512].map(|n| more * n / less), more * 32 / less);
+        let channels = 256 / less;
+        let more = if self.usual() == LARGE { 2 } else { 1 };
+        let [rows, columns] = [1024, 512].map(|n| more * n / less);
+        let side = more * 32 / less;
         match self {
             Class::FewDense | Class::ManyDense => {
-                let (a, b) = (
-                    fill(gpu, rows * channels, 0.0),
-                    fill(gpu, channels * columns, 0.0),
-                );
+                let a = fill(gpu, rows * channels, 0.0);
+                let b = fill(gpu, channels * columns, 0.0);
                 let strides = [channels, 1, 1, channels];
                 Product::dense((&a).into(), (&b).into(), [rows, channels, columns], strides)
                     .run_in(gpu, tile);
             }
             Class::FewConv | Class::ManyConv => {
-                let (x, w) = (
-                    fill(gpu, channels * side * side, 0.0),
-                    fill(gpu, channels * channels * 9, 0.0),
-                );
+                let x = fill(gpu, channels * side * side, 0.0);
+                let w = fill(gpu, channels * channels * 9, 0.0);
                 conv::forward_product(&x, (&w).into(), None, &geometry(channels, side))
                     .run_in(gpu, tile);
             }
@@ -90,7 +90,8 @@ impl Class {
 
 /// A 3x3 convolution that keeps the number of channels.
 fn geometry(channels: usize, side: usize) -> Geometry {
-    let (conv, [height, width, out_height, out_width]) = (Conv::padded(1), [side; 4]);
+    let conv = Conv::padded(1);
+    let [height, width, out_height, out_width] = [side; 4];
     Geometry {
         batch: 1,
         channels,
@@ -115,7 +116,8 @@ impl Default for Tuning {
 }
 
 impl Tuning {
-    /// Tries all tiles on products of every kind, of an extent that networks have divided by `less` each way.
+    /// Tries all tiles on products of every kind, of an extent that networks have divided by `less`
+    /// each way.
     pub fn measure(gpu: &Gpu, less: usize) -> Tuning {
         Tuning(Class::ALL.map(|class| {
             let timed = TILES.map(|tile| (time(gpu, || class.run(gpu, tile, less)), tile));
@@ -202,7 +204,8 @@ mod tests {
         };
         // One of few tiles and a cut depth; then one of many.
         for [rows, depth, columns] in [[70, 700, 90], [1030, 41, 1030]] {
-            let (a, b) = (pattern(rows * depth), pattern(depth * columns));
+            let a = pattern(rows * depth);
+            let b = pattern(depth * columns);
             let product = Product::dense(
                 (&a).into(),
                 (&b).into(),

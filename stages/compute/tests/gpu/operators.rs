@@ -1,4 +1,5 @@
-//! Every operator, forward and backward, on random shapes: odd ones, ones that do not fill a tile, and ones of several.
+//! Every operator, forward and backward, on random shapes: odd ones, ones that do not fill a tile,
+//! and ones of several.
 
 use std::sync::Arc;
 
@@ -59,7 +60,8 @@ proptest! {
         bias: bool,
     ) {
         let conv = Conv { stride, pad };
-        let (x, weight) = (pattern(1, &[n, c, h, w]), pattern(2, &[o, c, kh, kw]));
+        let x = pattern(1, &[n, c, h, w]);
+        let weight = pattern(2, &[o, c, kh, kw]);
         let dy = pattern(3, conv2d(&x, &weight, None, conv).shape());
         agree("conv2d", &[x, weight, pattern(4, &[o]), dy], |x| vec![
             conv2d(&x[0], &x[1], bias.then_some(&x[2]), conv),
@@ -70,14 +72,16 @@ proptest! {
 
     #[test]
     fn finished_convolutions(
-        // With 64 channels the depth of a small product is cut, and finished where its parts are joined.
+        // With 64 channels the depth of a small product is cut, and finished where its parts are
+        // joined.
         c in prop::sample::select(vec![1usize, 7, 64]),
         (n, o) in (1usize..3, 1usize..40),
         (h, w) in (3usize..24, 3usize..24),
         bias: bool,
         slope in prop::sample::select(vec![0.0f32, 0.2]),
     ) {
-        let (x, weight) = (pattern(1, &[n, c, h, w]), pattern(2, &[o, c, 3, 3]));
+        let x = pattern(1, &[n, c, h, w]);
+        let weight = pattern(2, &[o, c, 3, 3]);
         agree("conv2d_finished", &[x, weight, pattern(3, &[o]), pattern(4, &[n, o, h, w])], |x| {
             let finished = |finish| {
                 conv2d_finished(&x[0], &x[1], bias.then_some(&x[2]), Conv::padded(1), finish)
@@ -107,7 +111,8 @@ proptest! {
         silu: bool,
     ) {
         let activation = if silu { Activation::Silu } else { Activation::None };
-        let (c, shape) = (groups * each, [n, groups * each, h, w]);
+        let c = groups * each;
+        let shape = [n, groups * each, h, w];
         agree("group_norm", &[pattern(1, &shape), pattern(2, &[c]), pattern(3, &[c]), pattern(4, &shape)], |x| vec![
             group_norm(&x[0], &x[1], &x[2], groups, 1e-3, activation),
             group_norm_backward(&x[0], &x[1], &x[2], groups, 1e-3, activation, &x[3]),
@@ -135,7 +140,8 @@ proptest! {
     fn elementwise(rows in 1usize..60, half in 1usize..60) {
         let shape = [rows, 2 * half];
         agree("elementwise", &[pattern(1, &shape), pattern(2, &shape), pattern(3, &[rows, half])], |x| {
-            let (wide, dy) = (scale(&x[0], 6.0), &x[1]);
+            let wide = scale(&x[0], 6.0);
+            let dy = &x[1];
             vec![
                 silu(&wide), silu_backward(&wide, dy), gelu(&wide), gelu_backward(&wide, dy),
                 quick_gelu(&wide), quick_gelu_backward(&wide, dy), geglu(&wide), geglu_backward(&wide, &x[2]),
@@ -219,7 +225,8 @@ fn a_group_of_many_chunks() {
         "group_norm",
         &[x, pattern(2, &[4]), pattern(3, &[4]), pattern(4, &shape)],
         |x| {
-            let (gamma, beta) = (&x[1], &x[2]);
+            let gamma = &x[1];
+            let beta = &x[2];
             vec![
                 group_norm(&x[0], gamma, beta, 2, 1e-5, Activation::Silu),
                 group_norm_backward(&x[0], gamma, beta, 2, 1e-5, Activation::Silu, &x[3]),
@@ -246,7 +253,8 @@ fn weights_stay_in_16_bits_and_are_widened_by_the_kernel() {
         let len = bytes.len();
         let on =
             |device| Weight::from_bytes(device, &[33, 21], format, Arc::new(bytes.clone()), 0..len);
-        let (there, here) = (on(gpu), on(&compute::Device::cpu()));
+        let there = on(gpu);
+        let here = on(&compute::Device::cpu());
         let x = pattern(1, &[40, 21]);
         assert_close(
             "linear",
@@ -277,7 +285,8 @@ fn steps_of_adam() {
         "adam",
         &[pattern(1, &[37, 19]), pattern(2, &[37, 19])],
         |x| {
-            let (mut parameter, mut state) = (x[0].clone(), AdamState::new(&x[0]));
+            let mut parameter = x[0].clone();
+            let mut state = AdamState::new(&x[0]);
             (1..4).for_each(|step| update(&adam, &mut parameter, &x[1], &mut state, step));
             vec![parameter, state.m, state.v]
         },

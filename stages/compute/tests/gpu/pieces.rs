@@ -1,5 +1,5 @@
-//! Arrays longer than a kernel may see at once: every operator gives the bits that it gives where a kernel sees them
-//! whole.
+//! Arrays longer than a kernel may see at once: every operator gives the bits that it gives where a
+//! kernel sees them whole.
 
 use std::sync::{Arc, LazyLock};
 
@@ -80,7 +80,8 @@ fn products() {
         stride: 1,
         pad: [1; 4],
     };
-    let (x, weight) = (pattern(1, &[1, 9, 31, 33]), pattern(2, &[10, 9, 3, 3]));
+    let x = pattern(1, &[1, 9, 31, 33]);
+    let weight = pattern(2, &[10, 9, 3, 3]);
     let dy = pattern(3, conv2d(&x, &weight, None, conv).shape());
     same("conv2d", &[x, weight, pattern(4, &[10]), dy], |x| {
         vec![
@@ -102,7 +103,8 @@ fn halves_that_a_kernel_names_and_halves_that_it_widens_from_words() {
         .iter()
         .flat_map(|&v| half::f16::from_f32(v).to_le_bytes())
         .collect();
-    let (x, dy) = (pattern(1, &[65, 70]), pattern(3, &[65, 130]));
+    let x = pattern(1, &[65, 70]);
+    let dy = pattern(3, &[65, 130]);
     let [expected, got] = [wide, narrow].map(|device| {
         let range = 0..bytes.len();
         let weight = Weight::from_bytes(
@@ -183,7 +185,8 @@ fn element_by_element() {
         ],
         |x| {
             let (x, y, half) = (&x[0], &x[1], &x[2]);
-            let (mut parameter, mut state) = (x.clone(), AdamState::new(x));
+            let mut parameter = x.clone();
+            let mut state = AdamState::new(x);
             update(&Adam::default(), &mut parameter, y, &mut state, 1);
             let sums = [reduce::sum(x), reduce::mean_square(x), reduce::max_abs(x)];
             vec![

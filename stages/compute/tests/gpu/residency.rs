@@ -1,5 +1,5 @@
-//! What must not happen on a GPU: values that come back within a pass, memory that grows from step to step, other bits
-//! in another run.
+//! What must not happen on a GPU: values that come back within a pass, memory that grows from step
+//! to step, other bits in another run.
 
 use compute::conv::{Conv, conv2d};
 use compute::device::attempt;

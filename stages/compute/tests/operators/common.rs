@@ -1,9 +1,11 @@
-//! What the tests of this crate share: arrays made by formula, and comparisons that say where they fail.
+//! What the tests of this crate share: arrays made by formula, and comparisons that say where they
+//! fail.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
 use compute::{Array, Device};
 
-/// Numbers in [-1, 1) that look random and are exact in f32; `golden/generate.py` has the same formula.
+/// Numbers in [-1, 1) that look random and are exact in f32; `golden/generate.py` has the same
+/// formula.
 pub fn pattern(salt: u64, shape: &[usize]) -> Array {
     let len: usize = shape.iter().product();
     let value = |i: u64| {
@@ -26,7 +28,8 @@ pub fn dot(x: &Array, y: &Array) -> f64 {
 #[track_caller]
 pub fn assert_close(what: &str, got: &Array, expected: &Array, tolerance: f32) {
     assert_eq!(got.shape(), expected.shape(), "{what}: shapes");
-    let (got, expected) = (got.to_vec(), expected.to_vec());
+    let got = got.to_vec();
+    let expected = expected.to_vec();
     let size = expected.iter().fold(1e-30f32, |max, x| max.max(x.abs()));
     for (i, (got, expected)) in got.iter().zip(&expected).enumerate() {
         let error = (got - expected).abs() / size;
@@ -37,18 +40,20 @@ pub fn assert_close(what: &str, got: &Array, expected: &Array, tolerance: f32) {
     }
 }
 
-/// Fails unless `back`, which is `<x, A^T dy>`, is `<y, dy>` with y = A x. Relative to the norms: the products may
-/// cancel.
+/// Fails unless `back`, which is `<x, A^T dy>`, is `<y, dy>` with y = A x. Relative to the norms:
+/// the products may cancel.
 #[track_caller]
 pub fn assert_adjoint(what: &str, y: &Array, dy: &Array, back: f64) {
-    let (forward, scale) = (dot(y, dy), (dot(y, y) * dot(dy, dy)).sqrt());
+    let forward = dot(y, dy);
+    let scale = (dot(y, y) * dot(dy, dy)).sqrt();
     assert!(
         (forward - back).abs() <= 1e-5 * scale,
         "{what}: {forward} and {back}, norms {scale}"
     );
 }
 
-/// Fails unless `gradient` is the derivative of `<f(x), dy>` at `x`, by central differences along a fixed direction.
+/// Fails unless `gradient` is the derivative of `<f(x), dy>` at `x`, by central differences along a
+/// fixed direction.
 #[track_caller]
 pub fn assert_gradient(
     what: &str,

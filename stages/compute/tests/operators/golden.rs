@@ -1,4 +1,5 @@
-//! The operators against PyTorch and Pillow: the numbers in `golden/golden.json`, written by `golden/generate.py`.
+//! The operators against PyTorch and Pillow: the numbers in `golden/golden.json`, written by
+//! `golden/generate.py`.
 
 use std::collections::BTreeMap;
 
@@ -38,7 +39,8 @@ impl Golden {
         assert_close(name, got, &self.get(name), 3e-6);
     }
 
-    /// PyTorch rounds the position of a resampled pixel to f32, which costs it a digit; ours is f64.
+    /// PyTorch rounds the position of a resampled pixel to f32, which costs it a digit; ours is
+    /// f64.
     #[track_caller]
     fn check_resized(&self, name: &str, got: &Array) {
         assert_close(name, got, &self.get(&format!("resize.{name}")), 1e-5);
@@ -48,11 +50,9 @@ impl Golden {
 #[test]
 fn convolutions_are_torchs() {
     let golden = Golden::load();
-    let (x, w, b) = (
-        pattern(1, &[2, 3, 9, 7]),
-        pattern(2, &[4, 3, 3, 3]),
-        pattern(3, &[4]),
-    );
+    let x = pattern(1, &[2, 3, 9, 7]);
+    let w = pattern(2, &[4, 3, 3, 3]);
+    let b = pattern(3, &[4]);
     for (name, stride, pad) in [
         ("plain", 1, [1; 4]),
         ("strided", 2, [0, 1, 0, 1]),
@@ -76,11 +76,9 @@ fn convolutions_are_torchs() {
 #[test]
 fn norms_are_torchs() {
     let golden = Golden::load();
-    let (x, gamma, beta) = (
-        pattern(5, &[2, 6, 5, 3]),
-        pattern(6, &[6]),
-        pattern(7, &[6]),
-    );
+    let x = pattern(5, &[2, 6, 5, 3]);
+    let gamma = pattern(6, &[6]);
+    let beta = pattern(7, &[6]);
     let dy = pattern(8, x.shape());
     for (name, act) in [("plain", Activation::None), ("silu", Activation::Silu)] {
         golden.check(
@@ -90,7 +88,9 @@ fn norms_are_torchs() {
         let dx = group_norm_backward(&x, &gamma, &beta, 3, 1e-5, act, &dy);
         golden.check(&format!("group_norm.{name}.dx"), &dx);
     }
-    let (x, gamma, beta) = (pattern(5, &[3, 37]), pattern(6, &[37]), pattern(7, &[37]));
+    let x = pattern(5, &[3, 37]);
+    let gamma = pattern(6, &[37]);
+    let beta = pattern(7, &[37]);
     golden.check("layer_norm", &layer_norm(&x, &gamma, &beta, 1e-5));
     golden.check(
         "layer_norm.dx",
@@ -107,7 +107,8 @@ fn attention_is_torchs() {
         ("cross", 5, false),
         ("causal", 67, true),
     ] {
-        let (k, v) = (pattern(10, &[2, keys, 6]), pattern(11, &[2, keys, 6]));
+        let k = pattern(10, &[2, keys, 6]);
+        let v = pattern(11, &[2, keys, 6]);
         let attended = attention::attention(&q, &k, &v, 2, causal);
         golden.check(&format!("attention.{name}"), &attended.out);
         let dout = pattern(12, q.shape());
@@ -149,7 +150,8 @@ fn activations_are_torchs() {
 #[test]
 fn resizing_is_torchs() {
     let golden = Golden::load();
-    let (small, large) = ([9, 13], [47, 63]);
+    let small = [9, 13];
+    let large = [47, 63];
     let cases = [
         ("bicubic_torch_up", small, Filter::BicubicTorch, false),
         ("bicubic_torch_down", large, Filter::BicubicTorch, false),

@@ -1,5 +1,5 @@
-//! Every gradient against the map it belongs to: `<A x, y> = <x, A^T y>` where the map is linear, central differences
-//! where it is not.
+//! Every gradient against the map it belongs to: `<A x, y> = <x, A^T y>` where the map is linear,
+//! central differences where it is not.
 
 use crate::common::{assert_adjoint, assert_gradient, dot, pattern};
 use compute::conv::{Conv, conv2d, conv2d_backward_input, conv2d_backward_weight};
@@ -14,7 +14,9 @@ proptest! {
 
     #[test]
     fn linear_has_adjoints(rows in 1usize..40, k in 1usize..70, m in 1usize..70) {
-        let (x, w, dy) = (pattern(1, &[rows, k]), pattern(2, &[m, k]), pattern(3, &[rows, m]));
+        let x = pattern(1, &[rows, k]);
+        let w = pattern(2, &[m, k]);
+        let dy = pattern(3, &[rows, m]);
         let y = linear(&x, &w, None);
         assert_adjoint("input", &y, &dy, dot(&x, &linear_backward_input(&dy, &w)));
         assert_adjoint("weight", &y, &dy, dot(&w, &linear_backward_weight(&x, &dy)));
@@ -28,7 +30,8 @@ proptest! {
         pad in prop::array::uniform4(0usize..4),
     ) {
         let conv = Conv { stride, pad };
-        let (x, weight) = (pattern(1, &[n, c, h, w]), pattern(2, &[o, c, kh, kw]));
+        let x = pattern(1, &[n, c, h, w]);
+        let weight = pattern(2, &[o, c, kh, kw]);
         let y = conv2d(&x, &weight, None, conv);
         let dy = pattern(3, y.shape());
         assert_adjoint("input", &y, &dy, dot(&x, &conv2d_backward_input(&dy, &weight, conv, [h, w])));
@@ -42,7 +45,9 @@ proptest! {
         pad in prop::array::uniform4(0usize..4),
     ) {
         let conv = Conv { stride, pad };
-        let (x, weight, bias) = (pattern(1, &[1, c, h, w]), pattern(2, &[o, c, kh, kw]), pattern(3, &[o]));
+        let x = pattern(1, &[1, c, h, w]);
+        let weight = pattern(2, &[o, c, kh, kw]);
+        let bias = pattern(3, &[o]);
         let expected = definition(&x, &weight, &bias, conv);
         crate::common::assert_close("conv2d", &conv2d(&x, &weight, Some(&bias), conv), &expected, 1e-5);
     }
@@ -53,7 +58,8 @@ proptest! {
         antialias: bool,
         filter in prop::sample::select(FILTERS.to_vec()),
     ) {
-        let (x, dy) = (pattern(1, &[2, 1, h, w]), pattern(2, &[2, 1, height, width]));
+        let x = pattern(1, &[2, 1, h, w]);
+        let dy = pattern(2, &[2, 1, height, width]);
         let y = resize(&x, height, width, filter, antialias);
         assert_adjoint("resize", &y, &dy, dot(&x, &resize_backward(&dy, h, w, filter, antialias)));
     }
@@ -85,11 +91,11 @@ fn definition(x: &Array, weight: &Array, bias: &Array, conv: Conv) -> Array {
         panic!("four axes")
     };
     let [top, bottom, left, right] = conv.pad;
-    let (height, width) = (
-        (h + top + bottom - kh) / conv.stride + 1,
-        (w + left + right - kw) / conv.stride + 1,
-    );
-    let (values, kernel, bias) = (x.to_vec(), weight.to_vec(), bias.to_vec());
+    let height = (h + top + bottom - kh) / conv.stride + 1;
+    let width = (w + left + right - kw) / conv.stride + 1;
+    let values = x.to_vec();
+    let kernel = weight.to_vec();
+    let bias = bias.to_vec();
     let pixel = |c: usize, y: usize, x: usize| match (y.checked_sub(top), x.checked_sub(left)) {
         (Some(y), Some(x)) if y < h && x < w => values[(c * h + y) * w + x],
         _ => 0.0,
@@ -115,7 +121,8 @@ fn a_convolution_of_many_tiles_has_adjoints() {
         stride: 1,
         pad: [1, 1, 1, 1],
     };
-    let (x, weight) = (pattern(1, &[2, 70, 37, 31]), pattern(2, &[33, 70, 3, 3]));
+    let x = pattern(1, &[2, 70, 37, 31]);
+    let weight = pattern(2, &[33, 70, 3, 3]);
     let y = conv2d(&x, &weight, None, conv);
     let dy = pattern(3, y.shape());
     assert_adjoint(
@@ -134,9 +141,11 @@ fn a_convolution_of_many_tiles_has_adjoints() {
 
 #[test]
 fn norms_have_gradients() {
-    let (gamma, beta) = (pattern(2, &[12]), pattern(3, &[12]));
+    let gamma = pattern(2, &[12]);
+    let beta = pattern(3, &[12]);
     for (shape, groups) in [([2, 12, 5, 7], 4), ([1, 12, 1, 3], 1), ([3, 12, 9, 9], 12)] {
-        let (x, dy) = (pattern(1, &shape), pattern(4, &shape));
+        let x = pattern(1, &shape);
+        let dy = pattern(4, &shape);
         for act in [Activation::None, Activation::Silu] {
             let dx = group_norm_backward(&x, &gamma, &beta, groups, 1e-3, act, &dy);
             assert_gradient("group_norm", &x, &dy, &dx, |x| {
@@ -145,8 +154,10 @@ fn norms_have_gradients() {
         }
     }
     for width in [1, 5, 64, 131] {
-        let (gamma, beta) = (pattern(2, &[width]), pattern(3, &[width]));
-        let (x, dy) = (pattern(1, &[21, width]), pattern(4, &[21, width]));
+        let gamma = pattern(2, &[width]);
+        let beta = pattern(3, &[width]);
+        let x = pattern(1, &[21, width]);
+        let dy = pattern(4, &[21, width]);
         let dx = layer_norm_backward(&x, &gamma, 1e-3, &dy);
         assert_gradient("layer_norm", &x, &dy, &dx, |x| {
             layer_norm(x, &gamma, &beta, 1e-3)
@@ -165,10 +176,8 @@ fn attention_has_gradients() {
         (1100, 1100, 1, true),
     ] {
         let q = pattern(1, &[2, queries, heads * 5]);
-        let (k, v) = (
-            pattern(2, &[2, keys, heads * 5]),
-            pattern(3, &[2, keys, heads * 5]),
-        );
+        let k = pattern(2, &[2, keys, heads * 5]);
+        let v = pattern(3, &[2, keys, heads * 5]);
         let dout = pattern(4, q.shape());
         let attend = |q: &Array, k: &Array, v: &Array| attention::attention(q, k, v, heads, causal);
         let attended = attend(&q, &k, &v);
@@ -183,7 +192,8 @@ fn attention_has_gradients() {
 #[test]
 fn attention_survives_large_scores() {
     let q = compute::elementwise::scale(&pattern(1, &[1, 600, 8]), 1e3);
-    let (k, v) = (pattern(2, &[1, 600, 8]), pattern(3, &[1, 600, 8]));
+    let k = pattern(2, &[1, 600, 8]);
+    let v = pattern(3, &[1, 600, 8]);
     let out = attention::attention(&q, &k, &v, 2, false).out;
     assert!(
         out.to_vec().iter().all(|x| x.abs() <= 1.0),
@@ -193,7 +203,8 @@ fn attention_survives_large_scores() {
 
 #[test]
 fn activations_have_gradients() {
-    let (x, dy) = (pattern(1, &[7, 34]), pattern(2, &[7, 34]));
+    let x = pattern(1, &[7, 34]);
+    let dy = pattern(2, &[7, 34]);
     assert_gradient(
         "silu",
         &x,
@@ -238,7 +249,8 @@ fn upsampling_has_an_adjoint() {
 
 #[test]
 fn matmul_is_linear_with_the_weight_turned() {
-    let (a, b) = (pattern(1, &[9, 31]), pattern(2, &[31, 17]));
+    let a = pattern(1, &[9, 31]);
+    let b = pattern(2, &[31, 17]);
     let turned = shape::nchw_to_tokens(&b.reshape(&[1, 31, 17, 1])).reshape(&[17, 31]);
     crate::common::assert_close(
         "matmul",

@@ -1,4 +1,5 @@
-//! The operators' tests in one program, which runs itself again at every other level of vector instructions.
+//! The operators' tests in one program, which runs itself again at every other level of vector
+//! instructions.
 
 mod common;
 mod golden;

@@ -52,7 +52,9 @@ fn peak(tokens: usize) -> usize {
 
 #[test]
 fn attention_at_16384_tokens_holds_no_matrix_of_scores() {
-    let (least, small, large) = (peak(1), peak(4096), peak(16384));
+    let least = peak(1);
+    let small = peak(4096);
+    let large = peak(16384);
     let matrix = 16384 * 16384 * 4 / 1024;
     assert!(
         large - least < matrix / 16,

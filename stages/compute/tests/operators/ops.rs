@@ -9,10 +9,8 @@ fn array(shape: &[usize], values: &[f32]) -> Array {
 
 #[test]
 fn joins_and_cuts() {
-    let (a, b) = (
-        array(&[2, 1, 2], &[1., 2., 3., 4.]),
-        array(&[2, 2, 2], &[5., 6., 7., 8., 9., 10., 11., 12.]),
-    );
+    let a = array(&[2, 1, 2], &[1., 2., 3., 4.]);
+    let b = array(&[2, 2, 2], &[5., 6., 7., 8., 9., 10., 11., 12.]);
     let joined = shape::concat(&[&a, &b], 1);
     assert_eq!(joined.shape(), [2, 3, 2]);
     assert_eq!(
@@ -35,7 +33,8 @@ fn tokens_and_back() {
     let image = pattern(1, &[2, 37, 5, 13]);
     let tokens = shape::nchw_to_tokens(&image);
     assert_eq!(tokens.shape(), [2, 65, 37]);
-    let (image_values, token_values) = (image.to_vec(), tokens.to_vec());
+    let image_values = image.to_vec();
+    let token_values = tokens.to_vec();
     assert_eq!(
         token_values[(65 + 7) * 37 + 36],
         image_values[(37 + 36) * 65 + 7]
@@ -83,7 +82,8 @@ fn enlarges_crops_and_gathers() {
 
 #[test]
 fn arithmetic() {
-    let (x, y) = (array(&[3], &[1., -2., 0.]), array(&[3], &[4., 5., 6.]));
+    let x = array(&[3], &[1., -2., 0.]);
+    let y = array(&[3], &[4., 5., 6.]);
     assert_eq!(elementwise::add(&x, &y).to_vec(), [5., 3., 6.]);
     assert_eq!(elementwise::sub(&x, &y).to_vec(), [-3., -7., -6.]);
     assert_eq!(elementwise::mul(&x, &y).to_vec(), [4., -10., 0.]);

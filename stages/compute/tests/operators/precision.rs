@@ -19,13 +19,13 @@ fn error(got: &Array, exact: &Array) -> f64 {
 
 #[test]
 fn long_sums_round_little() {
-    let (x, weight) = (normals(1, &[24, 2304]), normals(2, &[40, 2304]));
-    let (rows, columns, y) = (
-        x.to_vec(),
-        weight.to_vec(),
-        linear(&x, &weight, None).to_vec(),
-    );
-    let (mut off, mut size) = (0.0, 0.0);
+    let x = normals(1, &[24, 2304]);
+    let weight = normals(2, &[40, 2304]);
+    let rows = x.to_vec();
+    let columns = weight.to_vec();
+    let y = linear(&x, &weight, None).to_vec();
+    let mut off = 0.0;
+    let mut size = 0.0;
     for (i, got) in y.into_iter().enumerate() {
         let pairs = rows[i / 40 * 2304..]
             .iter()
@@ -41,8 +41,9 @@ fn long_sums_round_little() {
     );
 }
 
-/// Rounding both factors to 8 bits costs each product 2^-9 times sqrt(2/3) of its size, root mean square; sums of many
-/// keep that ratio. The bounds leave a factor of two, and demand that something was rounded.
+/// Rounding both factors to 8 bits costs each product 2^-9 times sqrt(2/3) of its size, root mean
+/// square; sums of many keep that ratio. The bounds leave a factor of two, and demand that
+/// something was rounded.
 #[track_caller]
 fn assert_rounded(what: &str, got: &Array, exact: &Array) {
     let error = error(got, exact);
@@ -52,11 +53,9 @@ fn assert_rounded(what: &str, got: &Array, exact: &Array) {
 #[test]
 fn bf16_costs_two_or_three_digits() {
     for (rows, m, k) in [(5, 40, 33), (70, 130, 300), (3, 64, 1024)] {
-        let (weight, x, dy) = (
-            normals(1, &[m, k]),
-            normals(2, &[rows, k]),
-            normals(3, &[rows, m]),
-        );
+        let weight = normals(1, &[m, k]);
+        let x = normals(2, &[rows, k]);
+        let dy = normals(3, &[rows, m]);
         let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
         assert_rounded(
             "linear",
@@ -70,10 +69,8 @@ fn bf16_costs_two_or_three_digits() {
         );
     }
     for (c, o, kernel, stride) in [(12, 20, 3, 1), (12, 20, 3, 2), (70, 33, 1, 1)] {
-        let (weight, x) = (
-            normals(1, &[o, c, kernel, kernel]),
-            normals(2, &[2, c, 13, 13]),
-        );
+        let weight = normals(1, &[o, c, kernel, kernel]);
+        let x = normals(2, &[2, c, 13, 13]);
         let conv = Conv {
             stride,
             pad: [kernel / 2; 4],
@@ -90,7 +87,8 @@ fn bf16_costs_two_or_three_digits() {
 #[test]
 fn bf16_is_exact_where_the_factors_are() {
     let integers = |salt, shape: &[usize]| elementwise::sign(&pattern(salt, shape));
-    let (x, weight) = (integers(1, &[17, 301]), integers(2, &[45, 301]));
+    let x = integers(1, &[17, 301]);
+    let weight = integers(2, &[45, 301]);
     let narrow = Weight::from(&weight).with_precision(Precision::Bf16);
     assert_eq!(
         linear(&x, narrow, None).to_vec(),

@@ -40,15 +40,14 @@ fn products() {
         (64, 64, 64),
         (4, 5000, 4),
     ] {
-        let (a, b, w) = (
-            pattern(1, &[m, k]),
-            pattern(2, &[k, n]),
-            pattern(3, &[n, k]),
-        );
+        let a = pattern(1, &[m, k]);
+        let b = pattern(2, &[k, n]);
+        let w = pattern(3, &[n, k]);
         assert_same_bits(&format!("matmul {m} {k} {n}"), || {
             vec![matmul::matmul(&a, &b)]
         });
-        let (bias, dy) = (pattern(4, &[n]), pattern(5, &[m, n]));
+        let bias = pattern(4, &[n]);
+        let dy = pattern(5, &[m, n]);
         assert_same_bits(&format!("linear {m} {k} {n}"), || {
             vec![
                 linear::linear(&a, &w, Some(&bias)),
@@ -63,10 +62,8 @@ fn products() {
 fn convolutions() {
     for (stride, pad, kernel) in [(1, [1; 4], 3), (2, [0, 1, 0, 1], 3), (1, [0; 4], 1)] {
         let conv = Conv { stride, pad };
-        let (x, w) = (
-            pattern(1, &[2, 67, 33, 47]),
-            pattern(2, &[65, 67, kernel, kernel]),
-        );
+        let x = pattern(1, &[2, 67, 33, 47]);
+        let w = pattern(2, &[65, 67, kernel, kernel]);
         let dy = pattern(3, conv2d(&x, &w, None, conv).shape());
         assert_same_bits("conv", || {
             vec![
@@ -89,7 +86,8 @@ fn filtered_convolutions() {
         [4, 96, 8, 8],
         [1, 140, 40, 36],
     ] {
-        let (x, w) = (pattern(1, &shape), pattern(2, &[70, shape[1], 3, 3]));
+        let x = pattern(1, &shape);
+        let w = pattern(2, &[70, shape[1], 3, 3]);
         let conv = Conv::padded(1);
         let dy = pattern(3, conv2d(&x, &w, None, conv).shape());
         assert_same_bits(&format!("conv {shape:?}"), || {
@@ -118,12 +116,12 @@ fn attentions() {
 
 #[test]
 fn norms_and_activations() {
-    let (gamma, beta) = (pattern(2, &[12]), pattern(3, &[12]));
-    let (x, dy) = (pattern(1, &[2, 12, 65, 63]), pattern(4, &[2, 12, 65, 63]));
-    let (tokens, dtokens) = (
-        x.reshape(&[65 * 63 * 2, 12]),
-        dy.reshape(&[65 * 63 * 2, 12]),
-    );
+    let gamma = pattern(2, &[12]);
+    let beta = pattern(3, &[12]);
+    let x = pattern(1, &[2, 12, 65, 63]);
+    let dy = pattern(4, &[2, 12, 65, 63]);
+    let tokens = x.reshape(&[65 * 63 * 2, 12]);
+    let dtokens = dy.reshape(&[65 * 63 * 2, 12]);
     assert_same_bits("norms", || {
         vec![
             group_norm(&x, &gamma, &beta, 3, 1e-5, Activation::Silu),
@@ -138,7 +136,8 @@ fn norms_and_activations() {
 
 #[test]
 fn the_rest() {
-    let (x, dy) = (pattern(1, &[2, 3, 130, 129]), pattern(2, &[2, 3, 130, 129]));
+    let x = pattern(1, &[2, 3, 130, 129]);
+    let dy = pattern(2, &[2, 3, 130, 129]);
     assert_same_bits("reductions", || {
         let numbers = vec![
             reduce::sum(&x),
@@ -149,7 +148,8 @@ fn the_rest() {
         vec![Device::cpu().array(&[4], numbers)]
     });
     assert_same_bits("maps", || {
-        let (mut parameter, mut state) = (x.clone(), AdamState::new(&x));
+        let mut parameter = x.clone();
+        let mut state = AdamState::new(&x);
         update(&Adam::default(), &mut parameter, &dy, &mut state, 1);
         vec![
             parameter,

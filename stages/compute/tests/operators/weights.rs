@@ -29,11 +29,9 @@ fn bits(array: &Array) -> Vec<u32> {
 fn operators_widen_as_to_array_does() {
     for format in [Format::F32, Format::F16, Format::Bf16] {
         for (rows, m, k) in [(1, 5, 3), (70, 130, 300), (40, 7, 600)] {
-            let (weight, x, dy) = (
-                stored(format, &[m, k]),
-                pattern(2, &[rows, k]),
-                pattern(3, &[rows, m]),
-            );
+            let weight = stored(format, &[m, k]);
+            let x = pattern(2, &[rows, k]);
+            let dy = pattern(3, &[rows, m]);
             let wide = weight.to_array();
             assert_eq!(
                 bits(&linear(&x, &weight, None)),
@@ -54,13 +52,11 @@ fn operators_widen_as_to_array_does() {
             (64, 50, 3, 1, 24),
         ] {
             let weight = stored(format, &[o, c, kernel, kernel]);
-            let (wide, conv) = (
-                weight.to_array(),
-                Conv {
-                    stride,
-                    pad: [kernel / 2; 4],
-                },
-            );
+            let wide = weight.to_array();
+            let conv = Conv {
+                stride,
+                pad: [kernel / 2; 4],
+            };
             let x = pattern(2, &[2, c, size, size]);
             let y = conv2d(&x, &wide, None, conv);
             assert_eq!(

@@ -18,7 +18,8 @@ fn exact(
     let &[_, c, h, w] = input.shape() else {
         panic!("four axes")
     };
-    let (values, kernels) = (input.to_vec(), weight.to_vec());
+    let values = input.to_vec();
+    let kernels = weight.to_vec();
     let tap = |i: usize, ky: usize, kx: usize| match (
         (y + ky).checked_sub(pad[0]),
         (x + kx).checked_sub(pad[2]),
@@ -34,8 +35,8 @@ fn exact(
         .sum()
 }
 
-/// Independent numbers. `pattern`'s are not: at some widths the channels' products cancel, and an error relative to
-/// what is left of them says little.
+/// Independent numbers. `pattern`'s are not: at some widths the channels' products cancel, and an
+/// error relative to what is left of them says little.
 fn normals(salt: u64, shape: &[usize]) -> Array {
     Rng::new(salt, "winograd").normals(0, shape, &Device::cpu())
 }
@@ -46,7 +47,8 @@ fn error(input: &Array, weight: &Array, pad: [usize; 4], step: usize) -> f64 {
     let &[_, o, h, w] = y.shape() else {
         panic!("four axes")
     };
-    let (mut difference, mut size) = (0.0, 0.0);
+    let mut difference = 0.0;
+    let mut size = 0.0;
     for (i, got) in y.to_vec().into_iter().enumerate().step_by(step) {
         let expected = exact(
             input,
@@ -69,7 +71,8 @@ proptest! {
         (h, w) in (13usize..40, 13usize..40),
         pad in prop::array::uniform4(0usize..4),
     ) {
-        let (x, weight) = (normals(1, &[n, c, h, w]), normals(2, &[o, c, 3, 3]));
+        let x = normals(1, &[n, c, h, w]);
+        let weight = normals(2, &[o, c, 3, 3]);
         prop_assert!(error(&x, &weight, pad, 97) < 1.5e-6);
         let conv = Conv { stride: 1, pad };
         let y = conv2d(&x, &weight, None, conv);
@@ -87,8 +90,10 @@ proptest! {
         pad in prop::array::uniform4(0usize..3),
         slope in prop::sample::select(vec![0.0f32, 0.2, -1.5]),
     ) {
-        let (x, weight) = (normals(1, &[n, c, h, w]), normals(2, &[o, c, 3, 3]));
-        let (bias, conv) = (normals(3, &[o]), Conv { stride: 1, pad });
+        let x = normals(1, &[n, c, h, w]);
+        let weight = normals(2, &[o, c, 3, 3]);
+        let bias = normals(3, &[o]);
+        let conv = Conv { stride: 1, pad };
         let finished = |finish| conv2d_finished(&x, &weight, Some(&bias), conv, finish);
         let y = conv2d(&x, &weight, Some(&bias), conv);
         let other = normals(4, y.shape());
@@ -114,12 +119,13 @@ proptest! {
     }
 }
 
-/// A sum of short sums must not depend on how tiles and outputs are shared out: wide images and narrow ones, of the same
-/// pixels around the one that is compared.
+/// A sum of short sums must not depend on how tiles and outputs are shared out: wide images and
+/// narrow ones, of the same pixels around the one that is compared.
 #[test]
 fn a_pixel_does_not_know_how_large_its_image_is() {
     for (c, o) in [(64, 64), (130, 50)] {
-        let (x, weight) = (normals(1, &[1, c, 64, 76]), normals(2, &[o, c, 3, 3]));
+        let x = normals(1, &[1, c, 64, 76]);
+        let weight = normals(2, &[o, c, 3, 3]);
         let whole = conv2d(&x, &weight, None, Conv::padded(1));
         let part = compute::shape::crop(&x, 8, 16, 36, 40);
         let part = conv2d(&part, &weight, None, Conv::padded(1));
@@ -131,7 +137,8 @@ fn a_pixel_does_not_know_how_large_its_image_is() {
 
 #[test]
 fn many_channels_lose_less_than_two_digits() {
-    let (x, weight) = (normals(1, &[1, 256, 32, 32]), normals(2, &[64, 256, 3, 3]));
+    let x = normals(1, &[1, 256, 32, 32]);
+    let weight = normals(2, &[64, 256, 3, 3]);
     let error = error(&x, &weight, [1; 4], 131);
     assert!(
         error < 2.5e-6,

@@ -63,7 +63,8 @@ impl Canvas {
             width,
             height,
         } = rect;
-        let (right, bottom) = (left + width - thickness, top + height - thickness);
+        let right = left + width - thickness;
+        let bottom = top + height - thickness;
         self.fill(
             Rect {
                 height: thickness,
@@ -105,7 +106,8 @@ impl Canvas {
             .into_iter()
             .filter(|(x, _)| (x + 1) * TEXT_SCALE <= limit)
         {
-            let (left, top) = (left + x * TEXT_SCALE, top + y * TEXT_SCALE);
+            let left = left + x * TEXT_SCALE;
+            let top = top + y * TEXT_SCALE;
             self.fill(
                 Rect {
                     left,
@@ -123,7 +125,8 @@ impl Canvas {
         for y in 0..source.height {
             for x in 0..source.width {
                 let colour = image.pixel(source.left + x, source.top + y).map(to_8_bit);
-                let (left, top) = (left + x * factor, top + y * factor);
+                let left = left + x * factor;
+                let top = top + y * factor;
                 self.fill(
                     Rect {
                         left,
@@ -153,10 +156,8 @@ impl Canvas {
 
 /// The mean colour of the square of `side` at (`left`, `top`), as far as it lies in the image.
 fn mean(image: Image, left: usize, top: usize, side: usize) -> [f32; 3] {
-    let (right, bottom) = (
-        (left + side).min(image.width()),
-        (top + side).min(image.height()),
-    );
+    let right = (left + side).min(image.width());
+    let bottom = (top + side).min(image.height());
     let mut sum = [0.0; 3];
     for (y, x) in (top..bottom).flat_map(|y| (left..right).map(move |x| (y, x))) {
         let pixel = image.pixel(x, y);

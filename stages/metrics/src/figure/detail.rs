@@ -3,8 +3,9 @@
 use super::canvas::Rect;
 use crate::Image;
 
-/// The windows of `width * height` with the most detail: the best, then the best once the first is blotted out; in
-/// the order of their columns. Both sides must fit the image. The upper left one wins a tie.
+/// The windows of `width * height` with the most detail: the best, then the best once the first is
+/// blotted out; in the order of their columns. Both sides must fit the image. The upper left one
+/// wins a tie.
 pub(super) fn most_detailed(image: Image, width: usize, height: usize) -> [Rect; 2] {
     let mut detail = gradients(image);
     let first = best_window(&detail, image.width(), width, height);
@@ -21,7 +22,8 @@ pub(super) fn most_detailed(image: Image, width: usize, height: usize) -> [Rect;
 
 /// `|dx| + |dy|` of the green channel per pixel, zero on the last column and row.
 fn gradients(image: Image) -> Vec<f64> {
-    let (width, green) = (image.width(), image.channel(1));
+    let width = image.width();
+    let green = image.channel(1);
     let step = |at: usize, to: usize, inside: bool| {
         if inside {
             (green[to] - green[at]).abs()
@@ -41,7 +43,8 @@ fn best_window(detail: &[f64], image_width: usize, width: usize, height: usize) 
     let table = summed_area(detail, image_width);
     let stride = image_width + 1;
     let sum = |x: usize, y: usize| {
-        let (top, bottom) = (y * stride + x, (y + height) * stride + x);
+        let top = y * stride + x;
+        let bottom = (y + height) * stride + x;
         table[bottom + width] - table[bottom] - table[top + width] + table[top]
     };
     let mut best = (
@@ -72,7 +75,8 @@ fn best_window(detail: &[f64], image_width: usize, width: usize, height: usize) 
     best.0
 }
 
-/// The summed-area table: entry (x, y) of `width + 1` columns is the sum of all left of x and above y.
+/// The summed-area table: entry (x, y) of `width + 1` columns is the sum of all left of x and above
+/// y.
 fn summed_area(values: &[f64], width: usize) -> Vec<f64> {
     let stride = width + 1;
     let mut table = vec![0.0; stride];

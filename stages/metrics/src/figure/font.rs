@@ -1,5 +1,5 @@
-//! A bitmap font of printable ASCII: 5x7 letterforms with two rows for descenders, set proportionally.
-//! Knows nothing of where or in which colour text is drawn.
+//! A bitmap font of printable ASCII: 5x7 letterforms with two rows for descenders, set
+//! proportionally. Knows nothing of where or in which colour text is drawn.
 
 /// Rows of a glyph: seven above the baseline, two below.
 pub(super) const GLYPH_ROWS: usize = 9;
@@ -10,8 +10,8 @@ const TRACKING: usize = 1;
 /// Width of a space.
 const SPACE: usize = 3;
 
-/// The ink of `text` as (column, row) of unit squares, from the left and from the cap line. Characters outside
-/// printable ASCII show as `?`.
+/// The ink of `text` as (column, row) of unit squares, from the left and from the cap line.
+/// Characters outside printable ASCII show as `?`.
 pub(super) fn ink(text: &str) -> Vec<(usize, usize)> {
     let mut left = 0;
     let mut squares = Vec::new();
@@ -43,7 +43,8 @@ fn glyph(character: char) -> impl Iterator<Item = (usize, usize)> {
         '?'
     } as usize
         - 0x20;
-    let (top, left) = (code / 16 * GLYPH_ROWS, code % 16 * CELL);
+    let top = code / 16 * GLYPH_ROWS;
+    let left = code % 16 * CELL;
     let cell = (0..GLYPH_ROWS).flat_map(|y| (0..CELL).map(move |x| (x, y)));
     cell.filter(move |(x, y)| SHEET[top + y].as_bytes()[left + x] == b'#')
 }

@@ -1,5 +1,6 @@
-//! The colour spaces of FLIP: an opponent space that is linear, in which the eye's blur is computed, and CIELAB, in which
-//! differences are. The white point is D65, as sRGB's primaries give it.
+//! The colour spaces of FLIP: an opponent space that is linear, in which the eye's blur is
+//! computed, and CIELAB, in which differences are. The white point is D65, as sRGB's primaries give
+//! it.
 
 /// Linear sRGB to CIE XYZ.
 const TO_XYZ: [[f64; 3]; 3] = [

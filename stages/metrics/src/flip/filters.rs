@@ -1,5 +1,6 @@
-//! The filters of FLIP: how the eye blurs each opponent channel, and where it sees edges and points. All are sums of
-//! products of a kernel across and one down, which is how they are computed; beyond the border the nearest pixel counts.
+//! The filters of FLIP: how the eye blurs each opponent channel, and where it sees edges and
+//! points. All are sums of products of a kernel across and one down, which is how they are
+//! computed; beyond the border the nearest pixel counts.
 
 use std::f64::consts::PI;
 

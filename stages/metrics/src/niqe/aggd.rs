@@ -1,10 +1,11 @@
-//! Fits the asymmetric generalised Gaussian distribution by matching moments (Lasmar, Stitou, Berthoumieu 2009).
-//! Knows nothing of where the samples come from.
+//! Fits the asymmetric generalised Gaussian distribution by matching moments (Lasmar, Stitou,
+//! Berthoumieu 2009). Knows nothing of where the samples come from.
 
 /// Shapes tried: 0.2 to 10 in steps of 0.001.
 const SHAPES: usize = 9801;
 
-/// The shape and the two scales of a fitted distribution; the scales are NaN if a side has no samples.
+/// The shape and the two scales of a fitted distribution; the scales are NaN if a side has no
+/// samples.
 pub(super) struct Aggd {
     /// 2 for a Gaussian, 1 for a Laplacian.
     pub alpha: f64,
@@ -31,7 +32,8 @@ impl Shapes {
     /// The distribution whose moments come nearest to those of `samples` (Eq. 7).
     pub fn fit(&self, samples: impl Iterator<Item = f32>) -> Aggd {
         let moments = Moments::of(samples);
-        let (left, right) = (moments.left.root_mean(), moments.right.root_mean());
+        let left = moments.left.root_mean();
+        let right = moments.right.root_mean();
         let g = left / right;
         let r = moments.absolute.mean().powi(2) / moments.square.mean();
         let target = r * (g.powi(3) + 1.0) * (g + 1.0) / (g * g + 1.0).powi(2);
@@ -44,8 +46,8 @@ impl Shapes {
         }
     }
 
-    /// The first index whose ratio is nearest to `target`; the first of all for NaN, as numpy's `argmin` has it: a
-    /// block without texture so counts with shape 0.2 in the mean.
+    /// The first index whose ratio is nearest to `target`; the first of all for NaN, as numpy's
+    /// `argmin` has it: a block without texture so counts with shape 0.2 in the mean.
     fn nearest(&self, target: f64) -> usize {
         let mut best = (0, f64::INFINITY);
         for (index, ratio) in self.0.iter().enumerate() {
@@ -63,7 +65,8 @@ fn shape(index: usize) -> f64 {
     0.2 + 0.001 * index as f64
 }
 
-/// Sums over samples: squares of the negative ones, of the positive ones, of all, and magnitudes of all.
+/// Sums over samples: squares of the negative ones, of the positive ones, of all, and magnitudes of
+/// all.
 #[derive(Default)]
 struct Moments {
     left: Sum,

@@ -1,4 +1,5 @@
-//! The 36 numbers NIQE takes from each block of a picture. Knows nothing of what they are compared with.
+//! The 36 numbers NIQE takes from each block of a picture. Knows nothing of what they are compared
+//! with.
 
 use super::aggd::Shapes;
 use super::pristine::{FEATURES, Pristine};
@@ -9,7 +10,8 @@ use rayon::prelude::*;
 pub(super) const BLOCK: usize = 96;
 /// Features per scale.
 const PER_SCALE: usize = FEATURES / 2;
-/// Neighbours that coefficients are multiplied with: right, below, and both diagonals, as (rows, columns) to roll by.
+/// Neighbours that coefficients are multiplied with: right, below, and both diagonals, as (rows,
+/// columns) to roll by.
 const SHIFTS: [(isize, isize); 4] = [(0, 1), (1, 0), (1, 1), (1, -1)];
 
 /// The features of one block; NaN where a side of a distribution has no samples.
@@ -17,15 +19,18 @@ pub(super) type Features = [f64; FEATURES];
 
 /// The features of `columns * rows` whole blocks of a luma plane (0..255), column by column.
 pub(super) fn of_blocks(luma: Vec<f32>, columns: usize, rows: usize) -> Vec<Features> {
-    let (window, shapes) = (Pristine::read().window, Shapes::new());
+    let window = Pristine::read().window;
+    let shapes = Shapes::new();
     let full = Plane {
         width: columns * BLOCK,
         values: luma,
     };
     let half = full.halved();
-    let (full, half) = (full.normalized(&window), half.normalized(&window));
+    let full = full.normalized(&window);
+    let half = half.normalized(&window);
     let of_block = |block: usize| {
-        let (column, row) = (block / rows, block % rows);
+        let column = block / rows;
+        let row = block % rows;
         let [full, half] = [(&full, BLOCK), (&half, BLOCK / 2)].map(|(plane, side)| {
             at_scale(&shapes, &cut(plane, column * side, row * side, side), side)
         });
@@ -48,8 +53,8 @@ fn cut(plane: &Plane, left: usize, top: usize, side: usize) -> Vec<f32> {
         .collect()
 }
 
-/// The 18 features of a block of normalised coefficients: shape and mean scale of the coefficients themselves, then
-/// shape, mean and both scales of their products with each of four neighbours.
+/// The 18 features of a block of normalised coefficients: shape and mean scale of the coefficients
+/// themselves, then shape, mean and both scales of their products with each of four neighbours.
 fn at_scale(shapes: &Shapes, block: &[f32], side: usize) -> [f64; PER_SCALE] {
     let own = shapes.fit(block.iter().copied());
     let mut features = [0.0; PER_SCALE];
@@ -61,7 +66,8 @@ fn at_scale(shapes: &Shapes, block: &[f32], side: usize) -> [f64; PER_SCALE] {
     features
 }
 
-/// Each coefficient times the one `rows` above and `columns` to the left, wrapping around within the block.
+/// Each coefficient times the one `rows` above and `columns` to the left, wrapping around within
+/// the block.
 fn products(
     block: &[f32],
     side: usize,

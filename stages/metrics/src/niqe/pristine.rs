@@ -1,5 +1,6 @@
-//! The statistics of undistorted photos that NIQE measures against, read from `params/niqe_pristine.f64le`
-//! (whose origin and licences stand in `NOTICE`). Knows nothing of pictures.
+//! The statistics of undistorted photos that NIQE measures against, read from
+//! `params/niqe_pristine.f64le` (whose origin and licences stand in `NOTICE`). Knows nothing of
+//! pictures.
 
 /// Features of a block: 18 at each of two scales.
 pub(super) const FEATURES: usize = 36;

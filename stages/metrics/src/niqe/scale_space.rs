@@ -1,5 +1,5 @@
-//! The two planes NIQE measures: contrast-normalised luma, and the luma at half size. Knows nothing of blocks.
-//! Sums run in f64, planes are kept in f32, as in the reference.
+//! The two planes NIQE measures: contrast-normalised luma, and the luma at half size. Knows nothing
+//! of blocks. Sums run in f64, planes are kept in f32, as in the reference.
 
 use super::pristine::WINDOW;
 use rayon::prelude::*;
@@ -15,14 +15,15 @@ impl Plane {
         self.values.len() / self.width
     }
 
-    /// Mean-subtracted contrast-normalised coefficients, `(x - mu) / (sigma + 1)` (Eq. 1), with the local mean and
-    /// deviation under `window`; pixels beyond the border repeat the border's.
+    /// Mean-subtracted contrast-normalised coefficients, `(x - mu) / (sigma + 1)` (Eq. 1), with the
+    /// local mean and deviation under `window`; pixels beyond the border repeat the border's.
     pub fn normalized(&self, window: &[f64]) -> Plane {
         let squares = Plane {
             width: self.width,
             values: self.values.iter().map(|x| x * x).collect(),
         };
-        let (means, square_means) = (self.average(window), squares.average(window));
+        let means = self.average(window);
+        let square_means = squares.average(window);
         let coefficient = |((x, mu), square): ((&f32, &f32), &f32)| {
             (x - mu) / ((square - mu * mu).abs().sqrt() + 1.0)
         };
@@ -41,7 +42,8 @@ impl Plane {
 
     /// The weighted mean around each pixel.
     fn average(&self, window: &[f64]) -> Vec<f32> {
-        let (width, height) = (self.width, self.height());
+        let width = self.width;
+        let height = self.height();
         let clamped = |at: usize, offset: usize, length: usize| {
             (at + offset).saturating_sub(WINDOW / 2).min(length - 1)
         };
@@ -60,8 +62,8 @@ impl Plane {
             .collect()
     }
 
-    /// The plane at half size as MATLAB's `imresize(x / 255, 0.5) * 255`: bicubic of a = -0.5, antialiased, borders
-    /// mirrored. Both sides must be even and at least 4.
+    /// The plane at half size as MATLAB's `imresize(x / 255, 0.5) * 255`: bicubic of a = -0.5,
+    /// antialiased, borders mirrored. Both sides must be even and at least 4.
     pub fn halved(&self) -> Plane {
         let unit: Vec<f32> = self.values.iter().map(|x| x / 255.0).collect();
         let rows = halve_columns(&unit, self.width);
@@ -76,7 +78,8 @@ impl Plane {
     }
 }
 
-/// The bicubic kernel of a = -0.5 stretched to twice its width, at distances 3.5, 2.5, 1.5 and 0.5; and mirrored.
+/// The bicubic kernel of a = -0.5 stretched to twice its width, at distances 3.5, 2.5, 1.5 and 0.5;
+/// and mirrored.
 const HALVING: [f64; 8] = [
     -0.01171875,
     -0.03515625,
@@ -147,8 +150,8 @@ mod tests {
         assert_eq!(line, [2, 1, 0, 0, 1, 2, 3, 4, 4, 3, 2, 1]);
     }
 
-    /// Single precision matters here: in double, the window's weights sum to one only up to rounding, and flat areas
-    /// would gain a texture of 1e-16 whose statistics swamp the rest.
+    /// Single precision matters here: in double, the window's weights sum to one only up to
+    /// rounding, and flat areas would gain a texture of 1e-16 whose statistics swamp the rest.
     #[test]
     fn a_flat_plane_normalises_to_exact_zeros() {
         let window = super::super::pristine::Pristine::read().window;

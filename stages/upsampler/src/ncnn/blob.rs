@@ -55,8 +55,8 @@ pub fn greatest_common_divisor(a: usize, b: usize) -> usize {
 /// A value of the graph.
 #[derive(Clone, Debug)]
 pub enum Blob {
-    /// Images: how many channels they have, their side over the input's, and how far away, in pixels of the input, an
-    /// input may be that changes them.
+    /// Images: how many channels they have, their side over the input's, and how far away, in
+    /// pixels of the input, an input may be that changes them.
     Images {
         channels: usize,
         ratio: Ratio,

@@ -1,5 +1,6 @@
-//! From the layers of a `.param` file, and the weights of its `.bin`, to a graph that can be computed: every layer,
-//! parameter and size is checked here, so that nothing is left to go wrong later.
+//! From the layers of a `.param` file, and the weights of its `.bin`, to a graph that can be
+//! computed: every layer, parameter and size is checked here, so that nothing is left to go wrong
+//! later.
 
 use std::collections::BTreeMap;
 
@@ -281,10 +282,8 @@ impl Builder {
                         else {
                             return Err(layer.wrong(format!("reorders by {factor}")));
                         };
-                        let (channels, reach) = (
-                            channels * factor * factor,
-                            reach + factor as f64 / ratio.value(),
-                        );
+                        let channels = channels * factor * factor;
+                        let reach = reach + factor as f64 / ratio.value();
                         Ok((
                             Operation::Unshuffle(factor),
                             Blob::Images {

@@ -1,4 +1,5 @@
-//! A graph that is ready to be computed: layers one after the other, each value forgotten when nothing needs it.
+//! A graph that is ready to be computed: layers one after the other, each value forgotten when
+//! nothing needs it.
 
 use compute::Array;
 

@@ -1,4 +1,5 @@
-//! The kinds of layers that have much to check, each with its parameters and weights, and what is known of its result.
+//! The kinds of layers that have much to check, each with its parameters and weights, and what is
+//! known of its result.
 
 use compute::resize::Filter;
 
@@ -62,7 +63,8 @@ pub fn convolution(
     parameters: &mut Parameters,
     weights: &mut Weights,
 ) -> Result<(Operation, usize, usize), UpsamplerError> {
-    let (outputs, side) = (parameters.count(0, 0)?, parameters.count(1, 0)?);
+    let outputs = parameters.count(0, 0)?;
+    let side = parameters.count(1, 0)?;
     if side % 2 == 0 || side > 15 {
         return Err(layer.wrong(format!(
             "has a kernel of side {side}; supported are odd ones up to 15"
@@ -90,14 +92,16 @@ pub fn convolution(
             side / 2
         )));
     }
-    let (bias, size) = (parameters.count(5, 0)?, parameters.count(6, 0)?);
+    let bias = parameters.count(5, 0)?;
+    let size = parameters.count(6, 0)?;
     let expected = outputs.checked_mul(inputs * side * side);
     if outputs == 0 || expected != Some(size) || bias > 1 {
         return Err(layer.wrong(format!(
             "says it has {size} weights, with {inputs} channels in, {outputs} out, and a kernel of {side}"
         )));
     }
-    let (function, list) = (parameters.count(9, 0)?, parameters.list(10));
+    let function = parameters.count(9, 0)?;
+    let list = parameters.list(10);
     let function = match (function, &list[..]) {
         (0, _) => Function::Same,
         (1, []) => Function::Leaky(0.0),
@@ -130,7 +134,8 @@ pub fn binary(
     parameters: &mut Parameters,
 ) -> Result<(Operation, Blob), UpsamplerError> {
     let kind = parameters.count(0, 0)?;
-    let (with_number, number) = (parameters.count(1, 0)?, parameters.number(2, 0.0)? as f32);
+    let with_number = parameters.count(1, 0)?;
+    let number = parameters.number(2, 0.0)? as f32;
     let unsupported = || {
         layer.wrong(format!(
             "computes the function {kind}, which is not known here for what it takes"
@@ -179,7 +184,8 @@ pub fn eltwise(
     blobs: &[&Blob],
     parameters: &mut Parameters,
 ) -> Result<(Operation, Blob), UpsamplerError> {
-    let (kind, factors) = (parameters.count(0, 0)?, parameters.list(1));
+    let kind = parameters.count(0, 0)?;
+    let factors = parameters.list(1);
     let operation = match kind {
         0 if factors.is_empty() => Operation::Product,
         1 if factors.is_empty() => Operation::Sum(vec![1.0; blobs.len()]),
@@ -202,11 +208,9 @@ pub fn interp(
     ratio: Ratio,
     parameters: &mut Parameters,
 ) -> Result<(Operation, Blob), UpsamplerError> {
-    let (kind, down, across) = (
-        parameters.count(0, 0)?,
-        parameters.number(1, 1.0)?,
-        parameters.number(2, 1.0)?,
-    );
+    let kind = parameters.count(0, 0)?;
+    let down = parameters.number(1, 1.0)?;
+    let across = parameters.number(2, 1.0)?;
     for (id, what) in [
         (3, "height"),
         (4, "width"),

@@ -1,6 +1,6 @@
-//! Networks as ncnn keeps them: a graph of layers as text, `.param`, and their weights in the order of the layers,
-//! `.bin`. The layers that super-resolution networks are made of are computed as the graph says; anything else is
-//! refused by the layer's name and line.
+//! Networks as ncnn keeps them: a graph of layers as text, `.param`, and their weights in the order
+//! of the layers, `.bin`. The layers that super-resolution networks are made of are computed as the
+//! graph says; anything else is refused by the layer's name and line.
 
 mod blob;
 mod build;

@@ -1,5 +1,5 @@
-//! The text of a `.param` file: layers with the names of what they take and give, and their numbered parameters. Knows
-//! the grammar, no layer.
+//! The text of a `.param` file: layers with the names of what they take and give, and their
+//! numbered parameters. Knows the grammar, no layer.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! The numbered parameters of a layer, looked at one by one, until none is left that says something unknown.
+//! The numbered parameters of a layer, looked at one by one, until none is left that says something
+//! unknown.
 
 use std::collections::BTreeMap;
 
@@ -60,7 +61,8 @@ impl<'a> Parameters<'a> {
         )))
     }
 
-    /// Refuses parameters that nothing has looked at, unless they are 0 and so, in ncnn, as if they were not there.
+    /// Refuses parameters that nothing has looked at, unless they are 0 and so, in ncnn, as if they
+    /// were not there.
     pub fn finish(self) -> Result<(), UpsamplerError> {
         match self
             .left

@@ -1,4 +1,5 @@
-//! The numbers of a `.bin` file, one array after the other. What may be compressed has a mark before it.
+//! The numbers of a `.bin` file, one array after the other. What may be compressed has a mark
+//! before it.
 
 use std::collections::BTreeMap;
 
@@ -109,7 +110,8 @@ impl<'a> Weights<'a> {
     }
 
     fn short(&self, layer: &Layer, shape: &[usize]) -> UpsamplerError {
-        let (name, held) = (&self.file.name, self.file.content().len());
+        let name = &self.file.name;
+        let held = self.file.content().len();
         layer.wrong(format!(
             "needs weights of shape {shape:?} at byte {} of {name}, which has {held}",
             self.at

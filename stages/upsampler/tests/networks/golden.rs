@@ -1,4 +1,5 @@
-//! Every family against PyTorch's numbers, written by reference/networks.py; on the CPU and on a GPU.
+//! Every family against PyTorch's numbers, written by reference/networks.py; on the CPU and on a
+//! GPU.
 
 use compute::{Device, testing};
 use upsampler::{Options, Upsampler, UpsamplerSource};

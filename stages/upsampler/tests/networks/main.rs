@@ -1,4 +1,5 @@
-//! Whole networks: against PyTorch's numbers, in tiles, on a GPU, and out of files that are not as they should be.
+//! Whole networks: against PyTorch's numbers, in tiles, on a GPU, and out of files that are not as
+//! they should be.
 
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 

@@ -108,7 +108,8 @@ fn graph(name: &str, old: &str, new: &str) -> String {
 
 #[test]
 fn layers_that_are_not_known_are_named_with_their_line() {
-    let (name, bin) = ("ncnn-compact-f32.param", bytes("ncnn-compact-f32.bin"));
+    let name = "ncnn-compact-f32.param";
+    let bin = bytes("ncnn-compact-f32.bin");
     let changed = |old: &str, new: &str| pair_refused(&graph(name, old, new), &bin);
     let kind = changed("PReLU            p1", "Mish             p1");
     says(
@@ -246,10 +247,8 @@ fn graphs_that_are_none_are_refused() {
 
 #[test]
 fn weights_that_do_not_belong_to_the_graph_are_refused() {
-    let (param, bin) = (
-        graph("ncnn-span-f16.param", "", ""),
-        bytes("ncnn-span-f16.bin"),
-    );
+    let param = graph("ncnn-span-f16.param", "", "");
+    let bin = bytes("ncnn-span-f16.bin");
     let cut = pair_refused(&param, &bin[..1000]);
     says(&cut, "needs weights of shape [6, 6, 3, 3] at byte ");
     says(&cut, "of w.bin, which has 1000");

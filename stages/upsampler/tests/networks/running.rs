@@ -26,11 +26,10 @@ fn tiles_give_what_the_whole_image_gives() {
         ("ncnn-span-f32.param", 2e-5),
         ("rrdb-x2.safetensors", 1e-4),
     ] {
-        let (network, image) = (load(name, &device), picture(137, 301, &device));
-        let (whole, tiled) = (
-            network.enlarge(&image, WHOLE),
-            network.enlarge(&image, TILED),
-        );
+        let network = load(name, &device);
+        let image = picture(137, 301, &device);
+        let whole = network.enlarge(&image, WHOLE);
+        let tiled = network.enlarge(&image, TILED);
         let error = furthest(&whole, &tiled);
         assert!(error < tolerance, "{name}: tiles are {error:.1e} off");
     }
@@ -39,10 +38,8 @@ fn tiles_give_what_the_whole_image_gives() {
 #[test]
 fn an_image_of_one_tile_is_not_tiled() {
     let device = Device::cpu();
-    let (network, image) = (
-        load("compact-x4.safetensors", &device),
-        picture(128, 100, &device),
-    );
+    let network = load("compact-x4.safetensors", &device);
+    let image = picture(128, 100, &device);
     assert_eq!(
         network.enlarge(&image, TILED).to_vec(),
         network.enlarge(&image, WHOLE).to_vec()
@@ -70,10 +67,8 @@ fn images_of_a_pixel_are_enlarged() {
 #[test]
 fn the_ensemble_treats_all_ways_alike() {
     let device = Device::cpu();
-    let (network, image) = (
-        load("residual-x4.safetensors", &device),
-        picture(20, 20, &device),
-    );
+    let network = load("residual-x4.safetensors", &device);
+    let image = picture(20, 20, &device);
     let options = Options {
         ensemble: true,
         ..WHOLE
@@ -85,10 +80,8 @@ fn the_ensemble_treats_all_ways_alike() {
         device.array(x.shape(), values)
     };
     let plain = network.enlarge(&image, WHOLE);
-    let (mean, mirrored) = (
-        network.enlarge(&image, options),
-        network.enlarge(&reversed(&image), options),
-    );
+    let mean = network.enlarge(&image, options);
+    let mirrored = network.enlarge(&reversed(&image), options);
     assert!(
         furthest(&reversed(&mirrored), &mean) < 1e-5,
         "mirrored images give mirrored results"
@@ -126,7 +119,8 @@ fn the_embedded_network_is_nearer_to_the_picture_than_bicubic() {
     let device = Device::cpu();
     // Rings with edges a pixel wide.
     let value = |i: usize| {
-        let (y, x) = ((i / 240 % 160) as f32 - 70.0, (i % 240) as f32 - 130.0);
+        let y = (i / 240 % 160) as f32 - 70.0;
+        let x = (i % 240) as f32 - 130.0;
         0.5 + ((y.hypot(x) % 40.0 - 20.0).abs() - 10.0).clamp(-0.5, 0.5) * 0.6
     };
     let picture = device.array(&[1, 3, 160, 240], (0..3 * 160 * 240).map(value).collect());

@@ -102,7 +102,9 @@ pub fn furthest(a: &Array, b: &Array) -> f32 {
 /// A picture of waves and edges, [1, 3, h, w].
 pub fn picture(h: usize, w: usize, device: &Device) -> Array {
     let value = |i: usize| {
-        let (c, y, x) = (i / (h * w), i / w % h, i % w);
+        let c = i / (h * w);
+        let y = i / w % h;
+        let x = i % w;
         let wave = ((x * (c + 2)) as f32 * 0.13).sin() * ((y + 3 * c) as f32 * 0.21).cos();
         0.5 + 0.35 * wave
             + if (x / 9 + y / 7) % 2 == 0 {

@@ -1,6 +1,7 @@
-//! Some channels: a band of output rows is worked through while all of it stays in the second cache. A panel of its
-//! tiles is transformed, multiplied at 36 spots by a block of outputs, and transformed back; so transformed tiles never
-//! go to memory. Bands are each other's business in nothing, and run in parallel.
+//! Some channels: a band of output rows is worked through while all of it stays in the second
+//! cache. A panel of its tiles is transformed, multiplied at 36 spots by a block of outputs, and
+//! transformed back; so transformed tiles never go to memory. Bands are each other's business in
+//! nothing, and run in parallel.
 
 use super::Task;
 use super::kernels::{BLOCK, COLUMNS, DEPTH, Lines, Multiply, WIDEST};
@@ -13,8 +14,8 @@ use crate::cpu::buffer::Buffer;
 use crate::cpu::matrix::{MatrixMut, Share};
 use crate::cpu::tile::Old;
 
-/// The most channels whose transformed panel, 4.5 KiB for each, leaves room in the second cache for the kernels and the
-/// sums of a block of outputs. All of them are summed at once.
+/// The most channels whose transformed panel, 4.5 KiB for each, leaves room in the second cache for
+/// the kernels and the sums of a block of outputs. All of them are summed at once.
 const CHANNELS: usize = DEPTH;
 /// Tiles of a band, if there are enough: a whole number of panels, so that few are left over.
 const TILES: usize = 4 * COLUMNS;
@@ -63,8 +64,8 @@ struct Space {
     channels: usize,
     /// (S, C, P): the transformed tiles.
     tiles: Buffer,
-    /// (R, S, P): their products with a block's kernels. A row is what one output channel's way back reads; behind the
-    /// last, a vector may read on.
+    /// (R, S, P): their products with a block's kernels. A row is what one output channel's way
+    /// back reads; behind the last, a vector may read on.
     sums: Buffer,
 }
 

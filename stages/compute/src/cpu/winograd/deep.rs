@@ -1,5 +1,6 @@
-//! Many channels, or few tiles: transformed tiles are shared by tasks that each compute some outputs, and kernels are
-//! transformed when they are needed, since all of them take four times the weight's memory.
+//! Many channels, or few tiles: transformed tiles are shared by tasks that each compute some
+//! outputs, and kernels are transformed when they are needed, since all of them take four times the
+//! weight's memory.
 
 use std::ops::Range;
 

@@ -1,10 +1,11 @@
-//! 3x3 convolution of stride 1 by Winograd's minimal filtering, in tiles of 4x4 outputs: a quarter of the
-//! multiplications. Lavin and Gray 2015, section 4.
+//! 3x3 convolution of stride 1 by Winograd's minimal filtering, in tiles of 4x4 outputs: a quarter
+//! of the multiplications. Lavin and Gray 2015, section 4.
 //!
-//! A tile is the 6x6 inputs that 4x4 outputs see. Its transform has a number for each channel at 36 spots; at each spot
-//! these are multiplied by the transformed kernels and summed over the channels, which is a product of matrices; and
-//! what that gives is transformed back. Few channels go [by bands](band), many go [by outputs](deep); both sum in the
-//! same order, and the bits are the same.
+//! A tile is the 6x6 inputs that 4x4 outputs see. Its transform has a number for each channel at 36
+//! spots; at each spot these are multiplied by the transformed kernels and summed over the
+//! channels, which is a product of matrices; and what that gives is transformed back. Few channels
+//! go [by bands](band), many go [by outputs](deep); both sum in the same order, and the bits are
+//! the same.
 
 mod band;
 mod deep;
@@ -22,8 +23,9 @@ use kernels::COLUMNS;
 use transform::{SIDE, SPOTS};
 pub use weights::{Direction, Kernels, Stored};
 
-/// The fewest channels, in and out: upsamplers have 48, and take a third less time so. With fewer, plain sums take
-/// hardly longer, and networks so narrow normalise groups of so few numbers that rounding shows.
+/// The fewest channels, in and out: upsamplers have 48, and take a third less time so. With fewer,
+/// plain sums take hardly longer, and networks so narrow normalise groups of so few numbers that
+/// rounding shows.
 const NARROWEST: usize = 48;
 
 /// One convolution to compute; its inputs are the weight's outputs where that is used backward.
@@ -43,7 +45,8 @@ impl Task<'_> {
     }
 }
 
-/// Whether the transforms pay: there must be enough products per transformed number, and full panels of tiles.
+/// Whether the transforms pay: there must be enough products per transformed number, and full
+/// panels of tiles.
 pub fn suits(g: &Geometry) -> bool {
     let tiles = g.batch * g.out_height.div_ceil(SIDE) * g.out_width.div_ceil(SIDE);
     let direct = 9 * g.batch * g.pixels();
@@ -54,8 +57,8 @@ pub fn suits(g: &Geometry) -> bool {
         && direct >= 2 * here
 }
 
-/// Convolves every image, and adds the bias. Kernels that are transformed as a whole go to `kept`, if there is such a
-/// place, or are found there.
+/// Convolves every image, and adds the bias. Kernels that are transformed as a whole go to `kept`,
+/// if there is such a place, or are found there.
 pub fn convolve(task: &Task, stored: Stored, kept: Option<&OnceLock<Kernels>>) -> Buffer {
     let kept = kept.map(|kept| kept.get_or_init(|| stored.transform()));
     match (band::suits(task.g), kept) {

@@ -1,5 +1,5 @@
-//! A panel: some tiles, counted row by row through all images, as the columns of a product. It finds the pixels of its
-//! tiles; what is done with them is the kernels' business.
+//! A panel: some tiles, counted row by row through all images, as the columns of a product. It
+//! finds the pixels of its tiles; what is done with them is the kernels' business.
 
 use std::ops::Range;
 
@@ -112,8 +112,8 @@ impl<'a> Panel<'a> {
         }
     }
 
-    /// The image's columns that some tiles see, and how many they see before its first. They begin as far left of the
-    /// tiles as the image is padded.
+    /// The image's columns that some tiles see, and how many they see before its first. They begin
+    /// as far left of the tiles as the image is padded.
     fn columns(&self, tiles: &Run) -> (usize, Range<usize>) {
         let [_, _, left, _] = self.g.conv.pad;
         let seen = SIDE * tiles.count + SIGHT - SIDE;
@@ -160,13 +160,15 @@ impl<'a> Panel<'a> {
         }
     }
 
-    /// Where the lines of some tiles begin in the whole result, in output channel `row` of the share.
+    /// Where the lines of some tiles begin in the whole result, in output channel `row` of the
+    /// share.
     fn first(&self, tiles: &Run, share: &Share, row: usize) -> usize {
         let plane = tiles.image * self.g.outputs + share.rows.start + row;
         plane * self.g.pixels() + SIDE * tiles.row * self.g.out_width
     }
 
-    /// A^T m A of one output channel, number `row` of the share: its pixels. `spots` is (S, P), and some numbers beyond.
+    /// A^T m A of one output channel, number `row` of the share: its pixels. `spots` is (S, P), and
+    /// some numbers beyond.
     pub fn transform_outputs(
         &self,
         spots: &[f32],

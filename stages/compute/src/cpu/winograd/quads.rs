@@ -1,7 +1,9 @@
-//! What the transforms ask of vectors beyond what products ask: differences, and quads. A quad is four vectors of one
-//! line of pixels, or the same pixels as the four columns of as many tiles side by side as a vector has lanes.
+//! What the transforms ask of vectors beyond what products ask: differences, and quads. A quad is
+//! four vectors of one line of pixels, or the same pixels as the four columns of as many tiles side
+//! by side as a vector has lanes.
 //!
-//! Every operation is rounded by itself (no fused multiply-add), so the bits are the same for every instruction set.
+//! Every operation is rounded by itself (no fused multiply-add), so the bits are the same for every
+//! instruction set.
 #![allow(unsafe_code)]
 
 #[cfg(target_arch = "x86_64")]
@@ -29,8 +31,8 @@ pub trait Quads: Vector {
 
 /// Work written for any vectors.
 pub trait Kernel {
-    /// SAFETY: the processor has the instructions of `V`. To be marked `#[inline(always)]`: it is compiled where they
-    /// may be used.
+    /// SAFETY: the processor has the instructions of `V`. To be marked `#[inline(always)]`: it is
+    /// compiled where they may be used.
     unsafe fn run<V: Quads>(self);
 }
 
@@ -64,8 +66,8 @@ unsafe fn avx2(kernel: impl Kernel) {
     unsafe { kernel.run::<__m256>() }
 }
 
-/// Which lanes of `a` (below 16) and `b` (from 16 on) the halves of two columns take: `first` and the one after it, of
-/// eight tiles.
+/// Which lanes of `a` (below 16) and `b` (from 16 on) the halves of two columns take: `first` and
+/// the one after it, of eight tiles.
 #[cfg(target_arch = "x86_64")]
 const fn columns_of(first: i32) -> [i32; 16] {
     let mut lanes = [0; 16];
@@ -78,8 +80,8 @@ const fn columns_of(first: i32) -> [i32; 16] {
     lanes
 }
 
-/// The inverse: which lanes of columns 0 and 1 (below 16) and of columns 2 and 3 (from 16 on) four tiles' pixels take,
-/// from tile `first` of eight.
+/// The inverse: which lanes of columns 0 and 1 (below 16) and of columns 2 and 3 (from 16 on) four
+/// tiles' pixels take, from tile `first` of eight.
 #[cfg(target_arch = "x86_64")]
 const fn pixels_of(first: i32) -> [i32; 16] {
     let mut lanes = [0; 16];

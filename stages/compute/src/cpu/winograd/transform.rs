@@ -1,6 +1,7 @@
-//! Winograd's minimal filtering F(4x4, 3x3) along one axis: the transforms of inputs, kernels and outputs. Lavin and
-//! Gray 2015, section 4.3, with the points 0, ±3/4, ±3/2 and infinity, whose transforms B^T, G and A^T lose half as many
-//! bits as theirs: some five times the rounding error of plain summation, about 2e-6 of the norm.
+//! Winograd's minimal filtering F(4x4, 3x3) along one axis: the transforms of inputs, kernels and
+//! outputs. Lavin and Gray 2015, section 4.3, with the points 0, ±3/4, ±3/2 and infinity, whose
+//! transforms B^T, G and A^T lose half as many bits as theirs: some five times the rounding error
+//! of plain summation, about 2e-6 of the norm.
 //!
 //! It knows no second axis, no images and no channels. SAFETY of every function: that of [`Quads`].
 #![allow(unsafe_code)]

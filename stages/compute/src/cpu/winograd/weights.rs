@@ -67,7 +67,8 @@ impl<'a> Stored<'a> {
         }
     }
 
-    /// The kernels of some outputs (whole blocks, but for the last) and channels, transformed by the calling thread.
+    /// The kernels of some outputs (whole blocks, but for the last) and channels, transformed by
+    /// the calling thread.
     pub fn transform_part(&self, outputs: Range<usize>, channels: Range<usize>) -> Kernels {
         let block = SPOTS * channels.len() * BLOCK;
         let mut values = Buffer::stale(outputs.len().div_ceil(BLOCK) * block);

@@ -1,4 +1,5 @@
-//! The memory of an open GPU: arrays taken from its pool, filled from the host and read back. Knows no kernel.
+//! The memory of an open GPU: arrays taken from its pool, filled from the host and read back. Knows
+//! no kernel.
 
 use std::panic::resume_unwind;
 use std::sync::atomic::Ordering;
@@ -83,8 +84,8 @@ impl Gpu {
         }
     }
 
-    /// Asks for the first `len` numbers of an array (at least one) as they are after all commands so far. Later
-    /// commands can be recorded, and run, before they are received.
+    /// Asks for the first `len` numbers of an array (at least one) as they are after all commands
+    /// so far. Later commands can be recorded, and run, before they are received.
     pub fn request(&self, buffer: &Buffer, len: usize) -> Requested {
         let bytes = 4 * len as u64;
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
@@ -106,7 +107,8 @@ impl Gpu {
         }
     }
 
-    /// The numbers that were asked for. Waits for the commands before the request, not for those after it.
+    /// The numbers that were asked for. Waits for the commands before the request, not for those
+    /// after it.
     pub fn receive(
         &self,
         Requested {

@@ -6,8 +6,8 @@ use super::super::transform::{SIDE, SIGHT, SPOTS, input_transform};
 use super::{COLUMNS, SEEN, WIDEST};
 use crate::cpu::matrix::MatrixMut;
 
-/// Pixels of a line in scratch space: those that tiles see, and what the last vector writes beyond them; whole cache
-/// lines.
+/// Pixels of a line in scratch space: those that tiles see, and what the last vector writes beyond
+/// them; whole cache lines.
 const LINE: usize = (SEEN + WIDEST).next_multiple_of(16);
 
 /// Scratch space for the six lines of pixels that a row of tiles sees.
@@ -58,9 +58,9 @@ impl Kernel for TransformInputs<'_> {
 }
 
 impl TransformInputs<'_> {
-    /// Down the six lines first: neighbouring tiles share what they both see, and pixels need not be sorted by column
-    /// yet. B^T of zeros is zero, so padding is filled in afterwards.
-    /// SAFETY: that of [`Kernel::run`]; the lines have room.
+    /// Down the six lines first: neighbouring tiles share what they both see, and pixels need not
+    /// be sorted by column yet. B^T of zeros is zero, so padding is filled in afterwards. SAFETY:
+    /// that of [`Kernel::run`]; the lines have room.
     #[inline(always)]
     unsafe fn transform_down<V: Quads>(&mut self) {
         let zeros = self.zeros;
@@ -97,15 +97,16 @@ impl TransformInputs<'_> {
         }
     }
 
-    /// Along the lines, whose pixels are sorted by their column in the tile: then a vector is one number of many tiles.
-    /// SAFETY: that of [`Kernel::run`]; the panel has room for the tiles.
+    /// Along the lines, whose pixels are sorted by their column in the tile: then a vector is one
+    /// number of many tiles. SAFETY: that of [`Kernel::run`]; the panel has room for the tiles.
     #[inline(always)]
     unsafe fn transform_along<V: Quads>(&mut self) {
         let stride = self.spots.row_stride();
         let spots = self.spots.start();
         for tile in (0..self.count).step_by(V::LANES) {
             for (line, pixels) in self.lines.0.iter().enumerate() {
-                // SAFETY: by the contract of this function; a line has room for the tiles of a whole panel.
+                // SAFETY: by the contract of this function; a line has room for the tiles of a
+                // whole panel.
                 unsafe {
                     let from = pixels.as_ptr().add(SIDE * tile);
                     let quad = std::array::from_fn(|i| V::load(from.add(i * V::LANES)));

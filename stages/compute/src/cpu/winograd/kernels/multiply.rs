@@ -1,4 +1,5 @@
-//! The products at one spot: a matrix of kernels times one of tiles, in tiles of sums that stay in registers.
+//! The products at one spot: a matrix of kernels times one of tiles, in tiles of sums that stay in
+//! registers.
 #![allow(unsafe_code)]
 
 use super::super::quads::{Kernel, Quads};
@@ -6,7 +7,8 @@ use super::{BLOCK, COLUMNS, DEPTH};
 use crate::cpu::matrix::MatrixMut;
 use crate::cpu::tile::Old;
 
-/// Terms that are summed one after the other before they join the total, as in every other product (`tile`).
+/// Terms that are summed one after the other before they join the total, as in every other product
+/// (`tile`).
 const CHAIN: usize = 32;
 
 /// The products at one spot: `sums[r][p] (+)= sum over c of kernels[c][r] tiles[c][p]`.

@@ -6,7 +6,8 @@ use super::super::transform::{SIDE, SIGHT, SPOTS, output_transform};
 use super::{COLUMNS, WIDEST};
 use crate::conv::Finish;
 
-/// A^T from both sides of `count` neighbouring tiles of one output channel, then its bias and the finish.
+/// A^T from both sides of `count` neighbouring tiles of one output channel, then its bias and the
+/// finish.
 pub struct TransformOutputs<'a> {
     /// (S, P), and at least as many numbers beyond as a vector has lanes.
     pub spots: &'a [f32],
@@ -49,7 +50,8 @@ impl TransformOutputs<'_> {
     /// SAFETY: that of [`Kernel::run`]; there is such a tile.
     #[inline(always)]
     unsafe fn tiles<V: Quads>(&mut self, tile: usize) {
-        // SAFETY: by the contract of this function; beyond the panel's last spot there are enough numbers to read.
+        // SAFETY: by the contract of this function; beyond the panel's last spot there are enough
+        // numbers to read.
         unsafe {
             let spots = self.spots.as_ptr().add(self.at + tile);
             let mut down = [[V::splat(0.0); SIGHT]; SIDE];
