@@ -4,9 +4,8 @@
 //!
 //! `make bench-gpu [GPU=1] [PEAK=82600,1008]`: GPU is the number that `srnerf-dag doctor` gives an
 //! adapter, by default the first that is hardware; PEAK the GPU's GFLOP/s and GB/s by its data
-//! sheet, by default those of a GeForce RTX
-//! 4090. With GPU=counts nothing runs, and only what would be done is printed; for that a driver of
-//!       software is enough.
+//! sheet, by default those of an RTX 4090 (GeForce). With GPU=counts nothing runs, and only what
+//! would be done is printed; for that a driver of software is enough.
 
 use std::time::Instant;
 
