@@ -1,4 +1,5 @@
-//! A camera: where it stands, what it sees, and the rays of its pixels. Knows nothing of images or files.
+//! A camera: where it stands, what it sees, and the rays of its pixels. Knows nothing of images or
+//! files.
 
 use glam::{DMat4, DVec3, DVec4};
 
@@ -9,8 +10,9 @@ const RIM: u32 = 32;
 
 /// A pinhole camera, perhaps behind a lens that bends.
 ///
-/// Axes are OpenGL's: in camera space +x is right, +y up, and the camera looks along -z. In images y points down and
-/// the centre of pixel (0, 0) lies at (0.5, 0.5), so an image spans `0..width` by `0..height`.
+/// Axes are OpenGL's: in camera space +x is right, +y up, and the camera looks along -z. In images
+/// y points down and the centre of pixel (0, 0) lies at (0.5, 0.5), so an image spans `0..width` by
+/// `0..height`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Image width in pixels.
@@ -42,13 +44,14 @@ pub struct Ray {
     pub origin: [f32; 3],
     /// Unit vector in world space.
     pub direction: [f32; 3],
-    /// Distance along this ray per unit of depth along the view axis (1 in the image's middle, more towards its rim):
-    /// the ray meets the near plane at distance `near * distance_per_depth`.
+    /// Distance along this ray per unit of depth along the view axis (1 in the image's middle, more
+    /// towards its rim): the ray meets the near plane at distance `near * distance_per_depth`.
     pub distance_per_depth: f32,
 }
 
 impl Camera {
-    /// A camera with square pixels, its axis through the image's middle and no lens; `range` is near and far.
+    /// A camera with square pixels, its axis through the image's middle and no lens; `range` is
+    /// near and far.
     pub fn centered(
         (width, height): (u32, u32),
         focal: f64,
@@ -69,8 +72,8 @@ impl Camera {
         }
     }
 
-    /// The ray through the image point (`px`, `py`), in pixels; `(x + 0.5, y + 0.5)` is the centre of pixel (x, y). The
-    /// lens is undone: the ray goes to what is really seen there.
+    /// The ray through the image point (`px`, `py`), in pixels; `(x + 0.5, y + 0.5)` is the centre
+    /// of pixel (x, y). The lens is undone: the ray goes to what is really seen there.
     pub fn ray(&self, px: f64, py: f64) -> Ray {
         let in_camera = self.at_unit_depth(px, py);
         let length = in_camera.length();
@@ -82,9 +85,9 @@ impl Camera {
         }
     }
 
-    /// Where a world point appears: (px, py, depth along the view axis). The inverse of [`Camera::ray`].
-    /// `None` if the point is not in front of the camera, or so far aside that no ray through this lens meets it. The
-    /// image's borders do not clip.
+    /// Where a world point appears: (px, py, depth along the view axis). The inverse of
+    /// [`Camera::ray`]. `None` if the point is not in front of the camera, or so far aside that no
+    /// ray through this lens meets it. The image's borders do not clip.
     pub fn project(&self, point: [f64; 3]) -> Option<[f64; 3]> {
         let p = self
             .camera_to_world
@@ -105,13 +108,11 @@ impl Camera {
             .to_array()
     }
 
-    /// The same camera with another number of pixels on the same image plane. Each axis is scaled on its own, so that
-    /// sizes that do not divide still show exactly the same part of the world.
+    /// The same camera with another number of pixels on the same image plane. Each axis is scaled
+    /// on its own, so that sizes that do not divide still show exactly the same part of the world.
     pub fn scaled(&self, width: u32, height: u32) -> Camera {
-        let (sx, sy) = (
-            f64::from(width) / f64::from(self.width),
-            f64::from(height) / f64::from(self.height),
-        );
+        let sx = f64::from(width) / f64::from(self.width);
+        let sy = f64::from(height) / f64::from(self.height);
         Camera {
             width,
             height,
@@ -128,10 +129,11 @@ impl Camera {
         self.camera_to_world.w_axis.truncate()
     }
 
-    /// What the camera sees of the plane at depth 1: `[left, right, low, high]` in camera space (x right, y up). With a
-    /// lens that bends, the smallest such window around all that is seen.
+    /// What the camera sees of the plane at depth 1: `[left, right, low, high]` in camera space (x
+    /// right, y up). With a lens that bends, the smallest such window around all that is seen.
     pub fn view_window(&self) -> [f64; 4] {
-        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let w = f64::from(self.width);
+        let h = f64::from(self.height);
         let steps = if self.distortion.is_none() { 1 } else { RIM };
         let along = (0..=steps).map(|step| f64::from(step) / f64::from(steps));
         let rim = along.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
@@ -161,8 +163,8 @@ impl Camera {
         })
     }
 
-    /// Whether there is a ray for every part of the image: a lens whose numbers are wrong may fold its rim over. A
-    /// fisheye's corners may lie beyond its rim; of it only half must have rays.
+    /// Whether there is a ray for every part of the image: a lens whose numbers are wrong may fold
+    /// its rim over. A fisheye's corners may lie beyond its rim; of it only half must have rays.
     pub fn sees_through_its_image(&self) -> bool {
         let at = |i: u32, side: u32| f64::from(i) / f64::from(RIM) * f64::from(side);
         let points = (0..=RIM).flat_map(|j| (0..=RIM).map(move |i| (i, j)));
@@ -201,8 +203,9 @@ impl Camera {
         )
     }
 
-    /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a uniform `scale` about
-    /// the origin. What it sees stays where it was in the image; depths, near and far are scaled.
+    /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a
+    /// uniform `scale` about the origin. What it sees stays where it was in the image; depths, near
+    /// and far are scaled.
     pub(crate) fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
         camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));
@@ -216,7 +219,8 @@ impl Camera {
 
     fn at_unit_depth(&self, px: f64, py: f64) -> DVec3 {
         let seen = self.seen(px, py);
-        // Readers refuse or mask pixels without a ray; past the rim the pinhole's ray is as good as any.
+        // Readers refuse or mask pixels without a ray; past the rim the pinhole's ray is as good as
+        // any.
         let [x, y] = self.distortion.undo(seen).unwrap_or(seen);
         DVec3::new(x, -y, -1.0)
     }
@@ -226,7 +230,8 @@ impl Camera {
         [(px - self.cx) / self.fl_x, (py - self.cy) / self.fl_y]
     }
 
-    /// Where a point of the image plane (y down) is seen through the lens; `None` beyond the rim where it folds over.
+    /// Where a point of the image plane (y down) is seen through the lens; `None` beyond the rim
+    /// where it folds over.
     fn bend(&self, point: [f64; 2]) -> Option<[f64; 2]> {
         self.distortion
             .is_before_fold(point)

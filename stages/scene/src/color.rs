@@ -1,8 +1,9 @@
-//! The sRGB transfer function (IEC 61966-2-1), exact and piecewise. Knows nothing of primaries: those of sRGB and of
-//! Rec. 709 are the same, so encoding is all that lies between our photos and scene-linear EXR files.
+//! The sRGB transfer function (IEC 61966-2-1), exact and piecewise. Knows nothing of primaries:
+//! those of sRGB and of Rec. 709 are the same, so encoding is all that lies between our photos and
+//! scene-linear EXR files.
 
-/// Decodes an sRGB value to linear light. Both are 1 at reference white. Values below 0 mirror, those above 1 follow
-/// the curve on, so that [`linear_to_srgb`] undoes it everywhere.
+/// Decodes an sRGB value to linear light. Both are 1 at reference white. Values below 0 mirror,
+/// those above 1 follow the curve on, so that [`linear_to_srgb`] undoes it everywhere.
 pub fn srgb_to_linear(encoded: f32) -> f32 {
     let x = encoded.abs();
     let linear = if x <= 0.04045 {

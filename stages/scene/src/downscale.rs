@@ -1,8 +1,9 @@
 //! Makes smaller photos of the same view. Knows nothing of scenes or files.
 //!
-//! Filters act on sRGB-encoded values, as image tools and the super-resolution literature do: diffusion upscalers are
-//! trained on low-resolution images made so, and a bicubic kernel rings less in encoded values than around highlights
-//! in linear light. Whoever judges consistency with the low-resolution photos must shrink in the same way.
+//! Filters act on sRGB-encoded values, as image tools and the super-resolution literature do:
+//! diffusion upscalers are trained on low-resolution images made so, and a bicubic kernel rings
+//! less in encoded values than around highlights in linear light. Whoever judges consistency with
+//! the low-resolution photos must shrink in the same way.
 
 use compute::Device;
 use compute::resize::{Filter, resize};
@@ -15,15 +16,17 @@ pub enum Reduction {
     /// Bicubic with a = -0.5, its support widened by the factor (antialiased), as PIL's `BICUBIC`.
     #[default]
     Bicubic,
-    /// The mean of the pixels that the new pixel touches, as PyTorch's `area`: exact where the factor divides.
+    /// The mean of the pixels that the new pixel touches, as PyTorch's `area`: exact where the
+    /// factor divides.
     Area,
 }
 
 /// The photo at `1 / factor` of its size, rounded down on each axis, with the camera to match.
 ///
-/// The new pixels divide the *whole* image plane evenly: at 252x189 a factor of 4 gives 63x47 pixels, each 4 wide and
-/// 189/47 high, and the intrinsics are scaled per axis by just that. The view of the world stays exactly the same.
-/// Values are clamped to 0..=1, since bicubic kernels overshoot.
+/// The new pixels divide the *whole* image plane evenly: at 252x189 a factor of 4 gives 63x47
+/// pixels, each 4 wide and 189/47 high, and the intrinsics are scaled per axis by just that. The
+/// view of the world stays exactly the same. Values are clamped to 0..=1, since bicubic kernels
+/// overshoot.
 pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo, SceneError> {
     let Camera { width, height, .. } = photo.camera;
     let size = (
@@ -60,8 +63,9 @@ pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo,
     })
 }
 
-/// Resizes colours and their coverage. What is filtered are colours *times* coverage, so that what a transparent pixel
-/// would be does not bleed over the edge: before any background the result is the reduced image.
+/// Resizes colours and their coverage. What is filtered are colours *times* coverage, so that what
+/// a transparent pixel would be does not bleed over the edge: before any background the result is
+/// the reduced image.
 pub(crate) fn shrink_covered(
     rgb: &[f32],
     alpha: Option<&[f32]>,
@@ -95,7 +99,8 @@ pub(crate) fn shrink_covered(
     )
 }
 
-/// Resizes interleaved values `[height, width, channels]` to another size with antialiasing, clamped to 0..=1.
+/// Resizes interleaved values `[height, width, channels]` to another size with antialiasing,
+/// clamped to 0..=1.
 pub(crate) fn shrink(
     values: &[f32],
     channels: usize,
@@ -126,7 +131,8 @@ pub(crate) fn shrink(
         .collect()
 }
 
-/// Transposes rows of `row` values each: interleaved pixels to planes, and planes of `row` pixels to interleaved.
+/// Transposes rows of `row` values each: interleaved pixels to planes, and planes of `row` pixels
+/// to interleaved.
 fn to_planes(values: &[f32], row: usize) -> Vec<f32> {
     (0..row)
         .flat_map(|column| values.iter().skip(column).step_by(row).copied())
@@ -209,7 +215,8 @@ mod tests {
 
     #[test]
     fn a_ramp_stays_where_the_camera_says_it_is() {
-        // Brightness is the image plane's own height; it must be so after shrinking by 189 / 47 too.
+        // Brightness is the image plane's own height; it must be so after shrinking by 189 / 47
+        // too.
         let large = photo(16, 189, |_, y, _| (y as f32 + 0.5) / 189.0);
         let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
         for y in 2..45usize {

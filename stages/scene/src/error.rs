@@ -43,7 +43,8 @@ pub enum SceneError {
         /// What a good file holds.
         expected: &'static str,
     },
-    /// A camera that cannot be one: not a number, not a rotation, no focal length, near not before far.
+    /// A camera that cannot be one: not a number, not a rotation, no focal length, near not before
+    /// far.
     #[error("{path}, row {row} (counted from 0): {fault}; run the pose estimation again or leave this photo out", path = path.display())]
     Pose {
         /// The file.

@@ -1,5 +1,6 @@
-//! Finds photos by the paths that files of poses give them, on whatever machine those were written: with backslashes,
-//! in another case, without or with another ending, or absolute. Looks into no photo.
+//! Finds photos by the paths that files of poses give them, on whatever machine those were written:
+//! with backslashes, in another case, without or with another ending, or absolute. Looks into no
+//! photo.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -107,7 +108,8 @@ impl Finder {
             .into_iter()
             .chain(listing.get(&wanted))
             .flatten();
-        // Formats that are read come before others, and then the whole name in another case before another ending.
+        // Formats that are read come before others, and then the whole name in another case before
+        // another ending.
         let best = alike
             .filter_map(|other| {
                 let ending = photo_file::split(other).1?;
@@ -141,7 +143,8 @@ impl Finder {
     }
 }
 
-/// A path, and, if it leads out of the scene's folder, ever shorter ends of it: it may be from another machine.
+/// A path, and, if it leads out of the scene's folder, ever shorter ends of it: it may be from
+/// another machine.
 fn candidates(path: &str) -> impl Iterator<Item = &str> {
     let is_drive = path.as_bytes().get(1) == Some(&b':');
     let leads_out = path.starts_with('/') || path.starts_with("../") || is_drive;

@@ -1,4 +1,5 @@
-//! Which of several folders of photos to take: `images`, `images_2`, `images_4` … Looks into photos only for their size.
+//! Which of several folders of photos to take: `images`, `images_2`, `images_4` … Looks into photos
+//! only for their size.
 
 use std::path::{Path, PathBuf};
 
@@ -33,8 +34,9 @@ impl Candidate {
     }
 }
 
-/// The subfolder `images` of a scene's folder, or without a name the smallest of `images`, `images_2` … that has the most
-/// of the photos `named`, and is not below `size`; or the largest. Without names, the most photos count.
+/// The subfolder `images` of a scene's folder, or without a name the smallest of `images`,
+/// `images_2` … that has the most of the photos `named`, and is not below `size`; or the largest.
+/// Without names, the most photos count.
 pub(crate) fn choose(
     scene: &Path,
     images: Option<&str>,

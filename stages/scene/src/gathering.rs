@@ -1,5 +1,5 @@
-//! Photos that files of poses name, gathered one by one: found, looked at, and brought together with their cameras. Knows
-//! no format of poses and decodes no photo.
+//! Photos that files of poses name, gathered one by one: found, looked at, and brought together
+//! with their cameras. Knows no format of poses and decodes no photo.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,8 @@ use crate::finder::{Finder, Found};
 use crate::photo_file::{self, Header};
 use crate::{Camera, SceneError};
 
-/// Photos reduced by whole factors differ from the full size's shape by a pixel's rounding, not by more.
+/// Photos reduced by whole factors differ from the full size's shape by a pixel's rounding, not by
+/// more.
 pub(crate) const SAME_SHAPE: f64 = 0.03;
 
 /// A photo that was found.
@@ -34,7 +35,8 @@ pub(crate) struct Gathering {
 }
 
 impl Gathering {
-    /// Looks for the photo that `named` means, seen from `folder`. One that is not there is remembered.
+    /// Looks for the photo that `named` means, seen from `folder`. One that is not there is
+    /// remembered.
     pub(crate) fn find(
         &mut self,
         folder: &Path,
@@ -52,8 +54,8 @@ impl Gathering {
         Ok(None)
     }
 
-    /// The camera at the size of the photo's file, which may be a reduced copy, and how the file's rows are turned: as
-    /// its EXIF tag says, if that alone gives the shape that the camera is for.
+    /// The camera at the size of the photo's file, which may be a reduced copy, and how the file's
+    /// rows are turned: as its EXIF tag says, if that alone gives the shape that the camera is for.
     pub(crate) fn fit(
         &mut self,
         camera: &Camera,
@@ -139,7 +141,8 @@ fn has_shape_of(camera: &Camera, size: (u32, u32)) -> bool {
     (across / down - 1.0).abs() <= SAME_SHAPE
 }
 
-/// Says how many of the photos that lie there have no pose, if there are any; `used` are those that have one.
+/// Says how many of the photos that lie there have no pose, if there are any; `used` are those that
+/// have one.
 pub(crate) fn without_pose<'p>(
     there: &[PathBuf],
     used: impl Iterator<Item = &'p PathBuf>,

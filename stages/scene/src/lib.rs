@@ -1,7 +1,8 @@
 //! Cameras and their conventions, readers of posed photos, and procedural scenes.
 //!
-//! Everything here follows `docs/conventions.md`: OpenGL axes, pixel centres at +0.5, sRGB-encoded photos, depth along
-//! the view axis. Readers bring foreign conventions into these at the door; nothing behind them knows others.
+//! Everything here follows `docs/conventions.md`: OpenGL axes, pixel centres at +0.5, sRGB-encoded
+//! photos, depth along the view axis. Readers bring foreign conventions into these at the door;
+//! nothing behind them knows others.
 
 mod camera;
 mod colmap;

@@ -1,8 +1,10 @@
-//! Reads an LLFF scene: `poses_bounds.npy` beside folders of photos. Knows nothing of what is done with it.
+//! Reads an LLFF scene: `poses_bounds.npy` beside folders of photos. Knows nothing of what is done
+//! with it.
 //!
-//! Each row of the table is a 3x5 row-major matrix `[R | t | (h, w, f)]` and then near and far. `R`'s columns are the
-//! camera's *down, right and backwards* axes; h, w and f belong to the full-size photos, whatever size lies beside
-//! them. Near and far are percentiles of visible depths, so they hold no outliers.
+//! Each row of the table is a 3x5 row-major matrix `[R | t | (h, w, f)]` and then near and far.
+//! `R`'s columns are the camera's *down, right and backwards* axes; h, w and f belong to the
+//! full-size photos, whatever size lies beside them. Near and far are percentiles of visible
+//! depths, so they hold no outliers.
 
 use std::path::{Path, PathBuf};
 
@@ -23,20 +25,22 @@ const POSES_FILE: &str = "poses_bounds.npy";
 const COLUMNS: usize = 17;
 const EXPECTED: &str =
     "an N x 17 array of little-endian f64 in C order: per photo a 3x5 pose, near and far";
-/// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
+/// Rotations farther than this from orthonormal are not rotations. Files in single precision are
+/// within 1e-6.
 const ORTHONORMAL: f64 = 1e-3;
 
 /// A folder in the LLFF layout.
 ///
-/// Photos of another size are resized by an antialiased bicubic filter (see [`crate::downscale`] for the colour space);
-/// intrinsics follow exactly. The scene is moved into its average camera's frame with the nearest near plane at depth 1
-/// (`docs/conventions.md`); its box is the hull of all frusta.
+/// Photos of another size are resized by an antialiased bicubic filter (see [`crate::downscale`]
+/// for the colour space); intrinsics follow exactly. The scene is moved into its average camera's
+/// frame with the nearest near plane at depth 1 (`docs/conventions.md`); its box is the hull of all
+/// frusta.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Llff {
     /// The folder.
     pub folder: PathBuf,
-    /// The subfolder of photos; by default the smallest of `images`, `images_2`, `images_4`, ... that has all photos and
-    /// is not below `size`, or the largest.
+    /// The subfolder of photos; by default the smallest of `images`, `images_2`, `images_4`, ...
+    /// that has all photos and is not below `size`, or the largest.
     pub images: Option<String>,
     /// Width and height of all photos; by default those of the files.
     pub size: Option<(u32, u32)>,
@@ -91,7 +95,8 @@ impl Reader for Llff {
 }
 
 impl Llff {
-    /// The photos with the cameras of their rows. Rows that are none are left out, up to a tenth of them.
+    /// The photos with the cameras of their rows. Rows that are none are left out, up to a tenth of
+    /// them.
     fn gather(
         &self,
         poses_file: &Path,
@@ -203,15 +208,20 @@ fn camera(row: &[f64], size: (u32, u32)) -> Result<Camera, String> {
         return Err(format!("value {bad} is {}", row[bad]));
     }
     let column = |i: usize| DVec3::new(row[i], row[i + 5], row[i + 10]);
-    let (down, right, back, position) = (column(0), column(1), column(2), column(3));
+    let down = column(0);
+    let right = column(1);
+    let back = column(2);
+    let position = column(3);
     let [full_height, full_width, focal] = column(4).to_array();
     check_rotation(right, -down, back)?;
     check_intrinsics((full_width, full_height), focal, size)?;
-    let (near, far) = (row[15], row[16]);
+    let near = row[15];
+    let far = row[16];
     if near <= 0.0 || near >= far {
         return Err(format!("near {near} and far {far} are not 0 < near < far"));
     }
-    let (width, height) = (f64::from(size.0), f64::from(size.1));
+    let width = f64::from(size.0);
+    let height = f64::from(size.1);
     Ok(Camera {
         width: size.0,
         height: size.1,
@@ -251,7 +261,8 @@ fn check_intrinsics(full: (f64, f64), focal: f64, size: (u32, u32)) -> Result<()
             full.0, full.1
         ));
     }
-    let (shrunk_x, shrunk_y) = (f64::from(size.0) / full.0, f64::from(size.1) / full.1);
+    let shrunk_x = f64::from(size.0) / full.0;
+    let shrunk_y = f64::from(size.1) / full.1;
     if (shrunk_x / shrunk_y - 1.0).abs() > SAME_SHAPE {
         return Err(format!(
             "its poses belong to photos of {}x{}, the photos are {}x{}: another aspect ratio",

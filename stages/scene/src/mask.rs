@@ -1,7 +1,7 @@
 //! Masks: which pixels of a photo count. Finds their files and reads them; knows no poses.
 //!
-//! Three customs: nerfstudio's `mask_path` and COLMAP's `masks/NAME.png` leave out what is black, instant-ngp's
-//! `dynamic_mask_NAME.png` beside the photo leaves out what is not.
+//! Three customs: nerfstudio's `mask_path` and COLMAP's `masks/NAME.png` leave out what is black,
+//! instant-ngp's `dynamic_mask_NAME.png` beside the photo leaves out what is not.
 
 use std::path::{Path, PathBuf};
 
@@ -37,8 +37,8 @@ impl MaskFile {
         }
     }
 
-    /// The mask of a photo by the customs of instant-ngp and COLMAP: `named` is the photo's path as the poses give it,
-    /// `scene` the folder that `masks` lies in.
+    /// The mask of a photo by the customs of instant-ngp and COLMAP: `named` is the photo's path as
+    /// the poses give it, `scene` the folder that `masks` lies in.
     pub(crate) fn of(finder: &Finder, scene: &Path, photo: &Path, named: &str) -> Option<Self> {
         let stem = photo.file_stem()?.to_str()?;
         let beside = photo.with_file_name(format!("{DYNAMIC_MASK}{stem}.png"));

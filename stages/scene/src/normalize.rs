@@ -4,12 +4,13 @@ use glam::{DMat3, DMat4, DVec3};
 
 use crate::Camera;
 
-/// Brings cameras into a frame where numbers are tame: the average camera stands at the origin, looks along -z with +y
-/// up, and the nearest near plane lies at depth 1.
+/// Brings cameras into a frame where numbers are tame: the average camera stands at the origin,
+/// looks along -z with +y up, and the nearest near plane lies at depth 1.
 ///
-/// It is a similarity (a rotation, a translation, one scale), so shapes and angles stay as they are. The turn makes an
-/// axis-aligned scene box hug what forward-facing cameras see, so that a hash grid wastes no cells; the scale makes
-/// near, far and step sizes comparable between scenes, whatever unit the pose estimation chose.
+/// It is a similarity (a rotation, a translation, one scale), so shapes and angles stay as they
+/// are. The turn makes an axis-aligned scene box hug what forward-facing cameras see, so that a
+/// hash grid wastes no cells; the scale makes near, far and step sizes comparable between scenes,
+/// whatever unit the pose estimation chose.
 ///
 /// Also gives the matrix that takes the new coordinates back to the old ones.
 pub(crate) fn normalize(cameras: &[Camera]) -> (Vec<Camera>, DMat4) {
@@ -26,8 +27,8 @@ pub(crate) fn normalize(cameras: &[Camera]) -> (Vec<Camera>, DMat4) {
     (moved, average * DMat4::from_scale(DVec3::splat(nearest)))
 }
 
-/// The mean position and the mean viewing and up directions, made orthonormal. Where those cancel out, as for cameras
-/// all around a scene, any directions serve.
+/// The mean position and the mean viewing and up directions, made orthonormal. Where those cancel
+/// out, as for cameras all around a scene, any directions serve.
 pub(crate) fn average_pose(cameras: &[Camera]) -> DMat4 {
     let sum = |axis: fn(&DMat4) -> DVec3| {
         cameras
@@ -91,7 +92,8 @@ mod tests {
 
     #[test]
     fn what_a_camera_sees_stays_in_its_place() {
-        let (before, after) = (arc(), normalize(&arc()).0);
+        let before = arc();
+        let after = normalize(&arc()).0;
         let points = before.iter().map(|c| c.unproject(7.0, 21.0, 12.0));
         let moved: Vec<_> = after
             .iter()
@@ -99,7 +101,8 @@ mod tests {
             .collect();
         for (point, moved) in points.zip(moved) {
             for (a, b) in before.iter().zip(&after) {
-                let (was, is) = (a.project(point).unwrap(), b.project(moved).unwrap());
+                let was = a.project(point).unwrap();
+                let is = b.project(moved).unwrap();
                 assert!(
                     (was[0] - is[0]).abs() < 1e-9 && (was[1] - is[1]).abs() < 1e-9,
                     "{was:?} {is:?}"

@@ -1,5 +1,5 @@
-//! Reads a two-dimensional NumPy `.npy` file of floats. Bounded: nothing is allocated that the file's own length does
-//! not back. Knows nothing of what the numbers mean.
+//! Reads a two-dimensional NumPy `.npy` file of floats. Bounded: nothing is allocated that the
+//! file's own length does not back. Knows nothing of what the numbers mean.
 //!
 //! Format: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
@@ -21,7 +21,8 @@ pub(crate) struct Table {
     pub(crate) values: Vec<f64>,
 }
 
-/// Reads a little-endian f64 or f32 array in C order; `expected` describes a good file to whoever has a bad one.
+/// Reads a little-endian f64 or f32 array in C order; `expected` describes a good file to whoever
+/// has a bad one.
 pub(crate) fn read_table(path: &Path, expected: &'static str) -> Result<Table, SceneError> {
     let io = |source| SceneError::Io {
         path: path.into(),
@@ -83,7 +84,8 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     ))
 }
 
-/// The text from a field's value on. The header is a Python dictionary literal that NumPy itself writes.
+/// The text from a field's value on. The header is a Python dictionary literal that NumPy itself
+/// writes.
 fn field<'a>(header: &'a str, name: &str) -> Result<&'a str, String> {
     let missing = || format!("the header has no '{name}'");
     let (_, after) = header

@@ -1,4 +1,5 @@
-//! Paths for a camera to fly, made from the cameras that took the photos. Knows nothing of what is seen on the way.
+//! Paths for a camera to fly, made from the cameras that took the photos. Knows nothing of what is
+//! seen on the way.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -13,8 +14,9 @@ const SPREAD: f64 = 0.8;
 /// A spiral goes forwards and backwards by this part of its width.
 const ALONG: f64 = 0.3;
 
-/// `frames` cameras on a spiral about the average camera, as wide as the cameras stand apart, looking at what all of
-/// them look at: for scenes photographed from one side. It closes after `turns` turns.
+/// `frames` cameras on a spiral about the average camera, as wide as the cameras stand apart,
+/// looking at what all of them look at: for scenes photographed from one side. It closes after
+/// `turns` turns.
 ///
 /// # Panics
 /// If there are no cameras.
@@ -36,8 +38,8 @@ pub fn spiral(cameras: &[Camera], frames: u32, turns: f64) -> Vec<Camera> {
     along(cameras, frames, place)
 }
 
-/// `frames` cameras on a circle around what all cameras look at, as far and as high as these stand on average: for
-/// objects photographed from all around.
+/// `frames` cameras on a circle around what all cameras look at, as far and as high as these stand
+/// on average: for objects photographed from all around.
 ///
 /// # Panics
 /// If there are no cameras.
@@ -76,9 +78,9 @@ pub fn circle(cameras: &[Camera], frames: u32) -> Vec<Camera> {
     along(cameras, frames, place)
 }
 
-/// The direction that the cameras' sides are at right angles to, as photographers hold them: better than the mean of
-/// their own upward directions, which leans to where more of them stand. Of the directions that serve, the nearest to
-/// that mean.
+/// The direction that the cameras' sides are at right angles to, as photographers hold them: better
+/// than the mean of their own upward directions, which leans to where more of them stand. Of the
+/// directions that serve, the nearest to that mean.
 fn upwards(cameras: &[Camera]) -> DVec3 {
     const STEPS: usize = 64;
     let mean = cameras
@@ -91,15 +93,16 @@ fn upwards(cameras: &[Camera]) -> DVec3 {
             .map(|camera| camera.camera_to_world.x_axis.truncate());
         sides.map(|side| side * side.dot(direction)).sum::<DVec3>() / cameras.len() as f64
     };
-    // Power iteration for the least eigenvalue of the mean of side sideᵀ, whose eigenvalues are 0 to 1.
+    // Power iteration for the least eigenvalue of the mean of side sideᵀ, whose eigenvalues are 0
+    // to 1.
     let start = mean.try_normalize().unwrap_or(DVec3::Y);
     (0..STEPS).fold(start, |up, _| {
         (up - sideways(up)).try_normalize().unwrap_or(up)
     })
 }
 
-/// The cameras of a `transforms.json`, in its order and in the scene's own coordinates. What it does not say of size,
-/// near and far is the first camera's.
+/// The cameras of a `transforms.json`, in its order and in the scene's own coordinates. What it
+/// does not say of size, near and far is the first camera's.
 ///
 /// # Errors
 /// A file that is not such a file, by name and field.

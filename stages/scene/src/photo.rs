@@ -13,7 +13,8 @@ pub struct Photo {
     pub camera: Camera,
     /// `height * width * 3` values, row-major from the top left, sRGB-encoded in 0..=1.
     pub rgb: Vec<f32>,
-    /// Coverage, `height * width` values in 0..=1, where the file has it. `rgb` is not premultiplied by it.
+    /// Coverage, `height * width` values in 0..=1, where the file has it. `rgb` is not
+    /// premultiplied by it.
     pub alpha: Option<Vec<f32>>,
     /// Which pixels count, `height * width` values, where some do not: a mask, or a fisheye's rim.
     pub mask: Option<Vec<bool>>,
@@ -24,11 +25,14 @@ pub struct Photo {
 pub struct SceneData {
     /// The photos at full resolution, sorted by name. They are the truth that metrics compare with.
     pub photos: Vec<Photo>,
-    /// Photos that the source itself sets aside for testing, sorted by name; empty where it leaves that to others.
+    /// Photos that the source itself sets aside for testing, sorted by name; empty where it leaves
+    /// that to others.
     pub test: Vec<Photo>,
-    /// Lowest and highest corner, in world units, of an axis-aligned box around all that the cameras see.
+    /// Lowest and highest corner, in world units, of an axis-aligned box around all that the
+    /// cameras see.
     pub bounds: [[f64; 3]; 2],
-    /// The similarity that takes the scene's coordinates to those of the files that it was read from.
+    /// The similarity that takes the scene's coordinates to those of the files that it was read
+    /// from.
     pub to_source: DMat4,
     /// One line for people: what it is and how it was brought into its coordinates.
     pub description: String,
@@ -36,7 +40,8 @@ pub struct SceneData {
     pub notes: Vec<String>,
 }
 
-/// Lowest and highest corner of the points. The box of nothing is empty: its low corner lies above its high one.
+/// Lowest and highest corner of the points. The box of nothing is empty: its low corner lies above
+/// its high one.
 pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     points.into_iter().fold(empty, |[low, high], p| {
@@ -47,8 +52,8 @@ pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64;
     })
 }
 
-/// Splits photos in their order into `(train, test)`: indices 0, `every`, 2 * `every`, ... are held out as test, which
-/// with 8 is the LLFF protocol. 0 holds out nothing; 1 holds out everything.
+/// Splits photos in their order into `(train, test)`: indices 0, `every`, 2 * `every`, ... are held
+/// out as test, which with 8 is the LLFF protocol. 0 holds out nothing; 1 holds out everything.
 pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo>) {
     let is_test = |index: usize| every != 0 && index.is_multiple_of(every);
     let (test, train): (Vec<_>, Vec<_>) = photos

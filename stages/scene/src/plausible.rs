@@ -1,16 +1,19 @@
-//! Whether cameras together can be those of one scene: one far from all others, all at one place, all far from the
-//! origin. Knows no files.
+//! Whether cameras together can be those of one scene: one far from all others, all at one place,
+//! all far from the origin. Knows no files.
 
 use glam::{DMat4, DVec3};
 
 use crate::Camera;
 use crate::faults::a_tenth;
 
-/// A camera this many times as far away as nine tenths of them is taken for a mistake of the pose estimation.
+/// A camera this many times as far away as nine tenths of them is taken for a mistake of the pose
+/// estimation.
 const STRAY: f64 = 10.0;
-/// Cameras that stand closer together than this part of their distance from the origin stand at one place.
+/// Cameras that stand closer together than this part of their distance from the origin stand at one
+/// place.
 const ONE_PLACE: f64 = 1e-9;
-/// Coordinates are moved if the cameras stand this many times as far from the origin as from each other.
+/// Coordinates are moved if the cameras stand this many times as far from the origin as from each
+/// other.
 const FAR_OFF: f64 = 1e3;
 
 /// Where cameras stand: the middle of them, and how far nine tenths of them are from it.
@@ -78,8 +81,9 @@ pub(crate) fn at_one_place(cameras: &[Camera]) -> bool {
     cameras.len() > 1 && farthest <= ONE_PLACE * crowd.middle.length()
 }
 
-/// For cameras so far from the origin that single precision would blur them (georeferenced ones, say): the matrix that
-/// takes coordinates about their middle, in units of their spread, to the ones they have. `None` for all others.
+/// For cameras so far from the origin that single precision would blur them (georeferenced ones,
+/// say): the matrix that takes coordinates about their middle, in units of their spread, to the
+/// ones they have. `None` for all others.
 pub(crate) fn recentred(cameras: &[Camera]) -> Option<DMat4> {
     let crowd = Crowd::of(cameras);
     let far = crowd.reach > 0.0 && crowd.middle.abs().max_element() > FAR_OFF * crowd.reach;

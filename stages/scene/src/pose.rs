@@ -1,19 +1,21 @@
-//! Checks foreign poses and gives them a scene to stand in where their files name none. Knows no formats.
+//! Checks foreign poses and gives them a scene to stand in where their files name none. Knows no
+//! formats.
 
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::Camera;
 use crate::photo::bounding_box;
 
-/// Rotations farther than this from orthonormal are not rotations. Files in single precision are within 1e-6.
+/// Rotations farther than this from orthonormal are not rotations. Files in single precision are
+/// within 1e-6.
 const ORTHONORMAL: f64 = 1e-3;
 /// Nothing is nearer to a camera inside the box than this part of the box's longest side.
 const NEAREST: f64 = 0.025;
 /// Near and far where only the cameras are known, in distances to what they look at.
 const GUESS: [f64; 2] = [0.1, 3.0];
 
-/// A camera-to-world matrix from its rows, after checking that it is a rotation and a translation. A uniform scale, as
-/// some tools leave in the rotation, is taken out.
+/// A camera-to-world matrix from its rows, after checking that it is a rotation and a translation.
+/// A uniform scale, as some tools leave in the rotation, is taken out.
 pub(crate) fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
     if rows.as_flattened().iter().any(|value| !value.is_finite()) {
         return Err("holds a number that is not finite".into());
@@ -89,12 +91,13 @@ pub(crate) fn depths_of_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> [f64; 2]
     [near, if most > near { most } else { 2.0 * near }]
 }
 
-/// Whether a camera sees something of a box: one of a grid of its rays meets the box in front of it, or the box is so
-/// small that its middle lies between them.
+/// Whether a camera sees something of a box: one of a grid of its rays meets the box in front of
+/// it, or the box is so small that its middle lies between them.
 pub(crate) fn sees_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> bool {
     const GRID: u32 = 16;
     let middle = [0, 1, 2].map(|axis| 0.5 * (bounds[0][axis] + bounds[1][axis]));
-    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let width = f64::from(camera.width);
+    let height = f64::from(camera.height);
     let in_image =
         |[px, py, _]: [f64; 3]| (0.0..=width).contains(&px) && (0.0..=height).contains(&py);
     if camera.project(middle).is_some_and(in_image) {
@@ -119,7 +122,8 @@ fn meets(camera: &Camera, px: f64, py: f64, bounds: &[[f64; 3]; 2]) -> bool {
     first <= last
 }
 
-/// Near and far for cameras of which nothing else is known: around the point that all of them look at.
+/// Near and far for cameras of which nothing else is known: around the point that all of them look
+/// at.
 pub(crate) fn guess_depths(cameras: &[Camera]) -> [f64; 2] {
     let focus = focus(cameras);
     let mut distances: Vec<f64> = cameras
@@ -135,9 +139,11 @@ pub(crate) fn guess_depths(cameras: &[Camera]) -> [f64; 2] {
     GUESS.map(|factor| factor * middle)
 }
 
-/// The point with the least squared distance to all view axes; for parallel axes, some point on them.
+/// The point with the least squared distance to all view axes; for parallel axes, some point on
+/// them.
 pub(crate) fn focus(cameras: &[Camera]) -> DVec3 {
-    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    let mut matrix = DMat3::ZERO;
+    let mut right = DVec3::ZERO;
     for camera in cameras {
         let axis = camera.camera_to_world.z_axis.truncate();
         let across =
@@ -146,7 +152,8 @@ pub(crate) fn focus(cameras: &[Camera]) -> DVec3 {
         right += across * camera.position();
     }
     let count = cameras.len().max(1) as f64;
-    // Of one camera, or of parallel ones, the system says nothing about the depth: this much, from their spread, does.
+    // Of one camera, or of parallel ones, the system says nothing about the depth: this much, from
+    // their spread, does.
     let mean = cameras.iter().map(Camera::position).sum::<DVec3>() / count;
     let ahead = cameras
         .iter()

@@ -1,4 +1,5 @@
-//! What all readers of scenes have in common: from the files that poses stand in to photos. Knows no format.
+//! What all readers of scenes have in common: from the files that poses stand in to photos. Knows
+//! no format.
 
 use std::path::{Path, PathBuf};
 
@@ -14,8 +15,8 @@ use crate::{Camera, Photo, Reduction, SceneData, SceneError, source_files};
 
 /// A reader of posed photos of one format.
 ///
-/// A new format says in [`Reader::survey`] what a scene is made of; reading, the digest and all checks that do not
-/// depend on a format follow from that.
+/// A new format says in [`Reader::survey`] what a scene is made of; reading, the digest and all
+/// checks that do not depend on a format follow from that.
 ///
 /// ```no_run
 /// use scene::{Colmap, Reader};
@@ -25,13 +26,16 @@ use crate::{Camera, Photo, Reduction, SceneData, SceneError, source_files};
 /// # Ok::<(), scene::SceneError>(())
 /// ```
 pub trait Reader {
-    /// What the scene is made of: files, cameras, and what is noteworthy about them. No photo is decoded.
+    /// What the scene is made of: files, cameras, and what is noteworthy about them. No photo is
+    /// decoded.
     ///
     /// # Errors
-    /// Every way in which the files can be unfit, by file and place, but for photos that cannot be decoded.
+    /// Every way in which the files can be unfit, by file and place, but for photos that cannot be
+    /// decoded.
     fn survey(&self) -> Result<Survey, SceneError>;
 
-    /// The scene: photos resized to the size asked for by an antialiased bicubic filter, intrinsics to match.
+    /// The scene: photos resized to the size asked for by an antialiased bicubic filter, intrinsics
+    /// to match.
     ///
     /// # Errors
     /// The same, and photos that are damaged.
@@ -48,7 +52,8 @@ pub trait Reader {
         Ok(survey.files().map(Path::to_owned).collect())
     }
 
-    /// A BLAKE3 digest over the names and bytes of these files: whether the scene on disk has changed.
+    /// A BLAKE3 digest over the names and bytes of these files: whether the scene on disk has
+    /// changed.
     ///
     /// # Errors
     /// Those of [`Reader::survey`].
@@ -86,12 +91,14 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// How many photos there are to train on or to split, and how many the source itself sets aside for testing.
+    /// How many photos there are to train on or to split, and how many the source itself sets aside
+    /// for testing.
     pub fn counts(&self) -> (usize, usize) {
         (self.train.len(), self.test.len())
     }
 
-    /// What was left out or had to be guessed, as far as that can be said before photos are decoded.
+    /// What was left out or had to be guessed, as far as that can be said before photos are
+    /// decoded.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -198,8 +205,8 @@ fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), 
     Ok((photo, clipped))
 }
 
-/// Looks at all photos of a scene together: leaves out those whose camera stands far from all others, and notes or
-/// refuses what makes no scene. `path` is the file that the poses stand in.
+/// Looks at all photos of a scene together: leaves out those whose camera stands far from all
+/// others, and notes or refuses what makes no scene. `path` is the file that the poses stand in.
 pub(crate) fn sift(
     path: &Path,
     train: &mut Vec<Posed>,

@@ -1,4 +1,5 @@
-//! The files that a scene is read from: their bytes, their digest, and names of views after them. Looks into no photo.
+//! The files that a scene is read from: their bytes, their digest, and names of views after them.
+//! Looks into no photo.
 
 use std::fs::File;
 use std::io::Read;
@@ -33,7 +34,8 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     }
 }
 
-/// The text of a file, with or without a byte order mark, in UTF-8 or UTF-16 as Windows' own editors write.
+/// The text of a file, with or without a byte order mark, in UTF-8 or UTF-16 as Windows' own
+/// editors write.
 pub(crate) fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     let utf16 = |rest: &[u8], unit: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = rest
@@ -72,8 +74,8 @@ pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
     Ok(bytes)
 }
 
-/// A BLAKE3 digest over the names and bytes of files, which are read side by side. It says whether a scene on disk has
-/// changed, without decoding it.
+/// A BLAKE3 digest over the names and bytes of files, which are read side by side. It says whether
+/// a scene on disk has changed, without decoding it.
 pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 32], SceneError> {
     let files: Vec<&Path> = files.collect();
     let contents: Vec<blake3::Hash> = files
@@ -94,7 +96,8 @@ pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 3
     Ok(*hasher.finalize().as_bytes())
 }
 
-/// The digest of one file's bytes. Not from mapped memory: a photo may be cut short while it is read.
+/// The digest of one file's bytes. Not from mapped memory: a photo may be cut short while it is
+/// read.
 pub(crate) fn content_digest(path: &Path) -> Result<blake3::Hash, SceneError> {
     let io = |source| SceneError::io(path, source);
     let mut hasher = blake3::Hasher::new();
@@ -104,8 +107,9 @@ pub(crate) fn content_digest(path: &Path) -> Result<blake3::Hash, SceneError> {
     Ok(hasher.finalize())
 }
 
-/// Names of views for photos, by their paths: the stems where these differ, else whole paths with `_` between folders,
-/// with their endings where need be. Whatever a path holds, the name can be a file's.
+/// Names of views for photos, by their paths: the stems where these differ, else whole paths with
+/// `_` between folders, with their endings where need be. Whatever a path holds, the name can be a
+/// file's.
 pub(crate) fn view_names(paths: &[&str]) -> Vec<String> {
     let stem = |path: &&str| clean(photo_file::split(last(path)).0);
     let whole = |path: &&str| clean(photo_file::split(inside(path)).0);

@@ -1,5 +1,5 @@
-//! COLMAP reconstructions: written in both formats from known cameras, read back, broken in every way, and a real one
-//! where it is at hand.
+//! COLMAP reconstructions: written in both formats from known cameras, read back, broken in every
+//! way, and a real one where it is at hand.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 mod common;
@@ -145,13 +145,15 @@ fn written(files: &Files, extension: &str) -> TempDir {
     folder
 }
 
-/// Whether what one camera sees at some pixel and depth, the next sees where it always did, up to one scale.
+/// Whether what one camera sees at some pixel and depth, the next sees where it always did, up to
+/// one scale.
 fn assert_similar(known: &[Camera], read: &[Camera], pixels: f64) {
     let scale = read[0].position().distance(read[1].position())
         / known[0].position().distance(known[1].position());
     for i in 0..known.len() {
         let j = (i + 1) % known.len();
-        let (w, h) = (f64::from(known[i].width), f64::from(known[i].height));
+        let w = f64::from(known[i].width);
+        let h = f64::from(known[i].height);
         for (px, py) in [(0.2 * w, 0.3 * h), (0.7 * w, 0.6 * h)] {
             let depth = 0.5 * (known[i].near + known[i].far);
             let was = known[j].project(known[i].unproject(px, py, depth)).unwrap();
@@ -357,12 +359,11 @@ fn the_real_fern_is_the_same_scene_as_its_llff_poses() {
         return;
     };
     let size = Some((126, 94));
-    let (ours, theirs) = (
-        colmap(&folder, None, size).read().unwrap(),
-        llff(&folder, None, size).read().unwrap(),
-    );
+    let ours = colmap(&folder, None, size).read().unwrap();
+    let theirs = llff(&folder, None, size).read().unwrap();
     assert_eq!(ours.photos.len(), 20);
-    let (a, b) = (cameras(&theirs.photos), cameras(&ours.photos));
+    let a = cameras(&theirs.photos);
+    let b = cameras(&ours.photos);
     let fit = Similarity::between(&a, &b);
     for (i, (a, b)) in a.iter().zip(&b).enumerate() {
         assert_eq!(theirs.photos[i].name, ours.photos[i].name);
@@ -409,7 +410,8 @@ impl Similarity {
         let mean = |cameras: &[Camera]| {
             cameras.iter().map(Camera::position).sum::<DVec3>() / cameras.len() as f64
         };
-        let (from, to) = (mean(a), mean(b));
+        let from = mean(a);
+        let to = mean(b);
         let spread = |cameras: &[Camera], mean: DVec3| {
             cameras
                 .iter()

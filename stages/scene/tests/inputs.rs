@@ -1,5 +1,5 @@
-//! Inputs of the kinds that people bring, each with what they expect: how many photos are read, what a warning says, what
-//! a refusal says.
+//! Inputs of the kinds that people bring, each with what they expect: how many photos are read,
+//! what a warning says, what a refusal says.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 mod common;
@@ -564,7 +564,8 @@ fn another_programs_camera_path_is_refused_by_what_it_is() {
     );
 }
 
-/// A reconstruction in text of so many cameras, with photos under `images`; the text of the images may be changed.
+/// A reconstruction in text of so many cameras, with photos under `images`; the text of the images
+/// may be changed.
 fn reconstruction(cameras: &[Camera], lens: &str, line_of_points: bool) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let mut images = String::from("# images\n");
@@ -574,7 +575,10 @@ fn reconstruction(cameras: &[Camera], lens: &str, line_of_points: bool) -> TempD
         (pose.y_axis, pose.z_axis) = (-pose.y_axis, -pose.z_axis);
         let (_, turn, t) = pose.inverse().to_scale_rotation_translation();
         let turn: DQuat = turn;
-        let (w, x, y, z) = (turn.w, turn.x, turn.y, turn.z);
+        let w = turn.w;
+        let x = turn.x;
+        let y = turn.y;
+        let z = turn.z;
         writeln!(
             images,
             "{} {w} {x} {y} {z} {} {} {} 1 {i:04}.png",

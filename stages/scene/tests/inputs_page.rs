@@ -66,7 +66,9 @@ fn read(folder: &TempDir) -> Result<SceneData, SceneError> {
 #[test]
 fn photos_are_read_or_refused_by_format_as_the_page_says() {
     for row in rows("ending") {
-        let (ending, name, fate) = (&row[0], &row[1], row[2].as_str());
+        let ending = &row[0];
+        let name = &row[1];
+        let fate = row[2].as_str();
         // Readers look at what a file holds, so that a PNG serves under any name that is read.
         let read = read(&capture(ending, |_| {}));
         match fate {
@@ -96,7 +98,9 @@ fn fields_are_read_ignored_or_warned_of_as_the_page_says() {
     let (read_fields, quiet) = Transforms::known_fields();
     let mut of_page = [BTreeSet::new(), BTreeSet::new()];
     for row in rows("field") {
-        let (field, places, fate) = (&row[0], &row[1], row[2].as_str());
+        let field = &row[0];
+        let places = &row[1];
+        let fate = row[2].as_str();
         match fate {
             "read" => drop(of_page[0].insert(field.clone())),
             "ignored" => drop(of_page[1].insert(field.clone())),
@@ -133,7 +137,8 @@ fn fields_are_read_ignored_or_warned_of_as_the_page_says() {
 #[test]
 fn camera_models_are_read_or_refused_as_the_page_says() {
     for row in rows("camera model") {
-        let (model, fate) = (row[0].as_str(), row[1].as_str());
+        let model = row[0].as_str();
+        let fate = row[1].as_str();
         let (parameters, plain) = match model {
             "SIMPLE_PINHOLE" => ("30 12 9", true),
             "PINHOLE" => ("30 30 12 9", true),

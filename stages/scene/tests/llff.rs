@@ -1,4 +1,5 @@
-//! LLFF folders: written from known cameras and read back, broken in every way, and a real one where it is at hand.
+//! LLFF folders: written from known cameras and read back, broken in every way, and a real one
+//! where it is at hand.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 mod common;
@@ -38,7 +39,10 @@ fn known_cameras() -> Vec<Camera> {
 /// A camera as LLFF stores it: axes [down, right, backwards], sizes of photos four times as large.
 fn row(camera: &Camera) -> Vec<f64> {
     let pose = camera.camera_to_world;
-    let (right, up, back, at) = (pose.x_axis, pose.y_axis, pose.z_axis, pose.w_axis);
+    let right = pose.x_axis;
+    let up = pose.y_axis;
+    let back = pose.z_axis;
+    let at = pose.w_axis;
     let full = [
         4.0 * f64::from(camera.height),
         4.0 * f64::from(camera.width),
@@ -88,7 +92,8 @@ fn written_scene() -> TempDir {
 fn cameras_that_were_written_come_back_up_to_one_similarity() {
     let folder = written_scene();
     let scene = llff(folder.path(), None, None).read().unwrap();
-    let (known, read) = (known_cameras(), scene.photos);
+    let known = known_cameras();
+    let read = scene.photos;
     assert_eq!(
         read.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(),
         ["photo0", "photo1", "photo2"]
@@ -100,7 +105,8 @@ fn cameras_that_were_written_come_back_up_to_one_similarity() {
         [100.0, 101.0, 102.0]
     );
     for i in 0..3 {
-        let (a, b) = (&known[i], &read[i].camera);
+        let a = &known[i];
+        let b = &read[i].camera;
         assert_eq!(
             (a.width, a.height, a.cx, a.cy),
             (b.width, b.height, b.cx, b.cy)

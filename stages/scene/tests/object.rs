@@ -64,7 +64,8 @@ fn every_photo_shows_it_whole_on_nothing() {
 
 #[test]
 fn the_seed_moves_the_training_cameras() {
-    let (a, b) = (object(4, (8, 8), 1, 0), object(4, (8, 8), 1, 1));
+    let a = object(4, (8, 8), 1, 0);
+    let b = object(4, (8, 8), 1, 1);
     let apart = |i: usize, j: usize| {
         a.photos[i]
             .camera

@@ -1,4 +1,5 @@
-//! The embedded scene: the same bits however it is made, a truth at any resolution, and worth super-resolving.
+//! The embedded scene: the same bits however it is made, a truth at any resolution, and worth
+//! super-resolving.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 use compute::Device;
@@ -22,8 +23,10 @@ fn any_number_of_threads_gives_the_same_bits() {
 
 #[test]
 fn the_seed_moves_things_and_cameras_a_little() {
-    let (a, b) = (still_life(1, (64, 48), 2, 0), still_life(1, (64, 48), 2, 1));
-    let (here, there) = (&a.photos[0].camera, &b.photos[0].camera);
+    let a = still_life(1, (64, 48), 2, 0);
+    let b = still_life(1, (64, 48), 2, 1);
+    let here = &a.photos[0].camera;
+    let there = &b.photos[0].camera;
     let moved = here.position().distance(there.position());
     assert!(moved > 1e-4 && moved < 0.2, "{moved}");
     assert_ne!(a.photos[0].rgb, b.photos[0].rgb);
@@ -72,10 +75,8 @@ fn photos_are_named_in_order_and_share_near_and_far() {
 /// A pixel is the mean of its area: the same rays, cut into fewer pixels, must give the same light.
 #[test]
 fn fewer_pixels_with_more_samples_agree_with_more_pixels() {
-    let (fine, coarse) = (
-        still_life(1, (128, 96), 4, 0),
-        still_life(1, (64, 48), 8, 0),
-    );
+    let fine = still_life(1, (128, 96), 4, 0);
+    let coarse = still_life(1, (64, 48), 8, 0);
     let linear = |photo: &Photo| {
         photo
             .rgb
@@ -83,7 +84,8 @@ fn fewer_pixels_with_more_samples_agree_with_more_pixels() {
             .map(|value| srgb_to_linear(*value))
             .collect::<Vec<_>>()
     };
-    let (fine, coarse) = (linear(&fine.photos[0]), linear(&coarse.photos[0]));
+    let fine = linear(&fine.photos[0]);
+    let coarse = linear(&coarse.photos[0]);
     let mut differences = Vec::new();
     for (y, x) in (0..48).flat_map(|y| (0..64).map(move |x| (y, x))) {
         for channel in 0..3 {
@@ -92,7 +94,8 @@ fn fewer_pixels_with_more_samples_agree_with_more_pixels() {
             differences.push((mean - coarse[3 * (y * 64 + x) + channel]).abs());
         }
     }
-    // Not zero: which sample looks at which point of a light differs, and highlights are clipped after the mean.
+    // Not zero: which sample looks at which point of a light differs, and highlights are clipped
+    // after the mean.
     let mean = differences.iter().sum::<f32>() / differences.len() as f32;
     let most = differences.iter().copied().fold(0.0, f32::max);
     println!("mean difference {mean:.5}, most {most:.3}");
@@ -105,7 +108,8 @@ fn psnr(a: &[f32], b: &[f32]) -> f32 {
 }
 
 fn enlarged(photo: &Photo, width: usize, height: usize) -> Vec<f32> {
-    let (w, h) = (photo.camera.width as usize, photo.camera.height as usize);
+    let w = photo.camera.width as usize;
+    let h = photo.camera.height as usize;
     let image = Device::cpu().array(&[1, h, w, 3], photo.rgb.clone());
     let planes: Vec<f32> = (0..3)
         .flat_map(|c| image.to_vec().into_iter().skip(c).step_by(3))
@@ -131,7 +135,8 @@ fn a_quarter_of_the_size_loses_detail_that_a_half_mostly_keeps() {
             ),
         )
     };
-    let (quarter, half) = (kept(4), kept(2));
+    let quarter = kept(4);
+    let half = kept(2);
     println!("bicubic down and up again: x4 {quarter:.2} dB, x2 {half:.2} dB");
     assert!((15.0..24.0).contains(&quarter), "x4: {quarter} dB");
     assert!(half > quarter + 2.5, "x2: {half} dB, x4: {quarter} dB");

@@ -1,5 +1,5 @@
-//! Scenes in `transforms.json`: NeRF-synthetic, instant-ngp and nerfstudio, written, read back, and broken in every
-//! way.
+//! Scenes in `transforms.json`: NeRF-synthetic, instant-ngp and nerfstudio, written, read back, and
+//! broken in every way.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
 mod common;
@@ -20,10 +20,8 @@ fn read(path: &Path) -> SceneData {
 fn what_is_written_comes_back_the_same() {
     let bounds = [[-1.0, -2.0, -3.0], [4.0, 5.0, 1.0 / 3.0]];
     for (bent, transparent) in [(Distortion::default(), true), (BENT, false)] {
-        let (train, test) = (
-            photos(&known_cameras(bent), transparent),
-            photos(&known_cameras(bent)[..2], transparent),
-        );
+        let train = photos(&known_cameras(bent), transparent);
+        let test = photos(&known_cameras(bent)[..2], transparent);
         let folder = tempfile::tempdir().unwrap();
         write_transforms(folder.path(), &train, &test, bounds).unwrap();
         let scene = read(folder.path());

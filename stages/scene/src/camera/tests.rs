@@ -81,10 +81,12 @@ fn along(ray: &Ray, depth: f64) -> [f64; 3] {
 proptest! {
     #[test]
     fn project_inverts_ray(camera in any_camera(), u in 0.0..1.0f64, v in 0.0..1.0f64, depth in 0.1..50.0f64) {
-        let (px, py) = (u * f64::from(camera.width), v * f64::from(camera.height));
+        let px = u * f64::from(camera.width);
+        let py = v * f64::from(camera.height);
         let ray = camera.ray(px, py);
         let seen = camera.project(along(&ray, depth)).unwrap();
-        // Rays are f32: their rounding, about 1e-6 of the distance, shows as so many focal lengths of pixels.
+        // Rays are f32: their rounding, about 1e-6 of the distance, shows as so many focal lengths
+        // of pixels.
         let tolerance = 1e-5 * f64::from(ray.distance_per_depth) * (1.0 + 10.0 / depth);
         prop_assert!((seen[0] - px).abs() < tolerance * camera.fl_x, "{seen:?} for {px} {py}");
         prop_assert!((seen[1] - py).abs() < tolerance * camera.fl_y, "{seen:?} for {px} {py}");
@@ -93,7 +95,8 @@ proptest! {
 
     #[test]
     fn project_inverts_unproject(camera in any_camera(), u in 0.0..1.0f64, v in 0.0..1.0f64, depth in 0.1..50.0f64) {
-        let (px, py) = (u * f64::from(camera.width), v * f64::from(camera.height));
+        let px = u * f64::from(camera.width);
+        let py = v * f64::from(camera.height);
         let seen = camera.project(camera.unproject(px, py, depth)).unwrap();
         for (got, want) in seen.into_iter().zip([px, py, depth]) {
             prop_assert!((got - want).abs() < 1e-8 * (1.0 + want.abs()), "{seen:?}");
@@ -139,7 +142,8 @@ fn an_unturned_camera_looks_along_minus_z_with_y_up() {
 
 #[test]
 fn look_at_puts_the_target_in_the_middle_and_up_upwards() {
-    let (position, target) = (DVec3::new(2.0, 1.5, 3.0), DVec3::new(0.0, 0.5, -0.2));
+    let position = DVec3::new(2.0, 1.5, 3.0);
+    let target = DVec3::new(0.0, 0.5, -0.2);
     let camera = Camera {
         camera_to_world: Camera::look_at(position, target),
         ..front_camera()
@@ -162,7 +166,8 @@ fn a_bent_lens_widens_the_window_to_all_that_is_seen() {
         distortion: Distortion { k1, ..NONE },
         ..front_camera()
     };
-    let (straight, bent) = (front_camera().view_window(), barrel(-0.05).view_window());
+    let straight = front_camera().view_window();
+    let bent = barrel(-0.05).view_window();
     assert_eq!(straight, [-1.0, 1.0, -0.75, 0.75]);
     assert!(bent[0] < straight[0] && bent[3] > straight[3], "{bent:?}");
     assert!(barrel(-0.05).sees_through_its_image());

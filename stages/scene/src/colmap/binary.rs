@@ -6,7 +6,8 @@ use super::model::{Image, Model, Point, camera_to_world, lens, model_by_number};
 const IMAGE: usize = 64 + 1 + 8;
 const POINT: usize = 43 + 8;
 const CAMERA: usize = 24 + 3 * 8;
-/// Bytes of a photo's 2-D point (x, y, number) and of one step of a point's track (photo, 2-D point).
+/// Bytes of a photo's 2-D point (x, y, number) and of one step of a point's track (photo, 2-D
+/// point).
 const OBSERVATION: usize = 24;
 const TRACK: usize = 8;
 
@@ -101,7 +102,8 @@ fn records(
 /// Reads `cameras.bin`. The error is a place and what is wrong there.
 pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, CAMERA, |cursor| {
-        let (number, kind) = (cursor.u32()?, cursor.u32()?);
+        let number = cursor.u32()?;
+        let kind = cursor.u32()?;
         let size = (cursor.u64()?, cursor.u64()?);
         let (name, count) = model_by_number(kind as i32)?;
         let parameters = (0..count)
@@ -118,7 +120,9 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
 pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, IMAGE, |cursor| {
         let number = cursor.u32()?;
-        let (turn, translation, lens) = (cursor.reals()?, cursor.reals()?, cursor.u32()?);
+        let turn = cursor.reals()?;
+        let translation = cursor.reals()?;
+        let lens = cursor.u32()?;
         let name = cursor.text()?;
         let observations = cursor.count(OBSERVATION)?;
         cursor.bytes(observations * OBSERVATION)?;

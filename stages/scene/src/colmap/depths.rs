@@ -17,8 +17,9 @@ const ENOUGH_POINTS: usize = 20_000;
 /// What stands for a near and far that is not known yet.
 const UNKNOWN: [f64; 2] = [0.0; 2];
 
-/// Gives photos, known by their numbers, the near and far of the points found in them. Where points do not say in which
-/// photos they were found, all that lie in a photo's view count, and a note says so.
+/// Gives photos, known by their numbers, the near and far of the points found in them. Where points
+/// do not say in which photos they were found, all that lie in a photo's view count, and a note
+/// says so.
 pub(super) fn set(model: &Model, photos: &mut [(u32, Posed)]) -> Option<String> {
     let tracked = model.points.iter().any(|point| !point.seen_in.is_empty());
     let mut known = by_tracks(model);
@@ -36,8 +37,8 @@ pub(super) fn set(model: &Model, photos: &mut [(u32, Posed)]) -> Option<String> 
     })
 }
 
-/// Gives photos that show too few points the widest range of the others. If no photo shows enough, cameras alone must
-/// tell, and a note says so.
+/// Gives photos that show too few points the widest range of the others. If no photo shows enough,
+/// cameras alone must tell, and a note says so.
 pub(super) fn guess(photos: &mut [Posed]) -> Option<String> {
     let range_of = |posed: &Posed| [posed.camera.near, posed.camera.far];
     let known = photos

@@ -1,4 +1,5 @@
-//! The files of a reconstruction: where they may lie, and which to take of several. Knows no photos.
+//! The files of a reconstruction: where they may lie, and which to take of several. Knows no
+//! photos.
 
 use std::path::{Path, PathBuf};
 
@@ -31,7 +32,8 @@ const PARSERS: [(&str, [Parser; 3]); 2] = [
     ("txt", [text::cameras, text::images, text::points]),
 ];
 
-/// A reconstruction and the files that it was read from: cameras, images, and points if there are any.
+/// A reconstruction and the files that it was read from: cameras, images, and points if there are
+/// any.
 pub(super) struct Reconstruction {
     pub(super) sources: Vec<PathBuf>,
     pub(super) model: Model,

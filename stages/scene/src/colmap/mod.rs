@@ -1,8 +1,9 @@
 //! Reads a COLMAP reconstruction beside its photos. Knows nothing of what is done with it.
 //!
-//! Near and far of a photo are percentiles of the depths of the sparse points found in it, as LLFF's are; the scene box
-//! is the hull of all frusta between them, and coordinates are those of LLFF scenes (`docs/conventions.md`). Rigs and
-//! frames, of which newer versions write files as well, are noted and passed over: every image has its own pose.
+//! Near and far of a photo are percentiles of the depths of the sparse points found in it, as
+//! LLFF's are; the scene box is the hull of all frusta between them, and coordinates are those of
+//! LLFF scenes (`docs/conventions.md`). Rigs and frames, of which newer versions write files as
+//! well, are noted and passed over: every image has its own pose.
 
 mod binary;
 mod depths;
@@ -28,15 +29,16 @@ const REMEDY: &str = "the reconstruction names photos in that folder; give anoth
 
 /// A folder with a COLMAP reconstruction and its photos.
 ///
-/// The reconstruction, binary or text, lies in `sparse/0`, `sparse`, the same under `colmap` or `dense`, or the folder
-/// itself; of several in `sparse` the one with the most photos is read. Photos may be reduced copies and lie in folders
-/// within their folder. Photos of another size than `size` are resized by an antialiased bicubic filter.
+/// The reconstruction, binary or text, lies in `sparse/0`, `sparse`, the same under `colmap` or
+/// `dense`, or the folder itself; of several in `sparse` the one with the most photos is read.
+/// Photos may be reduced copies and lie in folders within their folder. Photos of another size than
+/// `size` are resized by an antialiased bicubic filter.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Colmap {
     /// The folder.
     pub folder: PathBuf,
-    /// The subfolder of photos; by default the smallest of `images`, `images_2`, `images_4` … that has all photos and is
-    /// not below `size`, or the largest.
+    /// The subfolder of photos; by default the smallest of `images`, `images_2`, `images_4` … that
+    /// has all photos and is not below `size`, or the largest.
     pub images: Option<String>,
     /// Width and height of all photos; by default those of the files.
     pub size: Option<(u32, u32)>,
@@ -95,7 +97,8 @@ impl Reader for Colmap {
     }
 }
 
-/// The registered photos that are there, by their numbers, in coordinates and with poses of the reconstruction.
+/// The registered photos that are there, by their numbers, in coordinates and with poses of the
+/// reconstruction.
 fn gather(
     scene: &Path,
     file_of_images: &Path,

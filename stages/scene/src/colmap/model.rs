@@ -1,4 +1,5 @@
-//! A COLMAP reconstruction as its files hold it, text or binary alike: lenses, poses, sparse points. Knows no photos.
+//! A COLMAP reconstruction as its files hold it, text or binary alike: lenses, poses, sparse
+//! points. Knows no photos.
 //!
 //! Format: <https://colmap.github.io/format.html>.
 
@@ -120,7 +121,8 @@ pub(super) fn lens(
     Ok(camera)
 }
 
-/// Focal lengths and principal point, and how the lens bends, by the parameters' order in COLMAP's documentation.
+/// Focal lengths and principal point, and how the lens bends, by the parameters' order in COLMAP's
+/// documentation.
 fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), String> {
     let none = Distortion::default();
     let fisheye = Distortion {
@@ -192,7 +194,8 @@ fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), Stri
     })
 }
 
-/// COLMAP's world-to-camera rotation (w, x, y, z) and translation, with its axes right, down, forwards, as our pose.
+/// COLMAP's world-to-camera rotation (w, x, y, z) and translation, with its axes right, down,
+/// forwards, as our pose.
 pub(super) fn camera_to_world(
     [w, x, y, z]: [f64; 4],
     translation: [f64; 3],

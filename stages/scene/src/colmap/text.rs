@@ -59,7 +59,8 @@ fn records(
     Ok(())
 }
 
-/// Reads `cameras.txt`: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]. The error is a place and what is wrong there.
+/// Reads `cameras.txt`: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]. The error is a place and what is
+/// wrong there.
 pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, |mut words, _| {
         let number = words.number("CAMERA_ID")?;
@@ -78,8 +79,8 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
     })
 }
 
-/// Reads `images.txt`: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, each followed by a line of 2-D points, perhaps
-/// empty. Some tools leave the second line out, which is noted.
+/// Reads `images.txt`: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, each followed by a line of 2-D
+/// points, perhaps empty. Some tools leave the second line out, which is noted.
 pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     let mut without_points = 0;
     records(bytes, |mut words, lines| {

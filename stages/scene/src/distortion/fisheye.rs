@@ -1,14 +1,15 @@
-//! The fisheye model of Kannala and Brandt as OpenCV has it: angles from the optical axis, bent by a polynomial. Knows
-//! no pixels and no poses.
+//! The fisheye model of Kannala and Brandt as OpenCV has it: angles from the optical axis, bent by
+//! a polynomial. Knows no pixels and no poses.
 
-/// Rays farther from the optical axis than this many radians (80 degrees) are not followed: a scene with depths along
-/// the axis cannot hold them.
+/// Rays farther from the optical axis than this many radians (80 degrees) are not followed: a scene
+/// with depths along the axis cannot hold them.
 const WIDEST: f64 = 1.4;
 /// Newton's method needs four steps or so.
 const STEPS: usize = 40;
 const TOLERANCE: f64 = 1e-14;
 
-/// k1 to k4: an angle t is seen at t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸) focal lengths from the middle.
+/// k1 to k4: an angle t is seen at t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸) focal lengths from the
+/// middle.
 pub(super) struct Fisheye(pub(super) [f64; 4]);
 
 impl Fisheye {

@@ -1,4 +1,5 @@
-//! Lens distortion as OpenCV models it: where a straight line bends to, and back. Knows no pixels and no poses.
+//! Lens distortion as OpenCV models it: where a straight line bends to, and back. Knows no pixels
+//! and no poses.
 
 mod fisheye;
 
@@ -6,18 +7,20 @@ use std::fmt;
 
 use fisheye::Fisheye;
 
-/// How near to the exact answer [`Distortion::undo`] comes, in focal lengths: less than a billionth of a pixel.
+/// How near to the exact answer [`Distortion::undo`] comes, in focal lengths: less than a billionth
+/// of a pixel.
 const TOLERANCE: f64 = 1e-13;
 /// Newton's method needs four steps or so; where the model folds over it may never end.
 const STEPS: usize = 40;
 
-/// Radial (k1 to k6) and tangential (p1, p2) distortion as OpenCV's pinhole models have it, or a fisheye (k1 to k4) as
-/// its fisheye model has it. All zero, the default, is a pinhole.
+/// Radial (k1 to k6) and tangential (p1, p2) distortion as OpenCV's pinhole models have it, or a
+/// fisheye (k1 to k4) as its fisheye model has it. All zero, the default, is a pinhole.
 ///
-/// Points are those of OpenCV's image plane at depth 1, in focal lengths from the optical axis: x right, y *down*. With
-/// r² = x² + y² and f = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) the point (x, y) is seen at
-/// (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x y). A fisheye sees it at (x, y) t' / r, where
-/// t = atan(r) and t' = t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸).
+/// Points are those of OpenCV's image plane at depth 1, in focal lengths from the optical axis: x
+/// right, y *down*. With r² = x² + y² and f = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6
+/// r⁶) the point (x, y) is seen at (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x
+/// y). A fisheye sees it at (x, y) t' / r, where t = atan(r) and t' = t (1 + k1 t² + k2 t⁴ + k3 t⁶
+/// + k4 t⁸).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     /// Coefficient of r², or of the angle's square.
@@ -66,7 +69,8 @@ impl Distortion {
 
     /// The point that is seen here: the inverse of [`Distortion::apply`] around the optical axis.
     ///
-    /// `None` where there is no such point: beyond the rim at which a strong distortion folds the image over.
+    /// `None` where there is no such point: beyond the rim at which a strong distortion folds the
+    /// image over.
     pub fn undo(&self, seen: Point) -> Option<Point> {
         if self.is_none() {
             return Some(seen);
@@ -92,8 +96,8 @@ impl Distortion {
         None
     }
 
-    /// Whether the point lies before the rim at which a strong distortion folds the image over: from the axis to it,
-    /// the image keeps its sense.
+    /// Whether the point lies before the rim at which a strong distortion folds the image over:
+    /// from the axis to it, the image keeps its sense.
     pub fn is_before_fold(&self, [x, y]: Point) -> bool {
         const PROBES: u32 = 32;
         if let Some(fisheye) = self.as_fisheye() {
@@ -113,8 +117,8 @@ impl Distortion {
         self.fisheye.then_some(Fisheye([k1, k2, k3, k4]))
     }
 
-    /// Where the point is seen through a lens that is no fisheye, and the derivative: rows by what is seen, columns by
-    /// the point.
+    /// Where the point is seen through a lens that is no fisheye, and the derivative: rows by what
+    /// is seen, columns by the point.
     fn with_slope(&self, [x, y]: Point) -> (Point, [[f64; 2]; 2]) {
         let Self { k1, k2, k3, .. } = *self;
         let Self { k4, k5, k6, .. } = *self;
@@ -233,7 +237,8 @@ mod tests {
             const STEP: f64 = 1e-5;
             let (_, slope) = lens.with_slope([x, y]);
             for (column, [dx, dy]) in [[STEP, 0.0], [0.0, STEP]].into_iter().enumerate() {
-                let (more, less) = (lens.apply([x + dx, y + dy]), lens.apply([x - dx, y - dy]));
+                let more = lens.apply([x + dx, y + dy]);
+                let less = lens.apply([x - dx, y - dy]);
                 for row in 0..2 {
                     let measured = (more[row] - less[row]) / (2.0 * STEP);
                     prop_assert!((slope[row][column] - measured).abs() < 1e-8, "{row} {column}: {slope:?} {measured}");
@@ -242,8 +247,8 @@ mod tests {
         }
     }
 
-    /// `cv2.projectPoints` of the point (0.4, -0.7, 1) with a unit camera and these coefficients, to six digits, by
-    /// hand: r² = 0.65, f = 1 + 0.0578421 * 0.65 - 0.0805099 * 0.4225 = 1.003582.
+    /// `cv2.projectPoints` of the point (0.4, -0.7, 1) with a unit camera and these coefficients,
+    /// to six digits, by hand: r² = 0.65, f = 1 + 0.0578421 * 0.65 - 0.0805099 * 0.4225 = 1.003582.
     #[test]
     fn a_known_lens_bends_as_its_formula_says() {
         let [x, y] = PHONE.apply([0.4, -0.7]);

@@ -1,6 +1,7 @@
 //! Which format a photo's file has, by its name and by its first bytes. Decodes nothing.
 
-/// Endings of the names of photos that are read, in the order in which copies of one photo are preferred.
+/// Endings of the names of photos that are read, in the order in which copies of one photo are
+/// preferred.
 const READ: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "exr"];
 /// Endings of photos and films that are not read, with what people call them.
 const NOT_READ: [(&str, &str); 23] = [
@@ -99,7 +100,8 @@ pub(crate) fn is_lfs_pointer(head: &[u8]) -> bool {
     head.starts_with(b"version https://git-lfs")
 }
 
-/// Where in the order of preference names with this ending stand; `None` for one that is no photo's.
+/// Where in the order of preference names with this ending stand; `None` for one that is no
+/// photo's.
 pub(crate) fn rank(extension: &str) -> Option<usize> {
     READ.iter()
         .position(|known| extension.eq_ignore_ascii_case(known))

@@ -1,4 +1,5 @@
-//! JPEG without mercy: what other decoders warn of and fill with grey is an error here. Knows nothing of scenes.
+//! JPEG without mercy: what other decoders warn of and fill with grey is an error here. Knows
+//! nothing of scenes.
 
 use image::{DynamicImage, GrayImage, RgbImage};
 use zune_core::bytestream::ZCursor;
@@ -37,7 +38,8 @@ pub(super) fn decode(bytes: &[u8], largest: u32) -> Result<DynamicImage, String>
     image.ok_or_else(|| "it holds fewer pixels than it says".into())
 }
 
-/// Whether the file goes on to its end-of-image marker. What follows that, such as a phone's film, is not looked at.
+/// Whether the file goes on to its end-of-image marker. What follows that, such as a phone's film,
+/// is not looked at.
 fn is_whole(bytes: &[u8]) -> bool {
     const END_OF_IMAGE: u8 = 0xD9;
     let mut at = 2;

@@ -1,4 +1,5 @@
-//! Reads one photo within limits: PNG, JPEG, WebP, TIFF and EXR, at full depth. Knows nothing of cameras.
+//! Reads one photo within limits: PNG, JPEG, WebP, TIFF and EXR, at full depth. Knows nothing of
+//! cameras.
 
 mod format;
 mod jpeg;
@@ -17,11 +18,13 @@ pub(crate) use format::{FORMATS, Format, is_lfs_pointer, not_read, rank, split};
 
 /// Larger than any camera's sensor; a header that asks for more is not believed.
 const LARGEST_SIDE: u32 = 1 << 15;
-/// No photo takes more memory than this, and a small file not even that: see [`largest_allocation`].
+/// No photo takes more memory than this, and a small file not even that: see
+/// [`largest_allocation`].
 const LARGEST_ALLOCATION: u64 = 512 << 20;
 /// What any file may ask for, however few bytes it has: a photo of one colour is small.
 const FREE_ALLOCATION: u64 = 64 << 20;
-/// Beyond that a byte of the file gives at most so many bytes of pixels: more than deflate's 1032 of one.
+/// Beyond that a byte of the file gives at most so many bytes of pixels: more than deflate's 1032
+/// of one.
 const LARGEST_RATIO: u64 = 2048;
 
 /// Pixels of one photo, sRGB-encoded in 0..=1.
@@ -78,7 +81,8 @@ pub(crate) fn size(path: &Path) -> Result<(u32, u32), SceneError> {
     Ok(header(path)?.size)
 }
 
-/// Decodes a photo and turns it. A damaged or shortened file is an error, never a photo that is grey in part.
+/// Decodes a photo and turns it. A damaged or shortened file is an error, never a photo that is
+/// grey in part.
 pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Pixels, SceneError> {
     let format = check_format(path)?;
     let mut decoded = if format == Format::Jpeg {

@@ -207,7 +207,8 @@ impl Text {
         if cells.min_element() < 0.0 {
             return false;
         }
-        let (line, column) = ((cells.y / LEADING) as usize, (cells.x / ADVANCE) as usize);
+        let line = (cells.y / LEADING) as usize;
+        let column = (cells.x / ADVANCE) as usize;
         let letter = self
             .lines
             .get(line)

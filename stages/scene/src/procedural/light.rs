@@ -1,8 +1,8 @@
 //! Lamps, shadows and reflection. Knows nothing of pixels.
 //!
-//! The world is lit by two sets of points that stand for extended lights: a warm lamp and the cool sky of a large
-//! window. They are fixed in the world, so that penumbrae look the same from every camera: what a radiance field must
-//! learn is really there.
+//! The world is lit by two sets of points that stand for extended lights: a warm lamp and the cool
+//! sky of a large window. They are fixed in the world, so that penumbrae look the same from every
+//! camera: what a radiance field must learn is really there.
 
 use glam::{Vec2, Vec3};
 
@@ -59,8 +59,8 @@ impl Lights {
         }
     }
 
-    /// Linear radiance from a point towards the eye. `sample` counts a pixel's samples: the average over every sixteen
-    /// in a row weighs all points of all lights alike.
+    /// Linear radiance from a point towards the eye. `sample` counts a pixel's samples: the average
+    /// over every sixteen in a row weighs all points of all lights alike.
     pub(super) fn shade(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let direct: Vec3 = self
             .luminaires
@@ -100,7 +100,8 @@ impl Luminaire {
 
 /// A square before the table, to the left, that faces the things.
 fn lamp(u: Vec2) -> Vec3 {
-    let (right, up) = (Vec3::new(0.68, 0.0, 0.51), Vec3::new(-0.26, 0.72, 0.34));
+    let right = Vec3::new(0.68, 0.0, 0.51);
+    let up = Vec3::new(-0.26, 0.72, 0.34);
     Vec3::new(-2.6, 3.3, 2.3) + (u.x - 0.5) * right + (u.y - 0.5) * up
 }
 
@@ -168,10 +169,8 @@ mod tests {
     #[test]
     fn sixteen_samples_see_every_point_of_every_light_once() {
         let nothing = World::new(vec![], vec![]);
-        let (a, b) = (
-            pixel(&nothing, &floor(0.5), Vec3::Y, 0),
-            pixel(&nothing, &floor(0.5), Vec3::Y, 16),
-        );
+        let a = pixel(&nothing, &floor(0.5), Vec3::Y, 0);
+        let b = pixel(&nothing, &floor(0.5), Vec3::Y, 16);
         assert!(a.distance(b) < 1e-5, "{a} {b}");
         let lights = Lights::room();
         assert!(

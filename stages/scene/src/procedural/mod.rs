@@ -1,9 +1,9 @@
-//! Worlds that the program draws itself, traced analytically at any resolution, so that the high-resolution truth is
-//! really known.
+//! Worlds that the program draws itself, traced analytically at any resolution, so that the
+//! high-resolution truth is really known.
 //!
-//! `table` and `sculpture` say what stands where, `texture` and `glyphs` what it is made of, `shape` and `world` where
-//! rays meet it, `light` how bright it is, `render` what a pixel is; `still_life` and `object` say from where it is
-//! seen.
+//! `table` and `sculpture` say what stands where, `texture` and `glyphs` what it is made of,
+//! `shape` and `world` where rays meet it, `light` how bright it is, `render` what a pixel is;
+//! `still_life` and `object` say from where it is seen.
 
 mod glyphs;
 mod light;
@@ -33,8 +33,8 @@ struct Photographed {
     bounds: [[f64; 3]; 2],
 }
 
-/// Takes a photo with each named camera; near, far and the box lie close around all surfaces that are seen. Photos in
-/// which rays leave the world have alpha.
+/// Takes a photo with each named camera; near, far and the box lie close around all surfaces that
+/// are seen. Photos in which rays leave the world have alpha.
 fn photograph(
     world: &World,
     lights: &Lights,

@@ -1,4 +1,5 @@
-//! The embedded object: a small monument before nothing, photographed from all around as NeRF-synthetic's objects are.
+//! The embedded object: a small monument before nothing, photographed from all around as
+//! NeRF-synthetic's objects are.
 
 use compute::Rng;
 use glam::{DMat4, DVec3, DVec4};
@@ -20,11 +21,12 @@ const Z_UP: DMat4 = DMat4::from_cols(
     DVec4::W,
 );
 
-/// Photographs the object on nothing: `views` cameras for training at random places of a half sphere, and a fourth as
-/// many for testing on a spiral over it. `size` = (width, height) pixels, `samples` x `samples` rays a pixel.
+/// Photographs the object on nothing: `views` cameras for training at random places of a half
+/// sphere, and a fourth as many for testing on a spiral over it. `size` = (width, height) pixels,
+/// `samples` x `samples` rays a pixel.
 ///
-/// Photos have alpha. The world is that of NeRF-synthetic: the object about the origin, z up. All cameras share near
-/// and far. The same arguments give the same bits for any thread count.
+/// Photos have alpha. The world is that of NeRF-synthetic: the object about the origin, z up. All
+/// cameras share near and far. The same arguments give the same bits for any thread count.
 ///
 /// # Panics
 /// If `views`, `samples` or a side of `size` is 0: callers check what they are asked for.
@@ -73,7 +75,8 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
     }
 }
 
-/// A random direction, evenly over the upper half of the sphere, but for its very top, where up is nowhere.
+/// A random direction, evenly over the upper half of the sphere, but for its very top, where up is
+/// nowhere.
 fn place(view: u32, seed: u64) -> DVec3 {
     let rng = Rng::new(seed, "object: cameras");
     let random = |what| f64::from(rng.uniform(view.into(), what));

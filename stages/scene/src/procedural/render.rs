@@ -12,7 +12,8 @@ use crate::color::linear_to_srgb;
 pub(super) struct Picture {
     /// `height * width * 3`, sRGB-encoded in 0..=1.
     pub(super) rgb: Vec<f32>,
-    /// The part of each pixel that shows something, `height * width`. `rgb` is the mean of that part alone.
+    /// The part of each pixel that shows something, `height * width`. `rgb` is the mean of that
+    /// part alone.
     pub(super) alpha: Vec<f32>,
     pub(super) seen: Seen,
 }
@@ -46,8 +47,9 @@ impl Seen {
     }
 }
 
-/// Renders with `samples` x `samples` rays through every pixel, on a regular grid, averaged in linear light and only
-/// then clipped and encoded: the image is the mean over each pixel's area, known as well as the grid is fine.
+/// Renders with `samples` x `samples` rays through every pixel, on a regular grid, averaged in
+/// linear light and only then clipped and encoded: the image is the mean over each pixel's area,
+/// known as well as the grid is fine.
 pub(super) fn render(world: &World, lights: &Lights, camera: &Camera, samples: u32) -> Picture {
     let rows: Vec<_> = (0..camera.height)
         .into_par_iter()
@@ -96,9 +98,11 @@ fn pixel(
     seen: &mut Seen,
 ) -> (Vec3, f32) {
     let step = 1.0 / f64::from(samples);
-    let (mut sum, mut met) = (Vec3::ZERO, 0u32);
+    let mut sum = Vec3::ZERO;
+    let mut met = 0u32;
     for sample in 0..samples * samples {
-        let (i, j) = (sample % samples, sample / samples);
+        let i = sample % samples;
+        let j = sample / samples;
         let px = f64::from(at.0) + (f64::from(i) + 0.5) * step;
         let py = f64::from(at.1) + (f64::from(j) + 0.5) * step;
         if let Some(light) = radiance(world, lights, camera, (px, py), sample as usize, seen) {

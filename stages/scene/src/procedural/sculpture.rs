@@ -1,7 +1,9 @@
-//! A small monument that stands alone: what the world `object` is made of. Knows nothing of light or cameras.
+//! A small monument that stands alone: what the world `object` is made of. Knows nothing of light
+//! or cameras.
 //!
-//! It fits into a ball of radius 1.2 about the origin, y up. Seen from 4 units with 400 pixels a pixel is 0.007 units
-//! wide: joints of 0.013, wires of 0.010 and the finer letters are there to see, and are gone at a quarter of that.
+//! It fits into a ball of radius 1.2 about the origin, y up. Seen from 4 units with 400 pixels a
+//! pixel is 0.007 units wide: joints of 0.013, wires of 0.010 and the finer letters are there to
+//! see, and are gone at a quarter of that.
 
 use glam::{Mat3, Vec3, vec2, vec3};
 
@@ -14,8 +16,8 @@ use super::world::{Solid, World};
 /// The top of the base.
 const FLOOR: f32 = -0.62;
 
-/// A round base with a plinth of bricks; on it a block of letters that carries a ball; around it posts with wires
-/// between them, a ring, a cage of wire and a slate of print.
+/// A round base with a plinth of bricks; on it a block of letters that carries a ball; around it
+/// posts with wires between them, a ring, a cage of wire and a slate of print.
 pub(super) fn sculpture() -> World {
     let things = vec![
         base(),
@@ -129,7 +131,8 @@ fn posts() -> Vec<Solid> {
     };
     let colors = [0x2f5d73, 0xb8322a, 0x2d7a3e, 0x55317a];
     let post = |(i, color): (i32, u32)| {
-        let (foot, next) = (corner(i), corner(i + 1));
+        let foot = corner(i);
+        let next = corner(i + 1);
         let head = foot + 0.62 * Vec3::Y;
         let gold = Surface::Plain {
             color: hex(0xd9a521),

@@ -1,4 +1,5 @@
-//! Convex and not so convex solids about the origin, and where a line meets them. Knows nothing of places or colours.
+//! Convex and not so convex solids about the origin, and where a line meets them. Knows nothing of
+//! places or colours.
 
 use glam::{Vec2, Vec3};
 
@@ -60,7 +61,8 @@ impl Shape {
         }
     }
 
-    /// The first point of the line `from + t * along` (`along` of unit length) on the surface with `min < t < max`.
+    /// The first point of the line `from + t * along` (`along` of unit length) on the surface with
+    /// `min < t < max`.
     pub(super) fn touch(&self, from: Vec3, along: Vec3, min: f32, max: f32) -> Option<Touch> {
         let within = |(t, _): &Touch| *t > min && *t < max;
         match *self {
@@ -111,7 +113,8 @@ fn roots(a: f32, b: f32, c: f32) -> Option<[f32; 2]> {
 
 fn block(from: Vec3, along: Vec3, half: Vec3) -> Option<Touch> {
     let inverse = along.recip();
-    let (a, b) = ((-half - from) * inverse, (half - from) * inverse);
+    let a = (-half - from) * inverse;
+    let b = (half - from) * inverse;
     let enter = a.min(b);
     let t = enter.max_element();
     (t < a.max(b).min_element()).then(|| {
@@ -120,9 +123,11 @@ fn block(from: Vec3, along: Vec3, half: Vec3) -> Option<Touch> {
     })
 }
 
-/// The side of a cylinder, from outside or, past its rim, from within. The normal faces the line's start.
+/// The side of a cylinder, from outside or, past its rim, from within. The normal faces the line's
+/// start.
 fn side(from: Vec3, along: Vec3, radius: f32, half_height: f32, min: f32) -> Option<Touch> {
-    let (p, d) = (Vec2::new(from.x, from.z), Vec2::new(along.x, along.z));
+    let p = Vec2::new(from.x, from.z);
+    let d = Vec2::new(along.x, along.z);
     let on_side = |t: f32| (t > min && (from.y + t * along.y).abs() < half_height).then_some(t);
     let [enter, leave] = roots(
         d.length_squared(),
@@ -143,7 +148,8 @@ fn cap(from: Vec3, along: Vec3, radius: f32, half_height: f32) -> Option<Touch> 
 }
 
 fn capsule(from: Vec3, along: Vec3, radius: f32, half_length: f32) -> Option<Touch> {
-    let (p, d) = (Vec2::new(from.x, from.z), Vec2::new(along.x, along.z));
+    let p = Vec2::new(from.x, from.z);
+    let d = Vec2::new(along.x, along.z);
     let t = roots(
         d.length_squared(),
         p.dot(d),
@@ -163,11 +169,13 @@ fn capsule(from: Vec3, along: Vec3, radius: f32, half_length: f32) -> Option<Tou
     Some((t, (to_end + t * along) / radius))
 }
 
-/// Sphere tracing: the distance to a torus is known, so that far is safe to go. (major, minor) radii.
+/// Sphere tracing: the distance to a torus is known, so that far is safe to go. (major, minor)
+/// radii.
 fn torus(from: Vec3, along: Vec3, radii: Vec2, min: f32, max: f32) -> Option<Touch> {
     let reach = radii.x + radii.y;
     let [enter, leave] = roots(1.0, from.dot(along), from.length_squared() - reach * reach)?;
-    let (mut t, last) = (enter.max(min), leave.min(max));
+    let mut t = enter.max(min);
+    let last = leave.min(max);
     for _ in 0..TORUS_STEPS {
         if t > last {
             return None;
@@ -286,10 +294,8 @@ mod tests {
 
     #[test]
     fn one_looks_into_a_tube_but_not_into_a_cylinder() {
-        let (from, along) = (
-            Vec3::new(0.0, 1.6, 0.0),
-            Vec3::new(0.2, -1.0, 0.0).normalize(),
-        );
+        let from = Vec3::new(0.0, 1.6, 0.0);
+        let along = Vec3::new(0.2, -1.0, 0.0).normalize();
         let (_, inner) = SHAPES[3].touch(from, along, 0.0, 9.0).unwrap();
         assert!(
             inner.distance(-Vec3::X) < 1e-4,

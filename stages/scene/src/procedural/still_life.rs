@@ -15,11 +15,13 @@ const HEIGHT: f64 = 0.95;
 const HALF_ARC: f64 = 0.45;
 /// Focal length over image width (or over 4/3 of the height, if that is more): 37 degrees across.
 const FOCAL: f64 = 1.5;
-/// Photographs the still life: `views` cameras on an arc, `size` = (width, height) pixels, `samples` x `samples` rays a
-/// pixel (4 and more resolve the finest patterns). `seed` turns the things and shifts the cameras a little.
+/// Photographs the still life: `views` cameras on an arc, `size` = (width, height) pixels,
+/// `samples` x `samples` rays a pixel (4 and more resolve the finest patterns). `seed` turns the
+/// things and shifts the cameras a little.
 ///
-/// One unit is about the length of a forearm. All cameras share near and far; these and the box lie as close around the
-/// surfaces that are seen as [`SceneData::bounds`] allows. The same arguments give the same bits for any thread count.
+/// One unit is about the length of a forearm. All cameras share near and far; these and the box lie
+/// as close around the surfaces that are seen as [`SceneData::bounds`] allows. The same arguments
+/// give the same bits for any thread count.
 ///
 /// # Panics
 /// If `views`, `samples` or a side of `size` is 0: callers check what they are asked for.
@@ -83,10 +85,8 @@ mod tests {
             let world = table::still_life(seed);
             for camera in (0..9).map(|view| camera(view, 9, size, seed)) {
                 for step in 0..=60 {
-                    let (x, y) = (
-                        f64::from(size.0) * f64::from(step) / 60.0,
-                        f64::from(size.1) * f64::from(step) / 60.0,
-                    );
+                    let x = f64::from(size.0) * f64::from(step) / 60.0;
+                    let y = f64::from(size.1) * f64::from(step) / 60.0;
                     for (px, py) in [
                         (x, 0.0),
                         (x, f64::from(size.1)),
@@ -109,14 +109,16 @@ mod tests {
     fn the_poster_hangs_where_every_photo_shows_it() {
         let scene = still_life(5, (160, 120), 2, 3);
         // Bare paper near the poster's lower left corner, and brick just beside it.
-        let (paper, brick) = ([-0.09, 0.62, -1.234], [-0.19, 0.63, -1.25]);
+        let paper = [-0.09, 0.62, -1.234];
+        let brick = [-0.19, 0.63, -1.25];
         for photo in &scene.photos {
             let color = |point| {
                 let [px, py, _] = photo.camera.project(point).unwrap();
                 let at = 3 * (py as usize * 160 + px as usize);
                 Vec3::from_slice(&photo.rgb[at..at + 3])
             };
-            let (paper, brick) = (color(paper), color(brick));
+            let paper = color(paper);
+            let brick = color(brick);
             assert!(paper.min_element() > 0.7, "{}: {paper}", photo.name);
             assert!(
                 brick.z < 0.75 * paper.z && brick.x > brick.z,

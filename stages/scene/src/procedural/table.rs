@@ -1,8 +1,10 @@
-//! The things on the table: where each stands and what it is made of. Knows nothing of light or cameras.
+//! The things on the table: where each stands and what it is made of. Knows nothing of light or
+//! cameras.
 //!
-//! The table's top is y = 0, the wall stands behind at z = -1.25, and the cameras look from +z. At 256x192 a pixel is
-//! 0.009 units wide where the things stand, so wires of 0.010, letters with strokes of 0.009 to 0.014, joints of 0.013
-//! and the star's inner spokes are there to see, and are gone at a quarter of that.
+//! The table's top is y = 0, the wall stands behind at z = -1.25, and the cameras look from +z. At
+//! 256x192 a pixel is 0.009 units wide where the things stand, so wires of 0.010, letters with
+//! strokes of 0.009 to 0.014, joints of 0.013 and the star's inner spokes are there to see, and are
+//! gone at a quarter of that.
 
 use glam::{Mat3, Vec2, Vec3, vec2, vec3};
 
@@ -201,10 +203,8 @@ fn pencils(turn: Mat3) -> Vec<Solid> {
     let colors = [0xd9a521, 0xb8322a, 0x2d7a3e, 0x2c4f9e, 0xe07b2e, 0x55317a];
     for (i, color) in colors.into_iter().enumerate() {
         let around = i as f32 * std::f32::consts::TAU / 6.0;
-        let (foot, rim) = (
-            at + 0.05 * outward(around + 2.6),
-            at + 0.085 * outward(around),
-        );
+        let foot = at + 0.05 * outward(around + 2.6);
+        let rim = at + 0.085 * outward(around);
         let head =
             foot + (rim + Vec3::Y * 0.25 - foot).normalize() * (0.45 + 0.025 * (i % 3) as f32);
         let surface = Surface::Stripes {

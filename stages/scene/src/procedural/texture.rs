@@ -1,4 +1,5 @@
-//! What solids are made of: patterns in a solid's own coordinates. Knows nothing of shapes, places or light.
+//! What solids are made of: patterns in a solid's own coordinates. Knows nothing of shapes, places
+//! or light.
 
 use std::f32::consts::TAU;
 
@@ -59,7 +60,8 @@ pub(super) enum Surface {
         texts: Vec<Text>,
         star: Option<Star>,
     },
-    /// A book lying on its side: a printed spine towards +z, leaves on the other sides, covers of `cover` thickness.
+    /// A book lying on its side: a printed spine towards +z, leaves on the other sides, covers of
+    /// `cover` thickness.
     Book {
         cloth: Vec3,
         foil: Vec3,
@@ -91,7 +93,8 @@ pub(super) fn hex(rgb: u32) -> Vec3 {
 }
 
 impl Surface {
-    /// The material at a point of the solid with the given outward normal, both in the solid's own coordinates.
+    /// The material at a point of the solid with the given outward normal, both in the solid's own
+    /// coordinates.
     pub(super) fn at(&self, point: Vec3, normal: Vec3) -> Material {
         match self {
             Surface::Plain { color, gloss } => Material {
@@ -214,7 +217,8 @@ fn parity(x: f32) -> usize {
     usize::from(x - x.floor() >= 0.5)
 }
 
-/// Coordinates on a block's face: x to the right and y up as seen from outside, on top as seen from the front.
+/// Coordinates on a block's face: x to the right and y up as seen from outside, on top as seen from
+/// the front.
 fn face(point: Vec3, normal: Vec3) -> Vec2 {
     let across = normal.abs();
     if across.y > across.x.max(across.z) {
@@ -276,14 +280,16 @@ fn noise(at: Vec2) -> f32 {
     let cell = at.floor();
     let f = at - cell;
     let f = f * f * (Vec2::splat(3.0) - 2.0 * f);
-    let (x, y) = (cell.x as i32, cell.y as i32);
+    let x = cell.x as i32;
+    let y = cell.y as i32;
     let low = lattice(x, y).lerp(lattice(x.wrapping_add(1), y), f.x);
     let high =
         lattice(x, y.wrapping_add(1)).lerp(lattice(x.wrapping_add(1), y.wrapping_add(1)), f.x);
     low.lerp(high, f.y)
 }
 
-/// A fixed number in 0..1 for each point of the integer lattice: part of a pattern, not of any random stream.
+/// A fixed number in 0..1 for each point of the integer lattice: part of a pattern, not of any
+/// random stream.
 fn lattice(x: i32, y: i32) -> f32 {
     let mut bits = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
     bits = (bits ^ bits >> 15).wrapping_mul(0x2C1B_3C6D);

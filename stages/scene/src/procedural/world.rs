@@ -83,11 +83,10 @@ impl Bounds {
 
     /// Whether a line passes through the box before `max`.
     fn meets(&self, line: &Line, max: f32) -> bool {
-        let (a, b) = (
-            (self.low - line.start) * line.inverse,
-            (self.high - line.start) * line.inverse,
-        );
-        let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+        let a = (self.low - line.start) * line.inverse;
+        let b = (self.high - line.start) * line.inverse;
+        let enter = a.min(b).max_element();
+        let leave = a.max(b).min_element();
         enter <= leave && leave > 0.0 && enter < max
     }
 }
@@ -132,8 +131,8 @@ impl Group {
 }
 
 impl World {
-    /// The backdrop casts no shadows: it must lie behind all things as seen from every light. Groups of things are
-    /// found the faster the less their boxes overlap.
+    /// The backdrop casts no shadows: it must lie behind all things as seen from every light.
+    /// Groups of things are found the faster the less their boxes overlap.
     pub(super) fn new(backdrop: Vec<Solid>, things: Vec<Vec<Solid>>) -> World {
         let things: Vec<Group> = things.into_iter().map(Group::new).collect();
         let bounds = things
@@ -221,7 +220,8 @@ mod tests {
     #[test]
     fn the_nearest_of_several_is_seen_whatever_their_order() {
         let line = Line::new(Vec3::new(-9.0, 0.0, 0.0), Vec3::X);
-        let (near, far) = (|| ball(0.0, 0.1), || ball(4.0, 0.2));
+        let near = || ball(0.0, 0.1);
+        let far = || ball(4.0, 0.2);
         for world in [
             World::new(vec![], vec![vec![near(), far()]]),
             World::new(vec![], vec![vec![far()], vec![near()]]),

@@ -107,7 +107,8 @@ impl Lens {
 
     /// A frame's lens, with what it does not say itself taken from what all frames share.
     pub(crate) fn or(&self, shared: &Lens) -> Lens {
-        // A frame with a focal length of its own wants no field of view from the top, nor the other way round.
+        // A frame with a focal length of its own wants no field of view from the top, nor the other
+        // way round.
         let own_focal = self.focal[0].is_some() || self.angles[0].is_some();
         let (focal, angles) = match own_focal {
             true => (self.focal, self.angles),

@@ -1,10 +1,11 @@
-//! Reads scenes whose cameras stand in `transforms.json`: NeRF-synthetic (Mildenhall et al. 2020), instant-ngp,
-//! nerfstudio, and our own image sets. Knows nothing of what is done with them.
+//! Reads scenes whose cameras stand in `transforms.json`: NeRF-synthetic (Mildenhall et al. 2020),
+//! instant-ngp, nerfstudio, and our own image sets. Knows nothing of what is done with them.
 //!
-//! All of them write camera-to-world matrices with OpenGL axes, ours, and coordinates are kept as they are, unless they
-//! are so far from the origin that single precision would blur them. A file that says nothing of a scene box has
-//! instant-ngp's: p * `scale` + `offset` fills the cube of side `aabb_scale` about (0.5, 0.5, 0.5); with the usual 0.33,
-//! 0.5 and 1 that is ±1.515, where the objects of NeRF-synthetic are.
+//! All of them write camera-to-world matrices with OpenGL axes, ours, and coordinates are kept as
+//! they are, unless they are so far from the origin that single precision would blur them. A file
+//! that says nothing of a scene box has instant-ngp's: p * `scale` + `offset` fills the cube of
+//! side `aabb_scale` about (0.5, 0.5, 0.5); with the usual 0.33, 0.5 and 1 that is ±1.515, where
+//! the objects of NeRF-synthetic are.
 
 mod lens;
 mod page;
@@ -29,11 +30,13 @@ pub use write::write_transforms;
 /// What to do where photos are not found.
 const REMEDY: &str = "the frames of the file name photos relative to its folder";
 
-/// A scene whose cameras stand in a JSON file, or in a folder with `transforms.json`, or with `transforms_train.json`
-/// and `transforms_test.json` (or, where that is missing, `transforms_val.json`).
+/// A scene whose cameras stand in a JSON file, or in a folder with `transforms.json`, or with
+/// `transforms_train.json` and `transforms_test.json` (or, where that is missing,
+/// `transforms_val.json`).
 ///
-/// Photos are those that the frames name, with or without extension; frames without a photo are left out, and noted.
-/// What the source sets aside for testing, by file or by nerfstudio's lists, is in [`crate::SceneData::test`].
+/// Photos are those that the frames name, with or without extension; frames without a photo are
+/// left out, and noted. What the source sets aside for testing, by file or by nerfstudio's lists,
+/// is in [`crate::SceneData::test`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Transforms {
     /// The folder or the file.
@@ -108,8 +111,8 @@ impl Reader for Transforms {
 }
 
 impl Transforms {
-    /// Names of all fields of the JSON that are read, and of those that are passed over without a word, since they say
-    /// nothing about what a camera sees. Any other is noted.
+    /// Names of all fields of the JSON that are read, and of those that are passed over without a
+    /// word, since they say nothing about what a camera sees. Any other is noted.
     pub fn known_fields() -> (Vec<&'static str>, Vec<&'static str>) {
         Page::known_fields()
     }
@@ -124,7 +127,8 @@ impl Transforms {
         }
     }
 
-    /// The file, or one file for each split as NeRF-synthetic has it, and what is noteworthy about there being others.
+    /// The file, or one file for each split as NeRF-synthetic has it, and what is noteworthy about
+    /// there being others.
     fn parts(&self) -> Result<(Vec<Part>, Vec<String>), SceneError> {
         let beside = |name: &str| Some(self.path.join(name)).filter(|path| path.is_file());
         let whole = beside("transforms.json");
@@ -303,8 +307,8 @@ fn whole(stated: Option<f64>, found: u32) -> Option<u32> {
     ((1.0..=65536.0).contains(&stated) && stated.fract() == 0.0).then_some(stated as u32)
 }
 
-/// The cameras of a file's frames, in its order, whether their photos are there or not. Where the file gives no size,
-/// near or far, those of `like` serve.
+/// The cameras of a file's frames, in its order, whether their photos are there or not. Where the
+/// file gives no size, near or far, those of `like` serve.
 pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>, SceneError> {
     let page = Page::read(path)?;
     let one = |frame: &Frame| {

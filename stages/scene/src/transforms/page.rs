@@ -1,4 +1,5 @@
-//! The JSON of `transforms.json` and its kin, as instant-ngp, nerfstudio and NeRF-synthetic write it. Knows no photos.
+//! The JSON of `transforms.json` and its kin, as instant-ngp, nerfstudio and NeRF-synthetic write
+//! it. Knows no photos.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -182,8 +183,8 @@ fn parse(text: &str) -> Result<Value, (String, String)> {
         })
 }
 
-/// The text with NaN and infinities outside of strings as null, padded so that lines and columns stay; `None` if there
-/// are none.
+/// The text with NaN and infinities outside of strings as null, padded so that lines and columns
+/// stay; `None` if there are none.
 fn without_numbers_that_are_none(text: &str) -> Option<String> {
     const WORDS: [&str; 6] = ["-Infinity", "Infinity", "-NaN", "NaN", "-nan", "nan"];
     let mut mended = String::with_capacity(text.len());

@@ -1,5 +1,5 @@
-//! Where in the world a scene in `transforms.json` is: its box, the near and far of its cameras, and a move to the origin
-//! where it is far from there. Knows no photos.
+//! Where in the world a scene in `transforms.json` is: its box, the near and far of its cameras,
+//! and a move to the origin where it is far from there. Knows no photos.
 
 use std::path::Path;
 
@@ -32,7 +32,8 @@ impl Placed {
         all.map(|posed| &mut posed.camera)
     }
 
-    /// Gives all cameras a near and far where the file does not say them all (`ranged`), and the scene a box.
+    /// Gives all cameras a near and far where the file does not say them all (`ranged`), and the
+    /// scene a box.
     pub(super) fn settle(
         &mut self,
         path: &Path,
@@ -68,8 +69,8 @@ impl Placed {
         Ok(bounds.unwrap_or_else(|| pose::hull(&train)))
     }
 
-    /// Moves a scene that is far from the origin there, in double precision. Gives the box after that, and the matrix
-    /// that leads back.
+    /// Moves a scene that is far from the origin there, in double precision. Gives the box after
+    /// that, and the matrix that leads back.
     pub(super) fn recentre(&mut self, bounds: Bounds, notes: &mut Vec<String>) -> (Bounds, DMat4) {
         let Some(to_source) = plausible::recentred(&self.cameras()) else {
             return (bounds, DMat4::IDENTITY);
@@ -128,8 +129,8 @@ pub(super) fn bounds(
     }
 }
 
-/// instant-ngp's cube in the file's coordinates. Without `aabb_scale` only a NeRF-synthetic file, which has a field of
-/// view and no focal length, means it.
+/// instant-ngp's cube in the file's coordinates. Without `aabb_scale` only a NeRF-synthetic file,
+/// which has a field of view and no focal length, means it.
 fn cube(path: &Path, page: &Page) -> Result<Option<Bounds>, SceneError> {
     let of_synthetic = page.has_field_of_view_alone().then_some(1.0);
     let Some(side) = page.aabb_scale.or(of_synthetic) else {

@@ -12,8 +12,8 @@ pub(super) struct Split {
     pub(super) test: Vec<Posed>,
 }
 
-/// Splits photos, given with their `file_path`, by the lists of their file; without lists all are for training. Where
-/// there is no list for testing, the one for validation serves.
+/// Splits photos, given with their `file_path`, by the lists of their file; without lists all are
+/// for training. Where there is no list for testing, the one for validation serves.
 pub(super) fn split(page: &Page, photos: Vec<(String, Posed)>, notes: &mut Vec<String>) -> Split {
     let set = |list: &[String]| list.iter().map(|path| same(path)).collect::<BTreeSet<_>>();
     let train_list = set(&page.train_filenames);
@@ -85,7 +85,8 @@ fn note_unknown(page: &Page, notes: &mut Vec<String>) {
     }
 }
 
-/// A path by which two texts that mean one photo are the same: `./images/1.png`, `images\1.png` and `images/1`.
+/// A path by which two texts that mean one photo are the same: `./images/1.png`, `images\1.png` and
+/// `images/1`.
 fn same(path: &str) -> String {
     let slashed = path.replace('\\', "/");
     let parts: Vec<&str> = slashed

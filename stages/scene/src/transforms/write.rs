@@ -1,5 +1,5 @@
-//! Writes a scene in the layout of NeRF-synthetic: `transforms_{train,test}.json` and one RGBA PNG per photo. Knows
-//! nothing of where the scene comes from.
+//! Writes a scene in the layout of NeRF-synthetic: `transforms_{train,test}.json` and one RGBA PNG
+//! per photo. Knows nothing of where the scene comes from.
 
 use std::path::Path;
 
@@ -8,11 +8,12 @@ use serde_json::{Value, json};
 
 use crate::{Photo, SceneError};
 
-/// Writes `train` and `test` into `folder`, which is created: photos as 8-bit PNGs, cameras exactly.
+/// Writes `train` and `test` into `folder`, which is created: photos as 8-bit PNGs, cameras
+/// exactly.
 ///
-/// Any reader of NeRF-synthetic scenes takes it. What that format has no fields for (focal lengths per axis,
-/// distortion, near, far and the scene box) stands in the fields of instant-ngp and ours, so that [`crate::transforms`]
-/// reads the same scene.
+/// Any reader of NeRF-synthetic scenes takes it. What that format has no fields for (focal lengths
+/// per axis, distortion, near, far and the scene box) stands in the fields of instant-ngp and ours,
+/// so that [`crate::transforms`] reads the same scene.
 ///
 /// # Errors
 /// If the file system says no.
@@ -82,7 +83,8 @@ fn frame(split: &str, photo: &Photo) -> Value {
 
 fn write_photo(path: &Path, photo: &Photo) -> Result<(), SceneError> {
     let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
-    let (width, height) = (photo.camera.width, photo.camera.height);
+    let width = photo.camera.width;
+    let height = photo.camera.height;
     let image = RgbaImage::from_fn(width, height, |x, y| {
         let i = y as usize * width as usize + x as usize;
         let [r, g, b] = [0, 1, 2].map(|channel| byte(photo.rgb[3 * i + channel]));
