@@ -17,10 +17,10 @@ const STEPS: usize = 40;
 /// fisheye (k1 to k4) as its fisheye model has it. All zero, the default, is a pinhole.
 ///
 /// Points are those of OpenCV's image plane at depth 1, in focal lengths from the optical axis: x
-/// right, y *down*. With r² = x² + y² and f = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6
-/// r⁶) the point (x, y) is seen at (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x
-/// y). A fisheye sees it at (x, y) t' / r, where t = atan(r) and t' = t (1 + k1 t² + k2 t⁴ + k3 t⁶
-/// + k4 t⁸).
+/// right, y *down*. With r² = x² + y² and
+/// f = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) the point (x, y) is seen at
+/// (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x y). A fisheye sees it at
+/// (x, y) t' / r, where t = atan(r) and t' = t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     /// Coefficient of r², or of the angle's square.
