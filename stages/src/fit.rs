@@ -61,7 +61,7 @@ impl Stage for Fit {
     }
 
     fn version(&self) -> u32 {
-        7
+        8
     }
 
     fn check(&self) -> Result<(), StageError> {

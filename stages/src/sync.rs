@@ -67,7 +67,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        7
+        8
     }
 
     fn check(&self) -> Result<(), StageError> {

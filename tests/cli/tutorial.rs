@@ -66,7 +66,7 @@ fn every_command_of_the_tutorial_works() {
     as_colmap(&space);
     fs::rename(space.path("photos"), space.path("shoes")).unwrap();
     let commands = commands(&page);
-    assert!(commands.len() > 10, "{commands:?}");
+    assert!(commands.len() >= 10, "{commands:?}");
     for line in &commands {
         // The photos of this scene are small already.
         let line = line.replace(", size: (504, 378)", "");

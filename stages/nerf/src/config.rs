@@ -92,7 +92,8 @@ impl FieldConfig {
     /// more samples for each ray leave fewer rays.
     pub fn for_cameras(&self, space: &Space, cameras: &[&Camera]) -> Self {
         let away = |camera: &&Camera| space.distance_from_box(camera) >= AWAY;
-        let cone = if cameras.iter().all(away) { 0.0 } else { CONE };
+        let even = space.perspective().is_some() || cameras.iter().all(away);
+        let cone = if even { 0.0 } else { CONE };
         Self {
             march_cone: Some(self.march_cone.unwrap_or(cone)),
             ..self.clone()
