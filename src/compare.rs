@@ -1,4 +1,5 @@
-//! How far apart two files of numbers are: in units in the last place, and as PSNR. Knows nothing of stages.
+//! How far apart two files of numbers are: in units in the last place, and as PSNR. Knows nothing
+//! of stages.
 
 use std::path::Path;
 
@@ -63,7 +64,11 @@ fn distance(a: &Values, b: &Values) -> Option<Distance> {
 }
 
 fn measure(pairs: impl Iterator<Item = (f64, f64, u64)>) -> Distance {
-    let (mut values, mut differ, mut most, mut squares, mut peak) = (0, 0, 0, 0.0, 0.0f64);
+    let mut values = 0;
+    let mut differ = 0;
+    let mut most = 0;
+    let mut squares = 0.0;
+    let mut peak = 0.0f64;
     for (a, b, ulps) in pairs {
         values += 1;
         differ += usize::from(ulps > 0);
@@ -79,7 +84,8 @@ fn measure(pairs: impl Iterator<Item = (f64, f64, u64)>) -> Distance {
     }
 }
 
-/// How many steps from one number to the next lead from `a` to `b`. All NaNs are one, and so are both zeros.
+/// How many steps from one number to the next lead from `a` to `b`. All NaNs are one, and so are
+/// both zeros.
 fn ulps_single(a: f32, b: f32) -> u64 {
     let place = |x: f32| {
         let bits = i64::from(x.to_bits() & 0x7fff_ffff);

@@ -1,5 +1,6 @@
-//! The arms of a run side by side: scores over seeds and views, what each has ahead of the baseline, and what it took. Knows
-//! metrics only by what their definitions say, and prints nothing.
+//! The arms of a run side by side: scores over seeds and views, what each has ahead of the
+//! baseline, and what it took. Knows metrics only by what their definitions say, and prints
+//! nothing.
 
 mod format;
 mod read;
@@ -79,7 +80,8 @@ pub struct Score {
     pub mean: f64,
     /// The standard deviation over seeds, of two or more.
     pub spread: Option<f64>,
-    /// What it has ahead of the baseline, paired by view; of several seeds, each view's mean over them.
+    /// What it has ahead of the baseline, paired by view; of several seeds, each view's mean over
+    /// them.
     pub difference: Option<Paired>,
     /// How far it is on the way from the low-resolution field (0) to the bound (1).
     pub gap_closed: Option<f64>,
@@ -90,7 +92,8 @@ pub struct Score {
 pub struct Cost {
     /// Seconds of all its stages and seeds together; a stage that arms share counts for each.
     pub seconds: f64,
-    /// The most memory that the program had while one of them ran, in bytes, where the system tells.
+    /// The most memory that the program had while one of them ran, in bytes, where the system
+    /// tells.
     pub peak_memory: Option<u64>,
     /// The same by stage, over all seeds.
     pub stages: BTreeMap<String, StageCost>,

@@ -1,5 +1,5 @@
-//! What is in an EXR, safetensors or JSON file, whoever wrote it: arrays with their ranges, and facts. Knows nothing of
-//! stages.
+//! What is in an EXR, safetensors or JSON file, whoever wrote it: arrays with their ranges, and
+//! facts. Knows nothing of stages.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -312,7 +312,10 @@ fn text_value(text: &str) -> Value {
 }
 
 fn range(values: impl Iterator<Item = f32>) -> Option<[f64; 3]> {
-    let (mut least, mut sum, mut most, mut count) = (f64::INFINITY, 0.0, f64::NEG_INFINITY, 0u64);
+    let mut least = f64::INFINITY;
+    let mut sum = 0.0;
+    let mut most = f64::NEG_INFINITY;
+    let mut count = 0u64;
     for value in values.map(f64::from) {
         (least, sum, most, count) = (least.min(value), sum + value, most.max(value), count + 1);
     }

@@ -1,4 +1,5 @@
-//! Two runs, two recipes or two pipelines compared stage by stage: which differ by themselves, and which only follow.
+//! Two runs, two recipes or two pipelines compared stage by stage: which differ by themselves, and
+//! which only follow.
 //!
 //! Knows nothing of where the two sides come from.
 
@@ -107,9 +108,11 @@ fn verdict(name: &str, a: &Side, b: &Side, upstream: &BTreeMap<String, Verdict>)
         .collect();
     let mut causes = BTreeSet::new();
     for input in inputs {
-        let (was, is) = (before.from.get(input), now.from.get(input));
+        let was = before.from.get(input);
+        let is = now.from.get(input);
         let known = |part: &Part| part.manifest.0.get(&format!("inputs.{input}")).cloned();
-        let (digest_was, digest_is) = (known(before), known(now));
+        let digest_was = known(before);
+        let digest_is = known(now);
         let differ = digest_was.is_some() && digest_is.is_some() && digest_was != digest_is;
         let unknown = digest_was.is_none() || digest_is.is_none();
         match is.and_then(|is| upstream.get(is)) {

@@ -1,4 +1,5 @@
-//! What a pipeline compares: arms, and the seeds that each is run with. Plain data, kept with each run. Knows no stages.
+//! What a pipeline compares: arms, and the seeds that each is run with. Plain data, kept with each
+//! run. Knows no stages.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +30,8 @@ pub struct Arm {
 }
 
 impl Experiment {
-    /// The folders of an arm's results under the pipeline's own, one for each seed: `ours`, or `ours/seed_1`.
+    /// The folders of an arm's results under the pipeline's own, one for each seed: `ours`, or
+    /// `ours/seed_1`.
     pub fn folders(&self, arm: &str) -> Vec<String> {
         match self.seeds[..] {
             [] => vec![arm.to_owned()],

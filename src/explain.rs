@@ -1,4 +1,5 @@
-//! Why a stage has the key that it has and not the one it had: manifests compared, entry by entry. Computes nothing.
+//! Why a stage has the key that it has and not the one it had: manifests compared, entry by entry.
+//! Computes nothing.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -106,7 +107,8 @@ fn sentence(changes: &[Change]) -> String {
     parts.join("; ")
 }
 
-/// All entries that differ between two manifests, in order. Inputs that are not known `now` are left out.
+/// All entries that differ between two manifests, in order. Inputs that are not known `now` are
+/// left out.
 pub fn diff(before: &Manifest, now: &Manifest, unknown: &BTreeSet<&str>) -> Vec<Change> {
     let paths: BTreeSet<&String> = before.0.keys().chain(now.0.keys()).collect();
     let known = |path: &&String| {

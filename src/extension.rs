@@ -1,5 +1,5 @@
-//! Whether a stage goes on from a finished result that differs only in having fewer steps. Knows nothing of what a
-//! state is.
+//! Whether a stage goes on from a finished result that differs only in having fewer steps. Knows
+//! nothing of what a state is.
 
 use artifacts_schema::Digest;
 use stages::Extension;
@@ -10,8 +10,8 @@ use crate::key::Manifest;
 /// The domain of extension keys; a new number when what is hashed changes.
 const DOMAIN: &str = "srnerf-dag extension v1";
 
-/// What results that differ in the number of steps alone have in common: the digest of all else in their manifests.
-/// `None` where more steps cannot go on from fewer.
+/// What results that differ in the number of steps alone have in common: the digest of all else in
+/// their manifests. `None` where more steps cannot go on from fewer.
 pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest> {
     let Extension::Possible(field) = extension else {
         return None;
@@ -31,7 +31,8 @@ pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest
     Some(hasher.finalize().into())
 }
 
-/// Why a stage whose steps have been raised, and nothing else, begins at the first one all the same.
+/// Why a stage whose steps have been raised, and nothing else, begins at the first one all the
+/// same.
 pub fn obstacle(extension: Extension, reason: &Reason) -> Option<&'static str> {
     let (Extension::Impossible(field, why), Reason::Changed(changes)) = (extension, reason) else {
         return None;

@@ -1,8 +1,8 @@
 //! A stage's key: the digest of everything that decides its result.
 //!
-//! One function, [`walk`], goes through all of it, entry by entry, into a [`Sink`]. One sink hashes, the other collects
-//! text: so what is hashed and what `explain` prints cannot drift apart. Paths, hosts, threads and log levels are no
-//! part of it. Knows nothing of the store.
+//! One function, [`walk`], goes through all of it, entry by entry, into a [`Sink`]. One sink
+//! hashes, the other collects text: so what is hashed and what `explain` prints cannot drift apart.
+//! Paths, hosts, threads and log levels are no part of it. Knows nothing of the store.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -177,7 +177,8 @@ struct Path<'l> {
 }
 
 impl Path<'_> {
-    /// A value field by field, in the order of the fields' names. A variant's name is an entry, not a step of the path.
+    /// A value field by field, in the order of the fields' names. A variant's name is an entry, not
+    /// a step of the path.
     fn walk(&mut self, value: &Value, sink: &mut dyn Sink) {
         if self
             .text

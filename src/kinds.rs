@@ -1,5 +1,5 @@
-//! The reference of all stage kinds as Markdown: what a pipeline file may say, by what the code says
-//! of itself. Knows JSON Schemas, and no stage by name.
+//! The reference of all stage kinds as Markdown: what a pipeline file may say, by what the code
+//! says of itself. Knows JSON Schemas, and no stage by name.
 
 mod parameter;
 

@@ -1,5 +1,5 @@
-//! The command `srnerf-dag`: reads the command line, does it, and turns what went wrong into one message and an exit
-//! code.
+//! The command `srnerf-dag`: reads the command line, does it, and turns what went wrong into one
+//! message and an exit code.
 
 mod cli;
 mod compare;

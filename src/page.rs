@@ -1,5 +1,5 @@
-//! The report of a comparison: one HTML file with all its pictures, which works from disk and without a network. Knows
-//! arms, scores and pictures; computes none of them.
+//! The report of a comparison: one HTML file with all its pictures, which works from disk and
+//! without a network. Knows arms, scores and pictures; computes none of them.
 
 mod crops;
 mod curves;

@@ -1,5 +1,6 @@
-//! The most memory that this process has while something runs, by looking again and again. Stages share the process and
-//! its threads, so nobody can say whose a page is: what runs at the same time is counted too.
+//! The most memory that this process has while something runs, by looking again and again. Stages
+//! share the process and its threads, so nobody can say whose a page is: what runs at the same time
+//! is counted too.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -9,7 +10,8 @@ use std::time::Duration;
 /// How long between two looks: allocations that live shorter are missed, and they are small.
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// Does something, and says how many bytes the process had at most meanwhile; `None` where the system does not tell.
+/// Does something, and says how many bytes the process had at most meanwhile; `None` where the
+/// system does not tell.
 pub fn watched<T>(work: impl FnOnce() -> T) -> (T, Option<u64>) {
     let done = AtomicBool::new(false);
     let most = AtomicU64::new(0);

@@ -1,4 +1,5 @@
-//! What a run would do: which stages have their results, which must be computed, and why. Changes nothing.
+//! What a run would do: which stages have their results, which must be computed, and why. Changes
+//! nothing.
 
 mod forecast;
 mod sources;
@@ -29,7 +30,8 @@ pub struct Context<'a> {
     pub remote: Option<&'a Remote>,
     /// The kind of device to compute on.
     pub device: &'a str,
-    /// The kind that results have which were begun on that and went on on the CPU, where such count: `--fallback cpu`.
+    /// The kind that results have which were begun on that and went on on the CPU, where such
+    /// count: `--fallback cpu`.
     pub fallback: Option<&'a str>,
     /// The user's word in all keys.
     pub salt: Option<&'a str>,
@@ -98,8 +100,8 @@ impl Context<'_> {
         Some(self.fallen(at, inputs)?.manifest())
     }
 
-    /// What there is of a stage, and under which key: its own, or where that has nothing, that of a result which went
-    /// on on the CPU.
+    /// What there is of a stage, and under which key: its own, or where that has nothing, that of a
+    /// result which went on on the CPU.
     fn find(&self, at: usize, inputs: &Inputs) -> Result<(Digest, Lookup), StoreError> {
         let key = self.recipe(at, inputs).key();
         let found = self.store.lookup(&key)?;
@@ -151,9 +153,11 @@ impl Context<'_> {
         }
     }
 
-    /// The stages whose results are all there without any being computed or fetched, each after those that it reads.
+    /// The stages whose results are all there without any being computed or fetched, each after
+    /// those that it reads.
     pub fn cached(&self) -> Result<Vec<Found>, StoreError> {
-        let (mut cached, mut places) = (Vec::<Found>::new(), vec![None; self.graph.nodes.len()]);
+        let mut cached = Vec::<Found>::new();
+        let mut places = vec![None; self.graph.nodes.len()];
         for &at in &self.needed {
             let node = &self.graph.nodes[at];
             let result = |from: usize| match places[from] {

@@ -99,8 +99,8 @@ impl Scores {
 /// The most pictures of an output that are named one by one: a film has hundreds.
 const NAMED: usize = 12;
 
-/// Where people find the pictures of a result: the files, or, of many, their folder. Of several outputs of pictures the
-/// first has the files, and the others their folders.
+/// Where people find the pictures of a result: the files, or, of many, their folder. Of several
+/// outputs of pictures the first has the files, and the others their folders.
 pub fn figures(view: &View, stage: &str, record: &Record) -> Vec<String> {
     let of_kind = record
         .outputs

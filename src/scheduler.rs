@@ -1,7 +1,9 @@
-//! Runs stages: each as soon as its inputs are there, several at once, every result committed as a whole.
+//! Runs stages: each as soon as its inputs are there, several at once, every result committed as a
+//! whole.
 //!
-//! One thread owns the state of all stages; each running stage has a thread of its own, which computes in the one pool
-//! that all share. Knows stages only by the [`stages::Stage`] trait, and printing only by the [`Progress`] trait.
+//! One thread owns the state of all stages; each running stage has a thread of its own, which
+//! computes in the one pool that all share. Knows stages only by the [`stages::Stage`] trait, and
+//! printing only by the [`Progress`] trait.
 
 mod board;
 pub mod budget;
@@ -66,12 +68,14 @@ enum News {
 }
 
 impl Scheduler<'_> {
-    /// Runs all stages that are needed. An error here is one of the store; a stage's is part of the outcome.
+    /// Runs all stages that are needed. An error here is one of the store; a stage's is part of the
+    /// outcome.
     pub fn run(&self, progress: &mut dyn Progress) -> Result<Outcome, StoreError> {
         let mut board = Board::new(self.context, progress);
         let (sender, news) = mpsc::channel();
         std::thread::scope(|scope| {
-            // The others must not go on for hours before anyone hears that the store cannot be used.
+            // The others must not go on for hours before anyone hears that the store cannot be
+            // used.
             self.drive(&mut board, scope, &sender, &news)
                 .inspect_err(|_| self.cancelled.store(true, Ordering::Relaxed))
         })?;
@@ -102,7 +106,8 @@ impl Scheduler<'_> {
         }
     }
 
-    /// Takes over, all at once, the results that are there already: with thousands of them, one by one would take long.
+    /// Takes over, all at once, the results that are there already: with thousands of them, one by
+    /// one would take long.
     fn adopt(&self, board: &mut Board) -> Result<(), StoreError> {
         let store = self.context.store;
         let cached = self.pool.install(|| self.context.cached())?;
@@ -143,8 +148,8 @@ impl Scheduler<'_> {
         &self.context.graph.nodes[at].name
     }
 
-    /// Looks for the results of all stages that are ready, and begins those that have none while there is room for
-    /// them.
+    /// Looks for the results of all stages that are ready, and begins those that have none while
+    /// there is room for them.
     fn begin_all<'s>(
         &'s self,
         board: &mut Board,
@@ -212,8 +217,8 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    /// Whether the remote had a stage's result. Everything else waits meanwhile, which spares it from running into what
-    /// is on its way.
+    /// Whether the remote had a stage's result. Everything else waits meanwhile, which spares it
+    /// from running into what is on its way.
     fn fetch(
         &self,
         board: &mut Board,

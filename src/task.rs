@@ -1,4 +1,5 @@
-//! One stage run to its end: computed, committed, or failed in one of a few ways. Knows nothing of other stages.
+//! One stage run to its end: computed, committed, or failed in one of a few ways. Knows nothing of
+//! other stages.
 
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -116,7 +117,8 @@ impl Task<'_> {
                     .iter()
                     .map(|port| (port.name, port.kind))
                     .collect();
-                let (stage, device) = (self.node.name.clone(), self.kind.to_owned());
+                let stage = self.node.name.clone();
+                let device = self.kind.to_owned();
                 let facts = Facts {
                     stage,
                     seconds: begun.elapsed().as_secs_f64(),

@@ -1,4 +1,5 @@
-//! A stage kind for tests, small and obedient, and graphs of it: the runner is tested without any real stage.
+//! A stage kind for tests, small and obedient, and graphs of it: the runner is tested without any
+//! real stage.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -12,7 +13,8 @@ use crate::pipeline::graph::{Graph, Node, Wire};
 /// How often any [`Sum`] of a name ran is counted by its own counter.
 pub type Counter = std::sync::Arc<AtomicUsize>;
 
-/// Adds its inputs and a number; writes the sum, reduced by `modulo` so that different inputs can give equal results.
+/// Adds its inputs and a number; writes the sum, reduced by `modulo` so that different inputs can
+/// give equal results.
 #[derive(Clone)]
 pub struct Sum {
     /// What it adds.
@@ -87,10 +89,8 @@ impl Stage for Sum {
             },
             Act::Nothing => return Ok(()),
             Act::NoRoom => {
-                let (path, source) = (
-                    io.outputs.join("sum"),
-                    std::io::ErrorKind::StorageFull.into(),
-                );
+                let path = io.outputs.join("sum");
+                let source = std::io::ErrorKind::StorageFull.into();
                 return Err(StageError::Artifact(SchemaError::Io { path, source }));
             }
             Act::Well => {}

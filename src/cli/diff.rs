@@ -1,4 +1,5 @@
-//! `diff`: compares two runs, two results or two pipelines, and names what differs by itself. Writes nothing.
+//! `diff`: compares two runs, two results or two pipelines, and names what differs by itself.
+//! Writes nothing.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -48,7 +49,8 @@ impl Diff {
             ..self.changes.clone()
         };
         let (a, b) = self.sides();
-        let (a, b) = (known.side(a, &plain)?, known.side(b, &self.changes)?);
+        let a = known.side(a, &plain)?;
+        let b = known.side(b, &self.changes)?;
         let verdicts = compare(&a, &b);
         if json {
             let stages: Vec<Value> = verdicts
@@ -74,8 +76,8 @@ impl Diff {
 }
 
 impl Diff {
-    /// What is compared with what: by default the last run but one with the last, a pipeline's last run with the
-    /// pipeline as it is now, and anything else with the last run.
+    /// What is compared with what: by default the last run but one with the last, a pipeline's last
+    /// run with the pipeline as it is now, and anything else with the last run.
     fn sides(&self) -> (&str, &str) {
         match (self.a.as_deref(), self.b.as_deref()) {
             (None, _) => ("@2", "@1"),
@@ -193,7 +195,8 @@ impl Known {
     /// A result and all that it came from, each by the name of its stage.
     fn result(&self, key: Digest) -> Side {
         let name = |key: &Digest| self.records.get(key).map(|record| record.stage.clone());
-        let (mut stages, mut todo) = (BTreeMap::new(), vec![key]);
+        let mut stages = BTreeMap::new();
+        let mut todo = vec![key];
         while let Some(at) = todo.pop() {
             let Some(part) = self.part(&at, name) else {
                 continue;
@@ -232,8 +235,8 @@ impl Known {
     }
 }
 
-/// The run that a word means, of runs from the newest on: `@2` is the second newest of the newest one's pipeline, and
-/// the beginning of a moment the newest run of that moment.
+/// The run that a word means, of runs from the newest on: `@2` is the second newest of the newest
+/// one's pipeline, and the beginning of a moment the newest run of that moment.
 pub(super) fn find_run<'r>(runs: &'r [Run], word: &str) -> Option<&'r Run> {
     match word.strip_prefix('@').map(str::parse::<usize>) {
         Some(Ok(number)) => {

@@ -1,4 +1,5 @@
-//! `doctor`: which GPUs there are, which one would be used and why, and whether it computes right. Changes nothing.
+//! `doctor`: which GPUs there are, which one would be used and why, and whether it computes right.
+//! Changes nothing.
 
 use clap::Args;
 use compute::conv::{Conv, conv2d};
@@ -197,7 +198,8 @@ impl Test {
 fn test(index: usize) -> Result<Test, GpuError> {
     let gpu = Device::gpu(Some(index))?;
     tuning::apply(&gpu);
-    let (here, there) = (results(&Device::cpu()), attempt(|| results(&gpu))?);
+    let here = results(&Device::cpu());
+    let there = attempt(|| results(&gpu))?;
     let errors = here
         .into_iter()
         .zip(there)
@@ -212,8 +214,10 @@ fn test(index: usize) -> Result<Test, GpuError> {
 fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
     let rng = Rng::new(0, "doctor");
     let random = |step, shape: &[usize]| rng.normals(step, shape, device);
-    let (x, tokens) = (random(0, &[1, 24, 33, 31]), random(1, &[1, 150, 48]));
-    let (gamma, beta) = (random(2, &[24]), random(3, &[24]));
+    let x = random(0, &[1, 24, 33, 31]);
+    let tokens = random(1, &[1, 150, 48]);
+    let gamma = random(2, &[24]);
+    let beta = random(3, &[24]);
     let attended = attention::attention(&tokens, &tokens, &tokens, 2, false);
     let gradients =
         attention::attention_backward(&tokens, &tokens, &tokens, &attended, 2, false, &tokens);

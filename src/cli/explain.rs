@@ -1,4 +1,5 @@
-//! `explain`: prints what decides a stage's result, and what is different from an earlier run. Writes nothing.
+//! `explain`: prints what decides a stage's result, and what is different from an earlier run.
+//! Writes nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -74,7 +75,8 @@ fn account<'a>(
         Some((key, manifest)) => context.history.nearest_other(name, key, manifest)?,
         None => None,
     };
-    let (mut changes, mut cause) = (Vec::new(), first_to_run(context, forecasts));
+    let mut changes = Vec::new();
+    let mut cause = first_to_run(context, forecasts);
     if let (Some((_, manifest)), Some(past)) = (&now, &past) {
         changes = diff(&past.manifest, manifest, &BTreeSet::new());
         context.name_origins(&context.graph.nodes[at], &mut changes);

@@ -1,5 +1,5 @@
-//! `export`: writes a pipeline down as jobs for Snakemake or Slurm, or results in formats of other programs. Runs no
-//! stage.
+//! `export`: writes a pipeline down as jobs for Snakemake or Slurm, or results in formats of other
+//! programs. Runs no stage.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,8 @@ pub enum Export {
     Slurm(Target<true>),
     /// The surface of a field as a coloured mesh or point cloud, for MeshLab, Blender and Open3D
     Ply(Ply),
-    /// Image sets as a NeRF-synthetic scene: transforms_train.json, transforms_test.json and RGBA PNGs
+    /// Image sets as a NeRF-synthetic scene: transforms_train.json, transforms_test.json and RGBA
+    /// PNGs
     Transforms(Transforms),
 }
 
@@ -86,7 +87,8 @@ impl<const FOLDER: bool> Target<FOLDER> {
     }
 }
 
-/// The command line that every job begins with: this program, and the options that decide keys and places.
+/// The command line that every job begins with: this program, and the options that decide keys and
+/// places.
 fn command(pipeline: &Path, changes: &Changes, arms: &[String]) -> Vec<String> {
     let program =
         std::env::current_exe().map_or("srnerf-dag".into(), |path| path.display().to_string());

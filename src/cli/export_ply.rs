@@ -22,7 +22,8 @@ pub struct Ply {
     /// Cells along the longest side of the scene box
     #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(8..=768))]
     resolution: u32,
-    /// The density of the surface, per scene unit; by default that which halves light within 1/100 of the box
+    /// The density of the surface, per scene unit; by default that which halves light within 1/100
+    /// of the box
     #[arg(long, value_name = "DENSITY")]
     level: Option<f32>,
     /// Only the points, without faces
@@ -54,14 +55,12 @@ impl Ply {
         write_whole(&self.output, |mut out| {
             ply::write(&surface, self.points, &mut out)
         })?;
-        let (vertices, triangles) = (
-            surface.vertices.len(),
-            if self.points {
-                0
-            } else {
-                surface.triangles.len()
-            },
-        );
+        let vertices = surface.vertices.len();
+        let triangles = if self.points {
+            0
+        } else {
+            surface.triangles.len()
+        };
         match json {
             true => {
                 print_json(&json!({"vertices": vertices, "triangles": triangles, "level": level}))

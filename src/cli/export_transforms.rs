@@ -34,7 +34,8 @@ impl Transforms {
         let train = read(&self.train)?;
         let test = self.test.as_deref().map(read).transpose()?;
         self.write(&train, test.as_ref())?;
-        let (trains, tests) = (train.views.len(), test.map_or(0, |test| test.views.len()));
+        let trains = train.views.len();
+        let tests = test.map_or(0, |test| test.views.len());
         match json {
             true => print_json(&json!({"train": trains, "test": tests})),
             false => print(&format_args!(

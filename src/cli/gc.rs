@@ -90,12 +90,11 @@ fn tell(garbage: &Garbage, deleted: bool) {
         (false, true) => ("would go", ""),
         (false, false) => ("would go", "; gc --delete removes them"),
     };
-    let (results, blobs, others) = (
-        garbage.results.len(),
-        garbage.blobs.len(),
-        garbage.others.len(),
-    );
-    let (bytes, stays) = (size(garbage.bytes()), size(garbage.stays));
+    let results = garbage.results.len();
+    let blobs = garbage.blobs.len();
+    let others = garbage.others.len();
+    let bytes = size(garbage.bytes());
+    let stays = size(garbage.stays);
     print(&format_args!(
         "{results} results, {blobs} blobs ({bytes}) and {others} other files {verb}, {stays} stay{more}"
     ));

@@ -120,8 +120,8 @@ fn file(path: &Path, json: bool) -> Result<(), Error> {
     Ok(())
 }
 
-/// What the tensors of a field mean: how full its box is, and the Euclidean norms of its parameters. Nothing for other
-/// files.
+/// What the tensors of a field mean: how full its box is, and the Euclidean norms of its
+/// parameters. Nothing for other files.
 fn field_facts(path: &Path) -> Vec<(String, Value)> {
     let folder = path
         .parent()

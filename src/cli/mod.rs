@@ -120,8 +120,8 @@ impl Cli {
     }
 }
 
-/// Says what went wrong: on stderr for people, and with `--json` on stdout, unless the events of a run have said it
-/// already.
+/// Says what went wrong: on stderr for people, and with `--json` on stdout, unless the events of a
+/// run have said it already.
 fn report(error: Error, json: bool) {
     if json && !error.is_of_a_whole_run() {
         let (place, help) = match &error {

@@ -1,5 +1,5 @@
-//! `model`: checks a model, gets one, or asks one of its networks. Writes nothing but the file or folder it
-//! is given.
+//! `model`: checks a model, gets one, or asks one of its networks. Writes nothing but the file or
+//! folder it is given.
 
 use clap::{Args, Subcommand};
 
@@ -15,7 +15,8 @@ pub struct Model {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Read a model whole: its configurations, tensors, sizes, the memory it needs, and its files' digests
+    /// Read a model whole: its configurations, tensors, sizes, the memory it needs, and its files'
+    /// digests
     Check(model_check::Check),
     /// Get a model from the Hugging Face hub
     Pull(model_pull::Pull),

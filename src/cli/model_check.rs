@@ -1,4 +1,5 @@
-//! `model check`: reads every part of a model as a run would, and says what is there. Writes nothing.
+//! `model check`: reads every part of a model as a run would, and says what is there. Writes
+//! nothing.
 
 use std::path::{Path, PathBuf};
 
@@ -16,8 +17,8 @@ use crate::error::Error;
 /// Options of `model check`.
 #[derive(Args)]
 pub struct Check {
-    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or either of ncnn's
-    /// .param and .bin; or `embedded`, for what the program carries
+    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or
+    /// either of ncnn's .param and .bin; or `embedded`, for what the program carries
     model: PathBuf,
     /// What it is, if it is no diffusion model
     #[arg(long)]

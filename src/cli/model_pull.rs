@@ -1,7 +1,9 @@
-//! `model pull`: gets a model from the Hugging Face hub into the hub's own cache, which Python's libraries share.
+//! `model pull`: gets a model from the Hugging Face hub into the hub's own cache, which Python's
+//! libraries share.
 //!
-//! Only the files that a run reads, each checked against the digest that the hub names it by. A download that was cut
-//! off goes on where it stopped. HF_ENDPOINT, HF_HOME and the hub's token are honoured.
+//! Only the files that a run reads, each checked against the digest that the hub names it by. A
+//! download that was cut off goes on where it stopped. HF_ENDPOINT, HF_HOME and the hub's token are
+//! honoured.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -137,8 +139,8 @@ fn folder_of(path: &Path, name: &str) -> Option<PathBuf> {
         .map(Path::to_owned)
 }
 
-/// The file's digest of the kind that the hub's tag is: SHA-256 for large files, git's SHA-1 for small ones. `None` for
-/// a tag that is neither.
+/// The file's digest of the kind that the hub's tag is: SHA-256 for large files, git's SHA-1 for
+/// small ones. `None` for a tag that is neither.
 fn digest_like(tag: &str, path: &Path) -> std::io::Result<Option<String>> {
     let mut file = File::open(path)?;
     if tag.is_empty() || !tag.chars().all(|c| c.is_ascii_hexdigit()) {

@@ -1,5 +1,5 @@
-//! `model run`: asks one network of a model about the tensors of a file. Writes the file of results, whole or not at
-//! all.
+//! `model run`: asks one network of a model about the tensors of a file. Writes the file of
+//! results, whole or not at all.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -21,8 +21,8 @@ use crate::error::Error;
 /// Options of `model run`.
 #[derive(Args)]
 pub struct Run {
-    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or either of ncnn's
-    /// .param and .bin; or `embedded`, for what the program carries
+    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or
+    /// either of ncnn's .param and .bin; or `embedded`, for what the program carries
     model: PathBuf,
     /// Which network
     #[arg(long)]
@@ -39,7 +39,8 @@ pub struct Run {
     /// A LoRA of the UNet, as diffusers and PEFT write it
     #[arg(long)]
     lora: Option<PathBuf>,
-    /// Also the mean squared error to the tensor `target`, and its gradients by the sample and the LoRA's tensors
+    /// Also the mean squared error to the tensor `target`, and its gradients by the sample and the
+    /// LoRA's tensors
     #[arg(long)]
     target_grad: bool,
     /// How many megabytes of activations the way back may keep; the rest is computed again

@@ -1,5 +1,5 @@
-//! `run --only STAGE`: one stage whose inputs are in the store. What a job of a batch system calls; `export` writes
-//! such jobs.
+//! `run --only STAGE`: one stage whose inputs are in the store. What a job of a batch system calls;
+//! `export` writes such jobs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
@@ -39,8 +39,9 @@ impl Only {
             .transpose()
     }
 
-    /// Leaves nothing to be computed but this stage; an error if something before it has no result. What it reads is
-    /// fetched if it is only in the remote; of what lies before that the records suffice.
+    /// Leaves nothing to be computed but this stage; an error if something before it has no result.
+    /// What it reads is fetched if it is only in the remote; of what lies before that the records
+    /// suffice.
     pub fn narrow(&self, context: &mut Context, stage: usize) -> Result<(), Error> {
         context.needed = context.graph.needed(&BTreeSet::from([stage]));
         context.forced.retain(|&forced| forced == stage);

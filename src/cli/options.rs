@@ -27,11 +27,12 @@ pub struct Changes {
     /// Where to compute: auto, cpu, gpu or gpu:N
     #[arg(long, default_value = "auto")]
     pub device: String,
-    /// Where a stage goes on whose GPU fails or is too small, from its last checkpoint, under a key of its own: cpu;
-    /// results that came about so count then. By default such a stage fails
+    /// Where a stage goes on whose GPU fails or is too small, from its last checkpoint, under a key
+    /// of its own: cpu; results that came about so count then. By default such a stage fails
     #[arg(long, value_name = "DEVICE", value_parser = ["cpu"])]
     pub fallback: Option<String>,
-    /// A store that others share: s3://, gs://, az:// or file://; results are read from it, and new ones written to it
+    /// A store that others share: s3://, gs://, az:// or file://; results are read from it, and new
+    /// ones written to it
     #[arg(long, value_name = "URL")]
     pub remote: Option<String>,
     #[command(flatten)]
@@ -55,7 +56,8 @@ pub struct Choice {
     /// Only this arm of a pipeline that has arms (repeatable)
     #[arg(long, value_name = "NAME")]
     pub arm: Vec<String>,
-    /// Only this stage and what it needs: i3ds.2.decode, i3ds.decode (all rounds) or i3ds (repeatable)
+    /// Only this stage and what it needs: i3ds.2.decode, i3ds.decode (all rounds) or i3ds
+    /// (repeatable)
     #[arg(long, value_name = "STAGE")]
     pub target: Vec<String>,
     /// Compute this stage even if its result is there (repeatable)
@@ -82,7 +84,8 @@ pub fn time(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds * unit).map_err(|error| error.to_string())
 }
 
-/// A size as people write it: `8G`, `500MB`, `2GiB`, or a number of bytes. A unit is 1024 times the one before.
+/// A size as people write it: `8G`, `500MB`, `2GiB`, or a number of bytes. A unit is 1024 times the
+/// one before.
 pub fn size(text: &str) -> Result<u64, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = text[number.len()..]

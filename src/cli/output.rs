@@ -1,5 +1,6 @@
-//! Standard output and standard error: lines and tables. A reader that has gone away ends the program quietly; a
-//! standard output that cannot be written, on a full disk say, is remembered until the command has done its work.
+//! Standard output and standard error: lines and tables. A reader that has gone away ends the
+//! program quietly; a standard output that cannot be written, on a full disk say, is remembered
+//! until the command has done its work.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write, stderr, stdout};
@@ -25,7 +26,8 @@ pub fn complete() -> Result<(), Error> {
     LOST.get().map_or(Ok(()), |error| Err(Error::Output(error)))
 }
 
-/// Prints one line on standard error. Who closed it, or lets it lead to a full disk, cannot be told so.
+/// Prints one line on standard error. Who closed it, or lets it lead to a full disk, cannot be told
+/// so.
 pub fn tell(line: &dyn Display) {
     let _ = writeln!(stderr().lock(), "{line}");
 }
@@ -35,7 +37,8 @@ pub fn print_json(value: &serde_json::Value) {
     print(&format_args!("{value:#}"));
 }
 
-/// Rows of cells in aligned columns: the first to the left, the others to the right where `numbers` says so.
+/// Rows of cells in aligned columns: the first to the left, the others to the right where `numbers`
+/// says so.
 pub fn table(rows: &[Vec<String>], numbers: bool) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {

@@ -1,5 +1,5 @@
-//! `plan`: says what `run` would do, and why. Writes nothing, but into a cache of the store that there was nothing to
-//! do.
+//! `plan`: says what `run` would do, and why. Writes nothing, but into a cache of the store that
+//! there was nothing to do.
 
 use std::mem::ManuallyDrop;
 use std::time::SystemTime;
@@ -47,7 +47,8 @@ impl Plan {
             all_cached(&ManuallyDrop::new(found).1, json);
             return Ok(());
         }
-        // With thousands of stages it takes long to take all this apart, which the end of the process spares.
+        // With thousands of stages it takes long to take all this apart, which the end of the
+        // process spares.
         let session = ManuallyDrop::new(Session::on(device, pipeline, changes, &self.choice)?);
         let store = ManuallyDrop::new(Store::open(&changes.folders.store)?);
         let context = ManuallyDrop::new(session.context(&store));

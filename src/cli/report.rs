@@ -54,7 +54,8 @@ impl Report {
         Ok(())
     }
 
-    /// The pipeline's name: `pipelines/ablation.ron` is called as it says itself, or else as its file.
+    /// The pipeline's name: `pipelines/ablation.ron` is called as it says itself, or else as its
+    /// file.
     fn name(&self) -> Option<String> {
         let word = self.pipeline.as_deref()?;
         let Some(stem) = word.strip_suffix(".ron") else {

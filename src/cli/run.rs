@@ -50,11 +50,12 @@ pub struct Run {
     /// How many threads compute; by default one per core
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     threads: usize,
-    /// How much memory stages may take together, by their estimates: 8G, 500M; by default all that this machine or job
-    /// has
+    /// How much memory stages may take together, by their estimates: 8G, 500M; by default all that
+    /// this machine or job has
     #[arg(long, value_name = "SIZE", value_parser = options::size)]
     memory: Option<u64>,
-    /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every step
+    /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every
+    /// step
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
     checkpoint_every: Duration,
     /// Go on with what does not depend on a stage that has failed (the default)
@@ -91,7 +92,8 @@ impl Run {
         if let Some(found) = standing::find(question.as_slice(), &changes.folders.store)? {
             return Ok(self.find_all_done(&ManuallyDrop::new(found).1, started, begun, json)?);
         }
-        // With thousands of stages it takes long to take all this apart, which the end of the process spares.
+        // With thousands of stages it takes long to take all this apart, which the end of the
+        // process spares.
         let session = ManuallyDrop::new(Session::on(device, pipeline, changes, &self.choice)?);
         let store = Store::create(&changes.folders.store)?;
         let mut context = session.context(&store);
@@ -206,11 +208,14 @@ impl Run {
         view: &View,
         json: bool,
     ) -> Result<Outcome, Error> {
-        let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
+        let pool = thread_pool(self.threads)?;
+        let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
-        let (device, checkpoint_every) = (&session.device, self.checkpoint_every);
-        let (budget, cancelled) = (self.budget(&pool, device), &cancelled);
+        let device = &session.device;
+        let checkpoint_every = self.checkpoint_every;
+        let budget = self.budget(&pool, device);
+        let cancelled = &cancelled;
         let scheduler = Scheduler {
             context,
             pool: &pool,
@@ -236,10 +241,8 @@ impl Run {
     }
 
     fn budget(&self, pool: &rayon::ThreadPool, device: &Device) -> Budget {
-        let (threads, memory) = (
-            pool.current_num_threads(),
-            self.memory.unwrap_or_else(memory_limit),
-        );
+        let threads = pool.current_num_threads();
+        let memory = self.memory.unwrap_or_else(memory_limit);
         Budget {
             threads,
             memory,
@@ -293,7 +296,8 @@ impl Run {
             ));
         }
         if self.verbosity() > Verbosity::Quiet {
-            let (ran, cached) = (names(End::Ran).len(), names(End::Cached).len());
+            let ran = names(End::Ran).len();
+            let cached = names(End::Cached).len();
             let stages = if ran == 1 { "stage" } else { "stages" };
             tell(&format_args!(
                 "\n{ran} {stages} ran, {cached} cached, in {}",
@@ -358,8 +362,8 @@ pub(super) fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, Error> {
         .map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))
 }
 
-/// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing caught it. SIGUSR1 is
-/// what Slurm sends ahead of the end of a job's time.
+/// The first signal asks for checkpoints and a stop; the second one stops at once, as if nothing
+/// caught it. SIGUSR1 is what Slurm sends ahead of the end of a job's time.
 pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>, Error> {
     catch_signals().map_err(|error| Error::usage(format!("no signals: {error}"), "try again"))
 }

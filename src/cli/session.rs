@@ -65,10 +65,8 @@ impl Session {
         let needed = graph.needed(&wanted(&graph, choice)?);
         let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
-        let (salt, fallback) = (
-            changes.salt.clone(),
-            changes.fallback.as_ref().filter(|_| device.is_gpu()),
-        );
+        let salt = changes.salt.clone();
+        let fallback = changes.fallback.as_ref().filter(|_| device.is_gpu());
         let fallback = fallback.map(|fallback| format!("{}, then {fallback}", device.kind()));
         Ok(Self {
             graph,
@@ -101,7 +99,8 @@ impl Session {
         }
     }
 
-    /// All files that the stages which are needed read beside their inputs; `None` where that cannot be said of one.
+    /// All files that the stages which are needed read beside their inputs; `None` where that
+    /// cannot be said of one.
     pub fn source_files(&self, context: &Context) -> Option<BTreeSet<PathBuf>> {
         let stages = context.needed.iter().map(|&at| &self.graph.nodes[at].stage);
         let mut places = stages.filter(|stage| !stage.locations().is_empty());
@@ -132,8 +131,8 @@ impl Session {
     }
 }
 
-/// A pipeline's stages, and meanwhile, on other threads, the results that the store's index remembers: as many as could
-/// be needed.
+/// A pipeline's stages, and meanwhile, on other threads, the results that the store's index
+/// remembers: as many as could be needed.
 fn load(
     files: &[problem::Source],
     overrides: &[Override],
@@ -149,7 +148,8 @@ fn load(
     })
 }
 
-/// The stages that are asked for: all, those of some names, those of some arms, or those of some names in some arms.
+/// The stages that are asked for: all, those of some names, those of some arms, or those of some
+/// names in some arms.
 fn wanted(graph: &Graph, choice: &Choice) -> Result<BTreeSet<usize>, Error> {
     let mut wanted: BTreeSet<usize> = if choice.target.is_empty() {
         (0..graph.nodes.len()).collect()

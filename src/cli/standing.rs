@@ -1,5 +1,5 @@
-//! What a run or a plan is asked, as one digest, and what the answer that all results are there rests on: of a run also
-//! that they are shown. Knows nothing of the store's files.
+//! What a run or a plan is asked, as one digest, and what the answer that all results are there
+//! rests on: of a run also that they are shown. Knows nothing of the store's files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -22,8 +22,9 @@ use crate::store::signature::Signature;
 use crate::store::standing::Standing;
 use crate::store::view::View;
 
-/// Everything, but what lies in files, that decides what becomes of each stage; and this program and the pipeline's
-/// text, with those of the files that it extends. `None` where more decides: what a remote has, or that something is computed whatever is there.
+/// Everything, but what lies in files, that decides what becomes of each stage; and this program
+/// and the pipeline's text, with those of the files that it extends. `None` where more decides:
+/// what a remote has, or that something is computed whatever is there.
 pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> Option<Digest> {
     let PipelineOptions {
         pipeline: path,
@@ -64,8 +65,8 @@ pub fn of_plan(question: &Digest) -> Digest {
     blake3::hash(format!("plan of {question}").as_bytes()).into()
 }
 
-/// The answer in a store that all results are there, to the first of these questions that has one which still stands;
-/// it does for as long as the store which comes with it lives.
+/// The answer in a store that all results are there, to the first of these questions that has one
+/// which still stands; it does for as long as the store which comes with it lives.
 pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standing)>, StoreError> {
     if questions.is_empty() {
         return Ok(None);
@@ -134,7 +135,8 @@ impl Found<'_> {
         records: &BTreeMap<usize, &Record>,
         mut files: BTreeSet<PathBuf>,
     ) {
-        // What a comparison of arms prints is put together from all results: that takes reading the pipeline.
+        // What a comparison of arms prints is put together from all results: that takes reading the
+        // pipeline.
         if self.context.graph.experiment.is_some() {
             return;
         }

@@ -1,6 +1,6 @@
-//! The tiles in which a GPU computes matrix products fastest, kept from run to run: they are measured when a GPU of
-//! hardware first computes, once per adapter and driver. No result depends on them, so nothing is said where they
-//! cannot be kept.
+//! The tiles in which a GPU computes matrix products fastest, kept from run to run: they are
+//! measured when a GPU of hardware first computes, once per adapter and driver. No result depends
+//! on them, so nothing is said where they cannot be kept.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,8 @@ mod tests {
     fn what_was_kept_is_used_and_what_is_no_tuning_is_not() {
         let Some(device) = testing::gpu() else { return };
         let folder = tempfile::tempdir().unwrap();
-        let (path, usual) = (file(folder.path(), &device), device.tuning().unwrap());
+        let path = file(folder.path(), &device);
+        let usual = device.tuning().unwrap();
         apply_in(folder.path(), &device);
         assert_eq!(
             (device.tuning().unwrap(), path.exists()),

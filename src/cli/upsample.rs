@@ -1,4 +1,5 @@
-//! The upsampler of `model check` and `model run`: what its file holds, and images enlarged by it. Writes nothing.
+//! The upsampler of `model check` and `model run`: what its file holds, and images enlarged by it.
+//! Writes nothing.
 
 use std::path::Path;
 
@@ -67,7 +68,8 @@ impl Enlargement {
 pub fn check(model: &Path, json: bool) -> Result<(), Error> {
     let source = source(model);
     let network = Upsampler::load(&source, &Device::cpu())?;
-    let (about, [weights, tile]) = (network.inventory(), network.memory(Options::default().tile));
+    let about = network.inventory();
+    let [weights, tile] = network.memory(Options::default().tile);
     let sha256 = |bytes: &[u8]| hex(&Sha256::digest(bytes));
     let files: Vec<_> = source
         .files()?

@@ -1,5 +1,5 @@
-//! `verify`: computes stages once more, in a private place, and compares with what the store has. Leaves the store
-//! alone.
+//! `verify`: computes stages once more, in a private place, and compares with what the store has.
+//! Leaves the store alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -93,7 +93,8 @@ impl Verify {
         wanted: &BTreeSet<usize>,
         json: bool,
     ) -> Result<Vec<Verdict>, Error> {
-        let (pool, cancelled) = (thread_pool(self.threads)?, stop_on_signals()?);
+        let pool = thread_pool(self.threads)?;
+        let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let quiet = if json {
             Verbosity::Quiet

@@ -1,5 +1,5 @@
-//! `whence`: says which stage made a file, from what the file itself tells and from what the store knows. Writes
-//! nothing.
+//! `whence`: says which stage made a file, from what the file itself tells and from what the store
+//! knows. Writes nothing.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

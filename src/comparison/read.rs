@@ -1,4 +1,5 @@
-//! What a run left of each of its arms: scores, reasons why there are none, and cost. Compares nothing.
+//! What a run left of each of its arms: scores, reasons why there are none, and cost. Compares
+//! nothing.
 
 use std::collections::BTreeMap;
 

@@ -7,7 +7,8 @@ use serde::Serialize;
 pub struct Paired {
     /// The mean difference.
     pub mean: f64,
-    /// Where its 95 % interval begins and ends: Student's, over the pairs. `None` where there are fewer than two.
+    /// Where its 95 % interval begins and ends: Student's, over the pairs. `None` where there are
+    /// fewer than two.
     pub interval: Option<[f64; 2]>,
     /// In how many pairs the first is better.
     pub better: usize,
@@ -76,8 +77,8 @@ pub fn paired(pairs: &[(f64, f64)], better: Better) -> Option<Paired> {
     })
 }
 
-/// The 97.5 % quantile of Student's distribution: exact to four digits for few degrees of freedom, and from there by
-/// Cornish and Fisher's series about the normal one.
+/// The 97.5 % quantile of Student's distribution: exact to four digits for few degrees of freedom,
+/// and from there by Cornish and Fisher's series about the normal one.
 fn student_95(freedom: usize) -> f64 {
     const FEW: [f64; 8] = [
         12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060,

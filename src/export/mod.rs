@@ -1,7 +1,8 @@
-//! A pipeline as jobs for somebody else's scheduler: one for each stage, one array for the shards of a stage.
+//! A pipeline as jobs for somebody else's scheduler: one for each stage, one array for the shards
+//! of a stage.
 //!
-//! Every job is a call of `run --only`, which owns keys, store and checkpoints; the scheduler only orders processes.
-//! Each way of writing the jobs down is a file.
+//! Every job is a call of `run --only`, which owns keys, store and checkpoints; the scheduler only
+//! orders processes. Each way of writing the jobs down is a file.
 
 pub mod quote;
 pub mod slurm;
@@ -31,8 +32,8 @@ pub struct Job {
     pub stage: String,
     /// Of shards: how many there are.
     pub shards: Option<usize>,
-    /// What decides each shard's result beside its inputs. It changes when a parameter does, and not with what was
-    /// computed.
+    /// What decides each shard's result beside its inputs. It changes when a parameter does, and
+    /// not with what was computed.
     pub recipes: Vec<Digest>,
     /// The jobs whose results it reads, by place.
     pub needs: BTreeSet<usize>,
@@ -62,7 +63,8 @@ const LEAST: Resources = Resources {
 };
 
 impl Workflow {
-    /// The jobs of the stages that are needed; `command` is the program with its arguments up to those that choose a stage.
+    /// The jobs of the stages that are needed; `command` is the program with its arguments up to
+    /// those that choose a stage.
     pub fn new(context: &Context, command: Vec<String>) -> Self {
         let nodes = &context.graph.nodes;
         let mut jobs: Vec<Job> = Vec::new();
@@ -124,7 +126,8 @@ fn shard_of(nodes: &[Node], at: usize) -> Option<(&str, usize)> {
 }
 
 fn recipe(context: &Context, at: usize) -> Digest {
-    let (node, sources) = (&context.graph.nodes[at], &context.sources[at]);
+    let node = &context.graph.nodes[at];
+    let sources = &context.sources[at];
     Recipe {
         node,
         inputs: &Inputs::new(),

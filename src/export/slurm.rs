@@ -1,4 +1,5 @@
-//! Scripts for `sbatch`: one for each stage, an array for the shards of a stage, and one that submits them all.
+//! Scripts for `sbatch`: one for each stage, an array for the shards of a stage, and one that
+//! submits them all.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,5 +1,5 @@
-//! A Snakefile. Its rules declare stamps, not artifacts, so that what Snakemake removes before a job is never work that
-//! was done.
+//! A Snakefile. Its rules declare stamps, not artifacts, so that what Snakemake removes before a
+//! job is never work that was done.
 
 use std::collections::BTreeSet;
 

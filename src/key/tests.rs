@@ -96,10 +96,12 @@ fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
             wires: Vec::new(),
         }
     };
-    let (a, b) = (node("a"), node("b"));
+    let a = node("a");
+    let b = node("b");
     let inputs =
         |text: &str| BTreeMap::from([("images", Digest::from(blake3::hash(text.as_bytes())))]);
-    let (one, two) = (inputs("1"), inputs("2"));
+    let one = inputs("1");
+    let two = inputs("2");
     let key = |node, inputs, salt| {
         Recipe {
             node,

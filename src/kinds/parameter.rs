@@ -260,7 +260,8 @@ fn named(schema: &Value) -> Vec<Choice<'_>> {
         return vec![choice];
     }
     let names = schema["enum"].as_array().into_iter().flatten();
-    // Values without documentation of their own stand in one list; what it says is said of the enum.
+    // Values without documentation of their own stand in one list; what it says is said of the
+    // enum.
     let plain = names.filter_map(|name| plain_choice(name, &Value::Null));
     let properties = schema["properties"].as_object().into_iter().flatten();
     let variants = properties.map(|(name, inner)| Choice {

@@ -49,7 +49,8 @@ fn of_view(gallery: &Gallery, view: usize) -> Vec<Crop> {
     let Some(first) = pictures.first() else {
         return Vec::new();
     };
-    let (width, height) = (first.width as usize, first.height as usize);
+    let width = first.width as usize;
+    let height = first.height as usize;
     let alike: Vec<&[u8]> = pictures
         .iter()
         .filter(|picture| picture.rgb8.len() == first.rgb8.len())

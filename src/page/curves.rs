@@ -1,5 +1,6 @@
-//! How loss and PSNR went while stages trained, one drawing for each stage of an arm's name and each quantity, a line for each
-//! arm that has a stage of its own there. Knows only the lines of logs.
+//! How loss and PSNR went while stages trained, one drawing for each stage of an arm's name and
+//! each quantity, a line for each arm that has a stage of its own there. Knows only the lines of
+//! logs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;

@@ -1,4 +1,5 @@
-//! The pictures of a comparison, each once: photos, renders and error maps by view. Knows nothing of how they are shown.
+//! The pictures of a comparison, each once: photos, renders and error maps by view. Knows nothing
+//! of how they are shown.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,7 +11,8 @@ use crate::store::Store;
 use crate::store::error::{At, StoreError};
 use crate::store::result::Record;
 
-/// Bytes of all pictures together, before they are written as text, which takes a third more: the file stays below 20 MB.
+/// Bytes of all pictures together, before they are written as text, which takes a third more: the
+/// file stays below 20 MB.
 const MOST_BYTES: usize = 14_000_000;
 
 /// A picture.
@@ -137,7 +139,8 @@ impl Gallery {
     pub fn styles(&self) -> String {
         let mut styles = String::new();
         for shown in &self.pictures {
-            let (width, height) = (shown.picture.width, shown.picture.height);
+            let width = shown.picture.width;
+            let height = shown.picture.height;
             let _ = writeln!(
                 styles,
                 ".{}{{--w:{width};--h:{height};background-image:url(data:image/png;base64,{})}}",

@@ -67,7 +67,8 @@ impl Html {
         }
     }
 
-    /// Adds a table whose first row is its head; `bold` says which cells of the others are, by row and column.
+    /// Adds a table whose first row is its head; `bold` says which cells of the others are, by row
+    /// and column.
     pub fn table(&mut self, rows: &[Vec<String>], bold: impl Fn(usize, usize) -> bool) {
         let Some((head, body)) = rows.split_first() else {
             return;

@@ -1,5 +1,5 @@
-//! The arms of a pipeline, as they stand in its files: named ones, and one for each combination of a matrix. Knows
-//! nothing of stages.
+//! The arms of a pipeline, as they stand in its files: named ones, and one for each combination of
+//! a matrix. Knows nothing of stages.
 
 use std::collections::BTreeMap;
 
@@ -27,8 +27,8 @@ pub struct Variant {
     pub changes: Vec<Override>,
 }
 
-/// All arms of a file and those that it extends; none where nothing is compared. An arm replaces that of the same name in
-/// an extended file; a matrix, with what belongs to it, replaces a matrix.
+/// All arms of a file and those that it extends; none where nothing is compared. An arm replaces
+/// that of the same name in an extended file; a matrix, with what belongs to it, replaces a matrix.
 pub fn read(layers: &[Layer]) -> Result<Vec<Variant>, Problem> {
     let mut arms: Vec<Variant> = Vec::new();
     for layer in layers.iter().rev() {

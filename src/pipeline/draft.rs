@@ -1,5 +1,5 @@
-//! A pipeline being put together: its stages so far, and who changed what of them. Knows nothing of how differences are
-//! written.
+//! A pipeline being put together: its stages so far, and who changed what of them. Knows nothing of
+//! how differences are written.
 
 use super::fault::{Fault, Place};
 use super::grammar::{Named, Pipeline};

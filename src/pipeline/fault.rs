@@ -1,7 +1,7 @@
 //! Something wrong at a place in a pipeline, before anyone has looked up where in the file that is.
 
-/// A place in a pipeline: the names of the fields that lead to it, variants left out (`stages`, `fit`, `field`,
-/// `levels`).
+/// A place in a pipeline: the names of the fields that lead to it, variants left out (`stages`,
+/// `fit`, `field`, `levels`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place(pub Vec<String>);
 

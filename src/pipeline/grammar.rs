@@ -1,5 +1,5 @@
-//! What a pipeline file may say: named stages in order, loops of them, and differences from another file or between arms.
-//! Knows nothing of what references mean.
+//! What a pipeline file may say: named stages in order, loops of them, and differences from another
+//! file or between arms. Knows nothing of what references mean.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,8 +13,9 @@ use stages::stage::Input;
 
 /// A pipeline file as written.
 ///
-/// `set`, `arms`, `matrix`, `include` and `exclude` hold values of fields whose types only the stages know: here they are
-/// only checked to be RON, and [`super::layers`] reads them with their places from the text.
+/// `set`, `arms`, `matrix`, `include` and `exclude` hold values of fields whose types only the
+/// stages know: here they are only checked to be RON, and [`super::layers`] reads them with their
+/// places from the text.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Pipeline")]
 #[expect(
@@ -224,7 +225,8 @@ impl<'de> Visitor<'de> for NodeVisitor {
     }
 }
 
-/// The name of a stage kind, refused before its fields are read, so that the error points at the name.
+/// The name of a stage kind, refused before its fields are read, so that the error points at the
+/// name.
 struct Variant(&'static str);
 
 impl<'de> Deserialize<'de> for Variant {

@@ -1,4 +1,5 @@
-//! Stages wired to each other, each after those that it reads. Knows nothing of files, keys or how stages run.
+//! Stages wired to each other, each after those that it reads. Knows nothing of files, keys or how
+//! stages run.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,8 +10,8 @@ use crate::experiment::{Experiment, arm_of};
 
 /// A stage in its place.
 pub struct Node {
-    /// Its name, that of its folder under `out/`: `fit`, `i3ds.1.render` for a stage of a loop's first round, or
-    /// `ours/fit` for one of an arm.
+    /// Its name, that of its folder under `out/`: `fit`, `i3ds.1.render` for a stage of a loop's
+    /// first round, or `ours/fit` for one of an arm.
     pub name: String,
     /// The names that it has in other arms, where it is the same stage.
     pub also: Vec<String>,
@@ -84,8 +85,8 @@ pub struct UnknownArm {
 }
 
 impl Graph {
-    /// Orders stages so that each comes after those that it reads, in the order given where that leaves a choice.
-    /// Where they read each other in a circle: the place of one that does.
+    /// Orders stages so that each comes after those that it reads, in the order given where that
+    /// leaves a choice. Where they read each other in a circle: the place of one that does.
     pub fn new(pipeline: String, nodes: Vec<Node>) -> Result<Self, usize> {
         let order = order(&nodes)?;
         let mut place = vec![0; nodes.len()];
@@ -139,9 +140,9 @@ impl Graph {
         Ok((0..self.nodes.len()).filter(is_of_arm).collect())
     }
 
-    /// The stages that a user means by a name: a stage (`i3ds.2.render`), a loop or a round of it (`i3ds`, `i3ds.2`),
-    /// or a stage of a loop in all rounds (`i3ds.render`); in all arms, or in the one that stands before it
-    /// (`ours/i3ds.render`).
+    /// The stages that a user means by a name: a stage (`i3ds.2.render`), a loop or a round of it
+    /// (`i3ds`, `i3ds.2`), or a stage of a loop in all rounds (`i3ds.render`); in all arms, or in
+    /// the one that stands before it (`ours/i3ds.render`).
     pub fn find(&self, name: &str) -> Result<BTreeSet<usize>, UnknownStage> {
         let within = format!("{name}.");
         let means_it =

@@ -1,4 +1,5 @@
-//! Laws of pipelines: the order of the file does not matter, and a loop is nothing but its rounds, one after the other.
+//! Laws of pipelines: the order of the file does not matter, and a loop is nothing but its rounds,
+//! one after the other.
 
 use std::collections::BTreeMap;
 
@@ -98,7 +99,8 @@ proptest! {
 
     #[test]
     fn a_loop_begins_as_a_shorter_one_does(count in 1usize..6, factors in prop::collection::vec(1u32..5, 1..4)) {
-        let (short, long) = (load(pipeline(&[rounds(count, &factors)])), load(pipeline(&[rounds(count + 1, &factors)])));
+        let short = load(pipeline(&[rounds(count, &factors)]));
+        let long = load(pipeline(&[rounds(count + 1, &factors)]));
         prop_assert_eq!(long.len(), short.len() + factors.len());
         prop_assert!(short.iter().all(|(name, told)| long[name] == *told));
     }
@@ -106,7 +108,8 @@ proptest! {
     #[test]
     fn a_loop_is_its_rounds_one_after_the_other(count in 1usize..6, factors in prop::collection::vec(1u32..5, 1..4)) {
         let looped = load(pipeline(&[rounds(count, &factors)]));
-        let (mut images, mut flat) = ("scene".to_owned(), Vec::new());
+        let mut images = "scene".to_owned();
+        let mut flat = Vec::new();
         for round in 1..=count {
             for (at, factor) in factors.iter().enumerate() {
                 flat.push(format!(r#""l-{round}-s{at}": Interpolate(images: "{images}", factor: {factor})"#));

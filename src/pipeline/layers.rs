@@ -1,5 +1,5 @@
-//! A pipeline file and the files that it extends, laid over each other: what all arms have in common. Knows nothing of
-//! what references mean.
+//! A pipeline file and the files that it extends, laid over each other: what all arms have in
+//! common. Knows nothing of what references mean.
 
 use std::path::Path;
 
@@ -45,7 +45,8 @@ pub fn with_bases(source: Source) -> Result<Vec<Source>, Problem> {
     Ok(files)
 }
 
-/// The file that a text extends, and where it says so. What is wrong with the text is found when it is read.
+/// The file that a text extends, and where it says so. What is wrong with the text is found when it
+/// is read.
 fn base(source: &Source) -> Option<(String, std::ops::Range<usize>)> {
     // Most files extend none, and may be long.
     if !source.text.contains("base") {

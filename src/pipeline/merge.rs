@@ -1,6 +1,7 @@
-//! The graphs of several arms as one, in which a stage that they share stands once. Two stages are the same if they are of
-//! one kind with the same parameters and seed, and read the same outputs of the same stages. Knows nothing of keys: stages
-//! that come to the same key in another way find each other's results in the store.
+//! The graphs of several arms as one, in which a stage that they share stands once. Two stages are
+//! the same if they are of one kind with the same parameters and seed, and read the same outputs of
+//! the same stages. Knows nothing of keys: stages that come to the same key in another way find
+//! each other's results in the store.
 
 use std::collections::BTreeMap;
 
@@ -59,7 +60,8 @@ impl Merge {
 /// Everything that tells a stage from others of the same pipeline.
 fn identity(node: &Node) -> String {
     let mut params = node.params.clone();
-    // What an input refers to, the wires say; in two arms the same reference can mean different stages.
+    // What an input refers to, the wires say; in two arms the same reference can mean different
+    // stages.
     if let Some(fields) = params.as_object_mut() {
         for port in node.stage.inputs() {
             fields.remove(port.name);

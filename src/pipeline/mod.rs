@@ -1,5 +1,5 @@
-//! From a pipeline file and overrides to checked stages wired to each other, or to one problem with its place in the
-//! text.
+//! From a pipeline file and overrides to checked stages wired to each other, or to one problem with
+//! its place in the text.
 
 mod arms;
 mod draft;
@@ -38,8 +38,8 @@ use set::Override;
 use text::Tree;
 use unroll::Seeds;
 
-/// Reads a pipeline and the files that it extends (itself first, see [`with_bases`]), applies the overrides in order,
-/// unrolls and checks it, with all its arms.
+/// Reads a pipeline and the files that it extends (itself first, see [`with_bases`]), applies the
+/// overrides in order, unrolls and checks it, with all its arms.
 pub fn load(files: &[Source], overrides: &[Override]) -> Result<Graph, Problem> {
     let layers = files
         .iter()
@@ -129,7 +129,8 @@ fn malformed(source: &Source, error: &SpannedError) -> Problem {
     }
 }
 
-/// The last place at or before `end` where a word stands: readers notice an unknown name only when they are past it.
+/// The last place at or before `end` where a word stands: readers notice an unknown name only when
+/// they are past it.
 fn word_before(text: &str, word: &str, end: usize) -> Option<std::ops::Range<usize>> {
     let window = text
         .get(..(end + word.len()).min(text.len()))

@@ -1,4 +1,5 @@
-//! What is wrong with a pipeline, and where: the message, the line, and the nearest name that would do.
+//! What is wrong with a pipeline, and where: the message, the line, and the nearest name that would
+//! do.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -21,7 +22,8 @@ impl Source {
     /// The name of arguments of `--set`.
     pub const SET: &str = "--set";
 
-    /// Bytes that a pipeline file may have, so that a device or a wrong file does not fill the memory.
+    /// Bytes that a pipeline file may have, so that a device or a wrong file does not fill the
+    /// memory.
     const LARGEST: u64 = 64 << 20;
 
     /// Reads a pipeline file.

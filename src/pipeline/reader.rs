@@ -271,7 +271,8 @@ fn whole(digits: &str) -> Option<Number> {
 
 /// The length of the block comment that opens the text; such comments nest.
 fn block_comment(text: &str) -> usize {
-    let (mut depth, mut at) = (0, 0);
+    let mut depth = 0;
+    let mut at = 0;
     while at < text.len() {
         match text.get(at..at + 2) {
             Some("/*") => (depth, at) = (depth + 1, at + 2),

@@ -1,4 +1,5 @@
-//! What a reference means where it stands: `"stage"`, `"stage.output"`, `"loop.field"` or `"@carried"`.
+//! What a reference means where it stands: `"stage"`, `"stage.output"`, `"loop.field"` or
+//! `"@carried"`.
 
 use super::fault::{Fault, Place};
 use super::grammar::{Named, Node, Rounds};
@@ -106,8 +107,8 @@ fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<T
     )
 }
 
-/// What a loop carries: in the first round what `carry` says, seen from outside; later what `next` says, seen from the
-/// round before.
+/// What a loop carries: in the first round what `carry` says, seen from outside; later what `next`
+/// says, seen from the round before.
 fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
     for (depth, frame) in chain.iter().enumerate().rev() {
         let Some((rounds, round)) = frame.turn else {

@@ -1,5 +1,5 @@
-//! One value of a pipeline overridden: by `--set path=value`, or by a `"path": value` in a file. Knows nothing of what
-//! else stands in files.
+//! One value of a pipeline overridden: by `--set path=value`, or by a `"path": value` in a file.
+//! Knows nothing of what else stands in files.
 
 use std::ops::Range;
 
@@ -156,7 +156,8 @@ impl Override {
         self.in_stages(&mut rounds.stages, path, place.at("stages"), &["count"])
     }
 
-    /// By way of the stage as JSON, where fields have names and any value fits until it is read back.
+    /// By way of the stage as JSON, where fields have names and any value fits until it is read
+    /// back.
     fn in_stage(
         &self,
         stage: &mut AnyStage,
@@ -190,7 +191,8 @@ impl Override {
             .fold(place, |place, segment| place.at(&segment.name)))
     }
 
-    /// The value at a path. A variant's name is no step of the path: `guidance.lora_every` leads into `{"Vsd": {..}}`.
+    /// The value at a path. A variant's name is no step of the path: `guidance.lora_every` leads
+    /// into `{"Vsd": {..}}`.
     fn slot<'v>(&self, mut value: &'v mut Json, path: &[Segment]) -> Result<&'v mut Json, Problem> {
         for segment in path {
             let missing = |value: &Json| {
@@ -242,7 +244,8 @@ fn segments(path: &str, mut start: usize) -> Vec<Segment> {
     path.split('.').map(segment).collect()
 }
 
-/// The name and content of a variant as serde writes one: an object with one key in `UpperCamelCase`.
+/// The name and content of a variant as serde writes one: an object with one key in
+/// `UpperCamelCase`.
 pub fn variant(value: &Json) -> Option<(&str, &Json)> {
     let fields = value.as_object().filter(|fields| fields.len() == 1)?;
     let (name, content) = fields.iter().next()?;

@@ -1,6 +1,6 @@
-//! Stages with `shards` replaced by their parts and a merge, before any key is computed: so each part is cached,
-//! resumed and distributed like any other stage. The parts of `i3ds.1.render` are `i3ds.1.render.1`, `.2`, ..; the
-//! merge keeps the name.
+//! Stages with `shards` replaced by their parts and a merge, before any key is computed: so each
+//! part is cached, resumed and distributed like any other stage. The parts of `i3ds.1.render` are
+//! `i3ds.1.render.1`, `.2`, ..; the merge keeps the name.
 
 use stages::{AnyStage, Merge};
 

@@ -92,10 +92,8 @@ fn loops_are_unrolled_and_carry_their_state() {
 
 #[test]
 fn rounds_have_seeds_of_their_own_that_do_not_depend_on_their_number() {
-    let (two, five) = (
-        load(TWO_ROUNDS, &[]).unwrap(),
-        load(TWO_ROUNDS, &["loop.count=5"]).unwrap(),
-    );
+    let two = load(TWO_ROUNDS, &[]).unwrap();
+    let five = load(TWO_ROUNDS, &["loop.count=5"]).unwrap();
     let seed = |graph: &Graph, name: &str| {
         graph
             .nodes

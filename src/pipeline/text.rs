@@ -1,7 +1,8 @@
 //! RON text as a tree that keeps variant names and remembers where each value stands.
 //!
-//! The `ron` crate gives pipelines their types; this tree answers what serde cannot: where in the file a value is, and
-//! what the value of a `--set` is before anyone knows its type. Knows nothing of pipelines.
+//! The `ron` crate gives pipelines their types; this tree answers what serde cannot: where in the
+//! file a value is, and what the value of a `--set` is before anyone knows its type. Knows nothing
+//! of pipelines.
 
 use std::ops::Range;
 
@@ -59,7 +60,8 @@ impl Tree {
         Reader::new(text).whole()
     }
 
-    /// The entry of this name, through a variant that is not named: `guidance.lora_every` finds its way into `Vsd(..)`.
+    /// The entry of this name, through a variant that is not named: `guidance.lora_every` finds its
+    /// way into `Vsd(..)`.
     pub fn entry(&self, name: &str) -> Option<&Entry> {
         match &self.value {
             Value::Struct(_, entries) | Value::Map(entries) => {
@@ -70,8 +72,8 @@ impl Tree {
         }
     }
 
-    /// The value as serde writes it in JSON: a variant with content is an object with the variant's name as its only
-    /// key.
+    /// The value as serde writes it in JSON: a variant with content is an object with the variant's
+    /// name as its only key.
     pub fn json(&self) -> Json {
         match &self.value {
             Value::Scalar(scalar) => scalar.clone(),

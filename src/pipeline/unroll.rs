@@ -1,7 +1,8 @@
-//! Loops unrolled and references resolved: from a pipeline as written to stages wired to each other.
+//! Loops unrolled and references resolved: from a pipeline as written to stages wired to each
+//! other.
 //!
-//! A stage of round 2 of the loop `i3ds` is called `i3ds.2.render`. Knows nothing of files: faults name a place in the
-//! pipeline.
+//! A stage of round 2 of the loop `i3ds` is called `i3ds.2.render`. Knows nothing of files: faults
+//! name a place in the pipeline.
 
 use std::collections::BTreeMap;
 
@@ -38,7 +39,8 @@ struct Link {
 pub struct Seeds {
     /// Of stages that compute from what others give.
     pub computing: u64,
-    /// Of stages that read nothing of others: with every seed of an experiment they give the same photos.
+    /// Of stages that read nothing of others: with every seed of an experiment they give the same
+    /// photos.
     pub sources: u64,
 }
 
@@ -125,7 +127,8 @@ fn unroll_stages<'p>(
         return Ok(());
     };
     for (name, node) in frame.stages.iter() {
-        let (full, place) = (format!("{}{name}", frame.prefix), place.at(name));
+        let full = format!("{}{name}", frame.prefix);
+        let place = place.at(name);
         check_name(name, &place)?;
         match node {
             Node::Stage(stage) => {

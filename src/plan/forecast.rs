@@ -1,4 +1,5 @@
-//! What will become of every stage of a run, before any runs. Knows what keys are made of only through [`Context`].
+//! What will become of every stage of a run, before any runs. Knows what keys are made of only
+//! through [`Context`].
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +16,8 @@ pub enum Forecast {
     Cached(Box<Assessment>),
     /// It will be computed. Where its inputs are all known, so is its key.
     Run(Reason, Option<Box<Assessment>>),
-    /// It will be computed unless these stages, which will be, give the results that they gave before.
+    /// It will be computed unless these stages, which will be, give the results that they gave
+    /// before.
     Unless(Vec<String>),
 }
 
@@ -51,7 +53,8 @@ impl Forecast {
 }
 
 impl Context<'_> {
-    /// What is in the keys of all stages that are needed: of those whose inputs are not all known, what is known of it.
+    /// What is in the keys of all stages that are needed: of those whose inputs are not all known,
+    /// what is known of it.
     pub fn manifests(&self, forecasts: &BTreeMap<usize, Forecast>) -> Vec<(usize, Manifest)> {
         let manifest = |&at: &usize| match forecasts.get(&at).and_then(Forecast::assessment) {
             Some(known) => (at, self.manifest_of(at, &known.inputs, &known.key)),
@@ -111,7 +114,8 @@ fn known_inputs<'n>(
     node: &'n Node,
     upstream: &BTreeMap<usize, Forecast>,
 ) -> (Inputs, BTreeMap<&'n str, usize>) {
-    let (mut known, mut unknown) = (Inputs::new(), BTreeMap::new());
+    let mut known = Inputs::new();
+    let mut unknown = BTreeMap::new();
     for wire in &node.wires {
         let record = match upstream.get(&wire.from) {
             Some(Forecast::Cached(assessment)) => assessment.verdict.as_ref().ok(),

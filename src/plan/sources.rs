@@ -17,8 +17,9 @@ pub struct SourceError {
     pub error: StageError,
 }
 
-/// What the stages that are needed read beside their inputs; stages of one kind with the same parameters read the same.
-/// What a store remembers of files that have not changed is not read again.
+/// What the stages that are needed read beside their inputs; stages of one kind with the same
+/// parameters read the same. What a store remembers of files that have not changed is not read
+/// again.
 pub fn sources(
     graph: &Graph,
     needed: &BTreeSet<usize>,

@@ -1,4 +1,5 @@
-//! Progress on a terminal: one bar per running stage, and a line above the bars for whatever is over.
+//! Progress on a terminal: one bar per running stage, and a line above the bars for whatever is
+//! over.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -1,5 +1,5 @@
-//! From an address to a client: which service, which bucket, which folder of it. Credentials come from the environment
-//! alone.
+//! From an address to a client: which service, which bucket, which folder of it. Credentials come
+//! from the environment alone.
 
 use object_store::aws::AmazonS3Builder;
 use object_store::azure::MicrosoftAzureBuilder;
@@ -29,7 +29,8 @@ impl AddressError {
     }
 }
 
-/// What every service's client has in common: [`super::retry`] asks again, the client itself does not.
+/// What every service's client has in common: [`super::retry`] asks again, the client itself does
+/// not.
 fn once() -> RetryConfig {
     RetryConfig {
         max_retries: 0,

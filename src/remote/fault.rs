@@ -29,7 +29,8 @@ impl Fault {
 /// What is said of an endpoint without encryption, which is refused unless it is asked for.
 const NO_TLS: &str = "the endpoint is plain http; give an https address, or set AWS_ALLOW_HTTP=true where traffic may be read";
 
-/// The cause in a few words. Answers of servers may quote request headers, so nothing of their text is repeated.
+/// The cause in a few words. Answers of servers may quote request headers, so nothing of their text
+/// is repeated.
 fn cause(error: &object_store::Error) -> String {
     use object_store::Error::{NotFound, PermissionDenied, Unauthenticated};
     match error {

@@ -1,5 +1,5 @@
-//! What has become of a remote during a run: whether it still answers and takes results, and what the user should hear
-//! of it.
+//! What has become of a remote during a run: whether it still answers and takes results, and what
+//! the user should hear of it.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, MutexGuard};
@@ -18,7 +18,8 @@ struct State {
     lost: bool,
     /// It does not take results: nothing more is written.
     closed: bool,
-    /// Keys that were asked for: who waits for another process to compute one does not ask again and again.
+    /// Keys that were asked for: who waits for another process to compute one does not ask again
+    /// and again.
     asked: BTreeSet<Digest>,
     /// Keys whose results there are damaged, and will be replaced.
     damaged: BTreeSet<Digest>,

@@ -1,9 +1,10 @@
-//! A store that several machines share: S3, Google Cloud Storage, Azure or a folder. It has the layout of a local
-//! store.
+//! A store that several machines share: S3, Google Cloud Storage, Azure or a folder. It has the
+//! layout of a local store.
 //!
-//! Results that the local store lacks are read from it, and those computed here are written to it. When it does not
-//! answer, after a few attempts, it is left alone for the rest of the run, and that is said once: it spares time, and
-//! nothing depends on it. Knows nothing of pipelines and stages.
+//! Results that the local store lacks are read from it, and those computed here are written to it.
+//! When it does not answer, after a few attempts, it is left alone for the rest of the run, and
+//! that is said once: it spares time, and nothing depends on it. Knows nothing of pipelines and
+//! stages.
 
 mod address;
 mod fault;
@@ -44,8 +45,8 @@ pub struct Traffic {
 }
 
 impl Remote {
-    /// The remote at an address such as `s3://bucket/folder`. Credentials come from the environment; nothing is asked
-    /// of it yet.
+    /// The remote at an address such as `s3://bucket/folder`. Credentials come from the
+    /// environment; nothing is asked of it yet.
     pub fn open(address: &str) -> Result<Self, AddressError> {
         let (objects, root) = address::open(address)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -69,8 +70,8 @@ impl Remote {
         self.unless_lost(key, || self.runtime.block_on(self.find(key)))
     }
 
-    /// Fetches a result into the local store: its record, and how many bytes came. None of it is visible there before
-    /// all of it is known to be sound. A key is asked for once.
+    /// Fetches a result into the local store: its record, and how many bytes came. None of it is
+    /// visible there before all of it is known to be sound. A key is asked for once.
     pub fn fetch(&self, store: &Store, key: &Digest) -> Result<Option<(Record, u64)>, StoreError> {
         if !self.health.is_new(key) {
             return Ok(None);
@@ -131,8 +132,8 @@ impl Remote {
         Ok(traffic)
     }
 
-    /// Fetches all results that the local store lacks. The first fault ends it; a damaged result is told of and left
-    /// out.
+    /// Fetches all results that the local store lacks. The first fault ends it; a damaged result is
+    /// told of and left out.
     pub fn pull(
         &self,
         store: &Store,

@@ -1,4 +1,5 @@
-//! Asking again, a few times and with growing pauses. One place for all requests, so that their sum is bounded.
+//! Asking again, a few times and with growing pauses. One place for all requests, so that their sum
+//! is bounded.
 
 use std::time::{Duration, Instant};
 
@@ -31,7 +32,8 @@ impl Patience {
         &self,
         mut ask: impl FnMut() -> F,
     ) -> Result<T, Fault> {
-        let (begun, mut pause) = (Instant::now(), self.pause);
+        let begun = Instant::now();
+        let mut pause = self.pause;
         for _ in 1..self.attempts {
             match ask().await {
                 Err(fault) if fault.may_pass() && begun.elapsed() + pause < self.total => {}

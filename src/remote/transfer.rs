@@ -1,4 +1,5 @@
-//! Results over the wire: records and manifests whole, blobs piece by piece, their digests taken on the way.
+//! Results over the wire: records and manifests whole, blobs piece by piece, their digests taken on
+//! the way.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -14,7 +15,8 @@ use crate::store::error::At;
 use crate::store::result::{Record, StoredFile};
 use crate::store::{Store, place};
 
-/// Blobs travel in pieces of this size, so that none is ever whole in memory and no request takes long.
+/// Blobs travel in pieces of this size, so that none is ever whole in memory and no request takes
+/// long.
 const PIECE: u64 = 8 << 20;
 
 /// How many blobs travel at once.
@@ -32,7 +34,8 @@ impl Remote {
             .collect()
     }
 
-    /// A result that is there with all its blobs; whether their bytes are right is known once they are fetched.
+    /// A result that is there with all its blobs; whether their bytes are right is known once they
+    /// are fetched.
     pub(super) async fn find(&self, key: &Digest) -> Result<Option<Record>, Fault> {
         let Some(record) = self.record(key).await? else {
             return Ok(None);
@@ -48,7 +51,8 @@ impl Remote {
         Ok(Some(record))
     }
 
-    /// Fetches a result into the local store: blobs first, the record last. Answers how many bytes came.
+    /// Fetches a result into the local store: blobs first, the record last. Answers how many bytes
+    /// came.
     pub(super) async fn bring(
         &self,
         store: &Store,
@@ -79,7 +83,8 @@ impl Remote {
             .append(true)
             .open(&receiving)
             .at("write", &receiving)?;
-        let (mut hasher, mut at) = (blake3::Hasher::new(), 0);
+        let mut hasher = blake3::Hasher::new();
+        let mut at = 0;
         while at < file.bytes {
             let range = at..file.bytes.min(at + PIECE);
             let piece = self
@@ -97,8 +102,9 @@ impl Remote {
         Ok(file.bytes)
     }
 
-    /// Puts a result there: blobs first, the record last and only if there is none. `replace` puts everything there
-    /// whatever there is. Answers whether the record is new, and how many bytes of blobs went.
+    /// Puts a result there: blobs first, the record last and only if there is none. `replace` puts
+    /// everything there whatever there is. Answers whether the record is new, and how many bytes of
+    /// blobs went.
     pub(super) async fn send(
         &self,
         store: &Store,
@@ -133,10 +139,8 @@ impl Remote {
     }
 
     async fn send_blob(&self, store: &Store, file: &StoredFile) -> Result<u64, Fault> {
-        let (from, to) = (
-            store.blob_path(&file.blob),
-            self.path("cas", &file.blob, ""),
-        );
+        let from = store.blob_path(&file.blob);
+        let to = self.path("cas", &file.blob, "");
         let send = async || match file.bytes {
             0..=PIECE => {
                 let bytes = std::fs::read(&from).at("read", &from)?;
@@ -162,7 +166,8 @@ impl Remote {
                 break;
             }
             if let Err(error) = upload.put_part(piece.into()).await {
-                // What was sent is worth nothing now; if it cannot be taken back either, the service's own rules do.
+                // What was sent is worth nothing now; if it cannot be taken back either, the
+                // service's own rules do.
                 let _ = upload.abort().await;
                 return Err(error.into());
             }

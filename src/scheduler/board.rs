@@ -43,8 +43,8 @@ pub struct Queued {
     pub begun_as: Option<Digest>,
 }
 
-/// The one account of which stage is in which state. A stage is in exactly one of `waiting`, `ready`, `queued`,
-/// `elsewhere`, `running` and `outcome.stages`.
+/// The one account of which stage is in which state. A stage is in exactly one of `waiting`,
+/// `ready`, `queued`, `elsewhere`, `running` and `outcome.stages`.
 pub struct Board<'p> {
     graph: &'p Graph,
     /// Not all inputs are there: how many are missing.
@@ -71,11 +71,9 @@ impl<'p> Board<'p> {
     /// Before the first stage of a run.
     pub fn new(context: &Context<'p>, progress: &'p mut dyn Progress) -> Self {
         let nodes = &context.graph.nodes;
-        let (mut waiting, mut ready, mut readers) = (
-            BTreeMap::new(),
-            BTreeSet::new(),
-            vec![Vec::new(); nodes.len()],
-        );
+        let mut waiting = BTreeMap::new();
+        let mut ready = BTreeSet::new();
+        let mut readers = vec![Vec::new(); nodes.len()];
         for &at in &context.needed {
             nodes[at]
                 .wires
@@ -92,7 +90,8 @@ impl<'p> Board<'p> {
             }
         }
         let (queued, elsewhere, told, running) = Default::default();
-        let (graph, outcome) = (context.graph, Outcome::default());
+        let graph = context.graph;
+        let outcome = Outcome::default();
         Self {
             graph,
             waiting,
@@ -130,7 +129,8 @@ impl<'p> Board<'p> {
         self.running.is_empty() && (self.elsewhere.is_empty() || !patient)
     }
 
-    /// A stage begins; with its first step, where it might have gone on from a result, for a reason that is told.
+    /// A stage begins; with its first step, where it might have gone on from a result, for a reason
+    /// that is told.
     pub fn begin(&mut self, at: usize, stage: Queued, obstacle: Option<&str>) {
         let reason = match obstacle {
             Some(why) => format!("{}; from the first step, since {why}", stage.reason),
@@ -215,7 +215,8 @@ impl<'p> Board<'p> {
                 continue;
             }
             lost.extend(&self.readers[at]);
-            let (stage, by) = (nodes[at].name.as_str(), nodes[failed].name.as_str());
+            let stage = nodes[at].name.as_str();
+            let by = nodes[failed].name.as_str();
             self.progress.event(&Event::Blocked { stage, by });
             self.outcome.stages.insert(
                 at,

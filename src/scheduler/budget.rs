@@ -35,14 +35,15 @@ impl Budget {
     pub fn complaint(&self, stage: &Estimate) -> Option<String> {
         let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / (1u64 << 30) as f64);
         (stage.memory > self.memory).then(|| {
-            let (needed, allowed) = (gigabytes(stage.memory), gigabytes(self.memory));
+            let needed = gigabytes(stage.memory);
+            let allowed = gigabytes(self.memory);
             format!("it may need {needed} of memory, and --memory allows {allowed}; it runs alone")
         })
     }
 }
 
-/// The memory that this process may use, as far as the system says: the machine's, or less where a control group sets a
-/// limit.
+/// The memory that this process may use, as far as the system says: the machine's, or less where a
+/// control group sets a limit.
 pub fn memory_limit() -> u64 {
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let line = text

@@ -1,4 +1,5 @@
-//! Laws that hold in every graph: what runs is what changed, no more and no less, and the plan knew it.
+//! Laws that hold in every graph: what runs is what changed, no more and no less, and the plan knew
+//! it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,8 +13,8 @@ use crate::testing::{graph, node, sum};
 /// A stage: its number, what it reduces by, and which of those before it it reads.
 type Part = (u32, u32, Vec<usize>);
 
-/// Stages that read up to three of those before them; small numbers, so that different sums are often equal when
-/// reduced.
+/// Stages that read up to three of those before them; small numbers, so that different sums are
+/// often equal when reduced.
 fn parts() -> impl Strategy<Value = Vec<Part>> {
     let part = (
         0u32..6,
@@ -51,7 +52,8 @@ fn graph_of(parts: &[Part]) -> Graph {
 
 /// What each stage does, and what it comes to: the whole of a stage's recipe, by arithmetic alone.
 fn recipes(parts: &[Part]) -> Vec<(Part, Vec<u32>)> {
-    let (mut values, mut recipes) = (Vec::new(), Vec::new());
+    let mut values = Vec::new();
+    let mut recipes = Vec::new();
     for (number, modulo, reads) in parts {
         let inputs: Vec<u32> = reads.iter().map(|&read| values[read]).collect();
         values.push((number + inputs.iter().sum::<u32>()) % modulo);

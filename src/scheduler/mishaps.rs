@@ -1,4 +1,5 @@
-//! A GPU that fails under a stage: what is said of it, where the stage goes on, and whose the result is then.
+//! A GPU that fails under a stage: what is said of it, where the stage goes on, and whose the
+//! result is then.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -89,10 +90,8 @@ fn run(
         .stack_size(16 << 20)
         .build()
         .unwrap();
-    let (view, cancelled) = (
-        View::new(&folder.join("out"), "mishaps"),
-        AtomicBool::new(false),
-    );
+    let view = View::new(&folder.join("out"), "mishaps");
+    let cancelled = AtomicBool::new(false);
     let mut ear = Ear {
         mishap,
         steps: 0,

@@ -70,8 +70,8 @@ impl Scheduler<'_> {
         }
     }
 
-    /// The private folder of a stage that must run, its damaged result out of the way. `None` if another process has
-    /// the folder, or had it and has left a result by now.
+    /// The private folder of a stage that must run, its damaged result out of the way. `None` if
+    /// another process has the folder, or had it and has left a result by now.
     fn claim(
         &self,
         board: &mut Board,
@@ -131,14 +131,12 @@ impl Scheduler<'_> {
         let earlier = extension
             .filter(|_| !replace)
             .and_then(|extension| self.context.store.state(&extension));
-        let (
-            key,
-            &Self {
-                cancelled,
-                checkpoint_every,
-                ..
-            },
-        ) = (queued.key, self);
+        let key = queued.key;
+        let &Self {
+            cancelled,
+            checkpoint_every,
+            ..
+        } = self;
         let device = device_of(&*node.stage, self.device);
         let (device, kind) = match (queued.begun_as, self.context.fallback) {
             (Some(_), Some(kind)) => (&CPU, kind),
@@ -159,8 +157,8 @@ impl Scheduler<'_> {
         })
     }
 
-    /// The rest of a stage whose GPU has failed, for the CPU, under a key of its own; `None` if the user does not want
-    /// that.
+    /// The rest of a stage whose GPU has failed, for the CPU, under a key of its own; `None` if the
+    /// user does not want that.
     pub(super) fn fall_back(
         &self,
         board: &mut Board,
@@ -180,7 +178,8 @@ impl Scheduler<'_> {
             device: false,
             ..self.estimate(at, &board.outcome.records)
         };
-        let (key, reason) = (manifest.key(), ended.reason.clone());
+        let key = manifest.key();
+        let reason = ended.reason.clone();
         Some(Queued {
             key,
             manifest,

@@ -1,4 +1,5 @@
-//! Runs of small graphs: what runs, what is spared, and what happens when a stage does not end well.
+//! Runs of small graphs: what runs, what is spared, and what happens when a stage does not end
+//! well.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -65,10 +66,8 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         .num_threads(2)
         .build()
         .unwrap();
-    let (view, cancelled) = (
-        View::new(&folder.join("out"), "test"),
-        AtomicBool::new(false),
-    );
+    let view = View::new(&folder.join("out"), "test");
+    let cancelled = AtomicBool::new(false);
     let mut ear = Ear {
         started: Vec::new(),
         stop: stop.then_some(&cancelled),
@@ -128,7 +127,8 @@ fn context<'a>(store: &'a Store, graph: &'a Graph, forced: &[usize]) -> Context<
 /// No stage here reads anything beside its inputs.
 static NO_SOURCES: [Vec<Source>; 8] = [const { Vec::new() }; 8];
 
-/// What the plan says of each stage, in its first letter: cached, will run, spared if nothing changes.
+/// What the plan says of each stage, in its first letter: cached, will run, spared if nothing
+/// changes.
 pub(super) fn plan(folder: &Path, graph: &Graph) -> String {
     let store = Store::open(&folder.join("store")).unwrap();
     let letter = |forecast: &Forecast| match forecast {

@@ -1,4 +1,5 @@
-//! Blobs: read-only files named by the BLAKE3 digest of their bytes. Knows nothing of what is in them.
+//! Blobs: read-only files named by the BLAKE3 digest of their bytes. Knows nothing of what is in
+//! them.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -27,8 +28,8 @@ pub fn digest_file(path: &Path) -> std::io::Result<(Digest, u64)> {
 }
 
 impl Store {
-    /// Moves a finished file into the store. The file must lie on the store's file system, and nobody may be writing to
-    /// it.
+    /// Moves a finished file into the store. The file must lie on the store's file system, and
+    /// nobody may be writing to it.
     pub(super) fn take_blob(&self, file: &Path) -> Result<(Digest, u64), StoreError> {
         let (digest, bytes) = digest_file(file).at("read", file)?;
         let path = self.blob_path(&digest);
@@ -42,7 +43,8 @@ impl Store {
         Ok((digest, bytes))
     }
 
-    /// An empty file in `tmp/` for a blob that comes from elsewhere. It is removed if it is not kept.
+    /// An empty file in `tmp/` for a blob that comes from elsewhere. It is removed if it is not
+    /// kept.
     pub fn receiving(&self) -> Result<tempfile::TempPath, StoreError> {
         let folder = self.root.join("tmp");
         self.disk

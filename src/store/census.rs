@@ -38,7 +38,8 @@ impl Entry {
     }
 }
 
-/// The blobs that results refer to, with the size and an example of whose each is: `fit: field/field.safetensors`.
+/// The blobs that results refer to, with the size and an example of whose each is: `fit:
+/// field/field.safetensors`.
 pub type References = BTreeMap<Digest, (u64, String)>;
 
 /// What results refer to.
@@ -54,8 +55,8 @@ pub fn references<'r>(records: impl Iterator<Item = &'r Record>) -> References {
     references
 }
 
-/// The artifacts that results hold, by the digest of their content, with an example of which output of which stage each
-/// is.
+/// The artifacts that results hold, by the digest of their content, with an example of which output
+/// of which stage each is.
 pub type Producers = BTreeMap<Digest, String>;
 
 /// Who gave which artifacts.
@@ -108,7 +109,8 @@ impl Store {
         list(&self.root.join(folder))
     }
 
-    /// What lies in the folders `00` to `ff` of one of the store's folders, and what lies there in place of them.
+    /// What lies in the folders `00` to `ff` of one of the store's folders, and what lies there in
+    /// place of them.
     pub(super) fn fanned_entries(
         &self,
         folder: &str,

@@ -1,5 +1,5 @@
-//! The store's laws on a machine that stops after any file operation, on a full disk, and on one that cannot be
-//! written.
+//! The store's laws on a machine that stops after any file operation, on a full disk, and on one
+//! that cannot be written.
 
 use std::path::Path;
 use std::time::Duration;
@@ -79,7 +79,8 @@ fn operations() -> Vec<(String, std::path::PathBuf)> {
     done.clone()
 }
 
-/// A life that is cut short by a fault leaves a whole result or none, and the next life is like any other.
+/// A life that is cut short by a fault leaves a whole result or none, and the next life is like any
+/// other.
 fn cut_short(fault: fn(usize) -> Fault) -> Vec<String> {
     let calm = life(Disk::default(), tempfile::tempdir().unwrap().path()).unwrap();
     let count = operations().len();
@@ -139,7 +140,8 @@ fn a_store_that_cannot_be_written_is_said_to_be_so_and_nothing_is_lost() {
     });
 }
 
-/// After a loss of power a name may be there and what it names may not, unless what it names was flushed before.
+/// After a loss of power a name may be there and what it names may not, unless what it names was
+/// flushed before.
 #[test]
 fn whatever_gets_its_name_was_flushed_before_and_a_record_comes_after_its_blobs() {
     let done = operations();

@@ -1,4 +1,5 @@
-//! The file operations that change a store, all in one place, so that a test can end the world after any of them.
+//! The file operations that change a store, all in one place, so that a test can end the world
+//! after any of them.
 //!
 //! Knows no layout. Reading goes past it.
 
@@ -46,7 +47,8 @@ impl Disk {
         fs::create_dir_all(folder)
     }
 
-    /// A new flushed file with a name of its own in `folder`, readable by all whom the user's mask lets.
+    /// A new flushed file with a name of its own in `folder`, readable by all whom the user's mask
+    /// lets.
     pub fn stage(&self, folder: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
         self.pass("stage", folder, true)?;
         let mut builder = tempfile::Builder::new();
@@ -84,8 +86,9 @@ impl Disk {
             .map_err(|error| error.error)
     }
 
-    /// A second name for a file. There is none on another file system, for a file that has too many, or for another
-    /// user's: then a copy is made, one that shares its blocks if it can, under a name of its own until it is whole.
+    /// A second name for a file. There is none on another file system, for a file that has too
+    /// many, or for another user's: then a copy is made, one that shares its blocks if it can,
+    /// under a name of its own until it is whole.
     pub fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("link", to, true)?;
         match fs::hard_link(from, to) {
@@ -141,7 +144,8 @@ fn absent_is_fine(done: io::Result<()>) -> io::Result<()> {
     }
 }
 
-/// Temporary files are private unless told otherwise, but stores are shared: only the user's own mask shall count.
+/// Temporary files are private unless told otherwise, but stores are shared: only the user's own
+/// mask shall count.
 #[cfg(unix)]
 fn readable_by_all<'a, 'p, 's>(
     builder: &'a mut tempfile::Builder<'p, 's>,

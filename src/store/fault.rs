@@ -35,7 +35,8 @@ pub enum Fault {
     Writable,
     /// The system does not let it be read.
     Unreadable { problem: String },
-    /// There is a folder, a link or a device where a file should be, or a file where a folder should be.
+    /// There is a folder, a link or a device where a file should be, or a file where a folder
+    /// should be.
     WrongType { found: &'static str },
     /// It does not say what it should.
     Garbled { problem: String },

@@ -1,7 +1,9 @@
-//! Looks through a whole store for everything that is not as the program left it, and puts damage out of reach.
+//! Looks through a whole store for everything that is not as the program left it, and puts damage
+//! out of reach.
 //!
-//! Other processes may use the store meanwhile: what they have replaced since it was looked at is left alone, and so is
-//! all that a running stage may still need. Results that are sound are never touched.
+//! Other processes may use the store meanwhile: what they have replaced since it was looked at is
+//! left alone, and so is all that a running stage may still need. Results that are sound are never
+//! touched.
 
 mod blobs;
 
@@ -47,9 +49,9 @@ struct Fsck<'s> {
 }
 
 impl Store {
-    /// Reads everything through and names what is wrong. With `mend`, damage is moved to `quarantine/`, so that the
-    /// next run computes what is lost. Files under `out` that show something else than sound blobs are named too; runs
-    /// show them again.
+    /// Reads everything through and names what is wrong. With `mend`, damage is moved to
+    /// `quarantine/`, so that the next run computes what is lost. Files under `out` that show
+    /// something else than sound blobs are named too; runs show them again.
     pub fn fsck(&self, out: &Path, mend: bool) -> Result<Report, StoreError> {
         let mut fsck = Fsck {
             store: self,
@@ -267,7 +269,8 @@ impl Fsck<'_> {
         Ok(())
     }
 
-    /// A file that shows another sound blob is right as well: that of a run which was killed before it could tell.
+    /// A file that shows another sound blob is right as well: that of a run which was killed before
+    /// it could tell.
     fn shown_output(&mut self, folder: &Path) {
         for entry in WalkDir::new(folder)
             .sort_by_file_name()

@@ -1,6 +1,8 @@
-//! Which results nobody needs any more, and their removal: results first, then the blobs that are left without one.
+//! Which results nobody needs any more, and their removal: results first, then the blobs that are
+//! left without one.
 //!
-//! What counts as needed are the last runs of each pipeline, and pins. Killed at any moment, it leaves a sound store.
+//! What counts as needed are the last runs of each pipeline, and pins. Killed at any moment, it
+//! leaves a sound store.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -17,7 +19,8 @@ use super::runs::Run;
 use super::usage::{holders, sizes};
 use super::{Store, read_json};
 
-/// A blob without a result is left alone for so long: its result may be on its way, from another host.
+/// A blob without a result is left alone for so long: its result may be on its way, from another
+/// host.
 const GRACE: Duration = Duration::from_secs(3600);
 
 /// The folder of an interrupted stage, with its checkpoints, is left alone for so long.
@@ -30,7 +33,8 @@ pub struct Policy {
     pub keep_last: usize,
     /// Whatever was used more recently than this.
     pub older_than: Duration,
-    /// How many bytes of results at most; what was not used for longest goes first, the last runs and pins never.
+    /// How many bytes of results at most; what was not used for longest goes first, the last runs
+    /// and pins never.
     pub max_size: Option<u64>,
 }
 
@@ -68,7 +72,8 @@ pub struct Garbage {
     pub results: Vec<Doomed>,
     /// Blobs that no result has then, and their bytes.
     pub blobs: Vec<(PathBuf, u64)>,
-    /// Other files and folders: records of runs, manifests, what is in quarantine, interrupted stages.
+    /// Other files and folders: records of runs, manifests, what is in quarantine, interrupted
+    /// stages.
     pub others: Vec<PathBuf>,
     /// The bytes of blobs that stay.
     pub stays: u64,
@@ -99,10 +104,8 @@ impl Store {
     /// What goes by a policy. Changes nothing.
     pub fn garbage(&self, policy: &Policy) -> Result<Garbage, StoreError> {
         let survey = self.survey()?;
-        let (kept, latest) = (
-            survey.of_last_runs(policy.keep_last),
-            survey.of_last_runs(1),
-        );
+        let kept = survey.of_last_runs(policy.keep_last);
+        let latest = survey.of_last_runs(1);
         let mut results = self.unused(&survey, &kept, policy);
         if let Some(most) = policy.max_size {
             results.extend(survey.too_large(&results, &latest, most));
@@ -229,8 +232,9 @@ impl Store {
         gone: &BTreeSet<Digest>,
         policy: &Policy,
     ) -> Result<Vec<PathBuf>, StoreError> {
-        let (mut count, mut others, mut named) =
-            (BTreeMap::new(), Vec::new(), survey.pinned.clone());
+        let mut count = BTreeMap::new();
+        let mut others = Vec::new();
+        let mut named = survey.pinned.clone();
         for (entry, run) in &survey.runs {
             let number: &mut usize = count.entry(&run.pipeline).or_default();
             *number += 1;
@@ -266,7 +270,8 @@ impl Store {
 impl Survey {
     /// The keys of the last runs of each pipeline.
     fn of_last_runs(&self, number: usize) -> BTreeSet<Digest> {
-        let (mut count, mut keys) = (BTreeMap::new(), BTreeSet::new());
+        let mut count = BTreeMap::new();
+        let mut keys = BTreeSet::new();
         for (_, run) in &self.runs {
             let seen: &mut usize = count.entry(&run.pipeline).or_default();
             *seen += 1;
@@ -302,7 +307,8 @@ impl Survey {
                 .values()
                 .filter(|record| !gone.contains(&record.key))
         };
-        let (mut holders, sizes) = (holders(staying()), sizes(staying()));
+        let mut holders = holders(staying());
+        let sizes = sizes(staying());
         let mut bytes: u64 = sizes.values().sum();
         let free =
             |record: &&Record| !latest.contains(&record.key) && !self.pinned.contains(&record.key);

@@ -14,9 +14,11 @@ pub struct Holder {
     pub host: String,
     /// The process's number.
     pub pid: u32,
-    /// What tells the host's boots, and on one host the spaces of process numbers (of containers), from each other.
+    /// What tells the host's boots, and on one host the spaces of process numbers (of containers),
+    /// from each other.
     pub boot: String,
-    /// When the process began, in ticks since the boot: numbers are used again, these pairs are not.
+    /// When the process began, in ticks since the boot: numbers are used again, these pairs are
+    /// not.
     pub started: String,
     /// The cluster's number of the job, if it is one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -70,7 +72,8 @@ fn boot() -> Option<String> {
     ))
 }
 
-/// When a living process began. Field 22 of its `stat`; the second is a name in parentheses, the third its state.
+/// When a living process began. Field 22 of its `stat`; the second is a name in parentheses, the
+/// third its state.
 fn started(pid: u32) -> Option<String> {
     let stat = read(&format!("/proc/{pid}/stat"))?;
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();

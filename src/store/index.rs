@@ -1,8 +1,10 @@
-//! What was found when files were read through, so that they need not be read again while they have not changed.
+//! What was found when files were read through, so that they need not be read again while they have
+//! not changed.
 //!
-//! One file of pages that is only ever added to, a page by each process that found something: a mark, the length and
-//! the checksum of what follows, then entries. It is a cache and nothing else: without it, and from a page on that is
-//! garbled, everything is read as if for the first time. Knows nothing of what the entries mean.
+//! One file of pages that is only ever added to, a page by each process that found something: a
+//! mark, the length and the checksum of what follows, then entries. It is a cache and nothing else:
+//! without it, and from a page on that is garbled, everything is read as if for the first time.
+//! Knows nothing of what the entries mean.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -15,7 +17,8 @@ use artifacts_schema::Digest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Begins a page. A new number when what any entry consists of changes: nothing in the file says how to read it.
+/// Begins a page. A new number when what any entry consists of changes: nothing in the file says
+/// how to read it.
 const MARK: &[u8; 8] = b"srnerf3\n";
 
 /// The bytes of a mark, a length and a checksum.
@@ -82,7 +85,8 @@ impl Index {
 
     /// The entry of this name.
     pub fn get<T: DeserializeOwned>(&self, kind: Kind, name: &Digest) -> Option<T> {
-        let (places, name) = (&self.pages().places, (kind as u8, *name));
+        let places = &self.pages().places;
+        let name = (kind as u8, *name);
         let at = places
             .binary_search_by(|place| place.name.cmp(&name))
             .ok()?;
@@ -118,8 +122,8 @@ impl Index {
         }
     }
 
-    /// Writes what came since to the end of the file; where that has grown far beyond its entries or is garbled, it is
-    /// written anew. It is no matter if that fails.
+    /// Writes what came since to the end of the file; where that has grown far beyond its entries
+    /// or is garbled, it is written anew. It is no matter if that fails.
     pub fn keep(&self, replace: impl FnOnce(&Path, &[u8])) {
         let Ok(mut new) = self.new.lock() else { return };
         let new = std::mem::take(&mut *new);
@@ -150,7 +154,8 @@ impl Index {
 
 impl Pages {
     fn new(bytes: Vec<u8>) -> Self {
-        let (mut places, mut at) = (Vec::new(), 0);
+        let mut places = Vec::new();
+        let mut at = 0;
         while let Some(length) = page_length(&bytes[at..]) {
             entries(&bytes, at + HEAD..at + HEAD + length, &mut places);
             at += HEAD + length;
@@ -195,7 +200,8 @@ fn page<'e>(entries: impl Iterator<Item = (Name, &'e [u8])>) -> Vec<u8> {
     page
 }
 
-/// How much follows the head of the page that some bytes begin with; `None` if they do not begin with a sound one.
+/// How much follows the head of the page that some bytes begin with; `None` if they do not begin
+/// with a sound one.
 fn page_length(bytes: &[u8]) -> Option<usize> {
     let (head, rest) = bytes.split_at_checked(HEAD)?;
     let length = usize::try_from(u64::from_le_bytes(head[8..16].try_into().ok()?)).ok()?;

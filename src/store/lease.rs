@@ -1,9 +1,10 @@
 //! Leases: which process computes which key. Knows nothing of what is computed.
 //!
-//! A lease is a file `leases/<key>.<generation>`, put there only if absent; the highest generation of a key holds it.
-//! Its holder touches it every few seconds. Whoever finds the holder dead puts the next generation beside it, which
-//! only one can, and removes the older file, by which a holder that was only asleep learns that its work is another's
-//! now. No clock is compared with another: a waiter measures on its own how long a file has gone untouched.
+//! A lease is a file `leases/<key>.<generation>`, put there only if absent; the highest generation
+//! of a key holds it. Its holder touches it every few seconds. Whoever finds the holder dead puts
+//! the next generation beside it, which only one can, and removes the older file, by which a holder
+//! that was only asleep learns that its work is another's now. No clock is compared with another: a
+//! waiter measures on its own how long a file has gone untouched.
 
 use std::fs::{self, File};
 use std::io;
@@ -72,7 +73,8 @@ impl Store {
             return self.theirs(&path);
         }
         let lease = Lease::new(self, *key, path)?;
-        // Between our look and our mark the older lease may have been taken over, and even given back, by another.
+        // Between our look and our mark the older lease may have been taken over, and even given
+        // back, by another.
         let overtaken = self
             .latest_lease(key)?
             .is_none_or(|(latest, _)| latest != generation)
@@ -154,10 +156,8 @@ impl<'s> Lease<'s> {
         let file = Arc::new(File::options().write(true).open(&path).at("open", &path)?);
         let lost = Arc::new(AtomicBool::new(false));
         let (stop, stopped) = mpsc::channel();
-        let (beat, lease) = (
-            store.patience.beat,
-            (path.clone(), file.clone(), lost.clone()),
-        );
+        let beat = store.patience.beat;
+        let lease = (path.clone(), file.clone(), lost.clone());
         let heart = std::thread::spawn(move || {
             let (path, file, lost) = lease;
             while stopped.recv_timeout(beat) == Err(RecvTimeoutError::Timeout) {

@@ -16,7 +16,8 @@ use super::result::{Output, StoredFile};
 use super::signature::Signature;
 
 impl Store {
-    /// Shows an artifact as a folder. What is there and as it should be is left alone; anything else there is removed.
+    /// Shows an artifact as a folder. What is there and as it should be is left alone; anything
+    /// else there is removed.
     pub fn show(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
         if self.shows(output, folder) {
             return Ok(());
@@ -58,8 +59,9 @@ impl Store {
         shows
     }
 
-    /// Whether a folder that was found to show an artifact at an earlier time has not changed since. Of a blob's second
-    /// name, it is enough that the folder still has it and that the blob is as it was.
+    /// Whether a folder that was found to show an artifact at an earlier time has not changed
+    /// since. Of a blob's second name, it is enough that the folder still has it and that the blob
+    /// is as it was.
     fn showed(&self, seen: &Shown, output: &Output, folder: &Path) -> bool {
         let is_same = |(file, before): (&StoredFile, &Signature)| {
             file.glance.0.as_ref() == Some(before)
@@ -73,7 +75,8 @@ impl Store {
     }
 
     fn shows_file(&self, file: &StoredFile, folder: &Path) -> bool {
-        let (shown, blob) = (folder.join(&file.path), self.blob_path(&file.blob));
+        let shown = folder.join(&file.path);
+        let blob = self.blob_path(&file.blob);
         same_file(&shown, &blob)
             || super::blob::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
     }
@@ -97,10 +100,8 @@ impl Shown {
             .iter()
             .filter(|_| flat)
             .map(|file| Signature::at(&folder.join(&file.path)));
-        let (files, folder) = (
-            files.collect::<Option<Vec<_>>>()?,
-            Signature::at(folder).filter(|_| flat)?,
-        );
+        let files = files.collect::<Option<Vec<_>>>()?;
+        let folder = Signature::at(folder).filter(|_| flat)?;
         Some(Self {
             folder,
             files,

@@ -1,4 +1,5 @@
-//! Manifests: what is in each key, kept beside the results for explanations. No result depends on one.
+//! Manifests: what is in each key, kept beside the results for explanations. No result depends on
+//! one.
 
 use std::path::PathBuf;
 use std::time::SystemTime;
@@ -32,8 +33,8 @@ impl Store {
         }
     }
 
-    /// Which of these keys have lost their manifest. While a folder is as it was when all of them were there, they
-    /// still are.
+    /// Which of these keys have lost their manifest. While a folder is as it was when all of them
+    /// were there, they still are.
     pub fn without_manifest(&self, keys: impl Iterator<Item = Digest>) -> Vec<Digest> {
         let mut keys: Vec<Digest> = keys.collect();
         keys.sort_unstable();
@@ -46,7 +47,8 @@ impl Store {
 
     /// The same, of keys whose manifests lie in one folder.
     fn missing_in_folder(&self, keys: &[Digest]) -> Vec<Digest> {
-        let (now, path) = (SystemTime::now(), self.manifest_path(&keys[0]));
+        let now = SystemTime::now();
+        let path = self.manifest_path(&keys[0]);
         let name = name(keys);
         let signature = Signature::at(super::parent(&path));
         let seen: Option<Signature> = self.index.get(Kind::Manifests, &name);

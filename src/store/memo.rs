@@ -1,4 +1,5 @@
-//! Answers about files elsewhere that stand while these do not change. Knows nothing of what is asked.
+//! Answers about files elsewhere that stand while these do not change. Knows nothing of what is
+//! asked.
 
 use std::path::PathBuf;
 use std::time::SystemTime;
@@ -12,8 +13,8 @@ use super::index::Kind;
 use super::signature::Signature;
 
 impl Store {
-    /// The answer to a question about files: the one that the index remembers, if none of them has changed since; else
-    /// it is asked.
+    /// The answer to a question about files: the one that the index remembers, if none of them has
+    /// changed since; else it is asked.
     pub fn while_unchanged<T: Serialize + DeserializeOwned, E>(
         &self,
         question: &str,
@@ -28,7 +29,8 @@ impl Store {
         else {
             return ask();
         };
-        let (name, state) = (name(question, files), digest(&signatures));
+        let name = name(question, files);
+        let state = digest(&signatures);
         if let Some((seen, answer)) = self.index.get::<(Digest, T)>(Kind::Answer, &name)
             && seen == state
         {

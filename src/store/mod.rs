@@ -1,7 +1,8 @@
 //! The store: immutable blobs by digest, results by key. `docs/store.md` has the annotated tree.
 //!
-//! Nothing half-written is ever visible: everything is written in `work/` or `tmp/`, flushed, and renamed into place.
-//! Knows nothing of pipelines; a stage is a name, a key and a folder of outputs to it.
+//! Nothing half-written is ever visible: everything is written in `work/` or `tmp/`, flushed, and
+//! renamed into place. Knows nothing of pipelines; a stage is a name, a key and a folder of outputs
+//! to it.
 
 pub mod blob;
 pub mod census;
@@ -76,14 +77,15 @@ const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 /// A store in a folder.
 pub struct Store {
     root: PathBuf,
-    /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it when the process
-    /// dies.
+    /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it
+    /// when the process dies.
     lock: Option<File>,
     /// Whether the system lets nothing be written.
     read_only: bool,
     /// What earlier processes have found sound.
     index: Index,
-    /// Pipelines all of whose results they found there; in a file of its own, which is read first and by itself.
+    /// Pipelines all of whose results they found there; in a file of its own, which is read first
+    /// and by itself.
     standings: Index,
     /// Results that were looked up ahead, each until it is asked for.
     known: Mutex<BTreeMap<Digest, Record>>,
@@ -104,7 +106,9 @@ impl Store {
     fn open_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
         let [index, standings] = ["index", "standing"].map(|name| Index::new(root.join(name)));
         let (known, sound, seen) = Default::default();
-        let (lock, read_only, patience) = (None, false, Patience::default());
+        let lock = None;
+        let read_only = false;
+        let patience = Patience::default();
         let store = Self {
             root: root.to_owned(),
             lock,
@@ -128,8 +132,8 @@ impl Store {
         }
     }
 
-    /// A store for writing; its folders are made where they are missing. One that is there and can only be read will do
-    /// for a run that has nothing to compute.
+    /// A store for writing; its folders are made where they are missing. One that is there and can
+    /// only be read will do for a run that has nothing to compute.
     pub fn create(root: &Path) -> Result<Self, StoreError> {
         Self::create_on(Disk::default(), root)
     }
@@ -160,7 +164,8 @@ impl Store {
         self.share()
     }
 
-    /// Keeps others from removing what this process may need. A file system without locks takes it as it is.
+    /// Keeps others from removing what this process may need. A file system without locks takes it
+    /// as it is.
     fn share(&mut self) -> Result<(), StoreError> {
         let file = self.lock_file()?;
         let _ = file.lock_shared();
@@ -256,7 +261,8 @@ impl Store {
         self.disk.remove_folder(folder).at("remove", folder)
     }
 
-    /// Removes what killed processes left in `tmp/`, where no file is needed for longer than a moment.
+    /// Removes what killed processes left in `tmp/`, where no file is needed for longer than a
+    /// moment.
     fn sweep(&self) -> Result<(), StoreError> {
         let folder = self.root.join("tmp");
         for entry in fs::read_dir(&folder).at("read", &folder)?.flatten() {
@@ -293,7 +299,8 @@ fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, StoreError> {
         .at("write", path)
 }
 
-/// A JSON file's content; `None` where there is no such file, or something that is not what it should be.
+/// A JSON file's content; `None` where there is no such file, or something that is not what it
+/// should be.
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, StoreError> {
     match fs::read(path) {
         Ok(bytes) => Ok(serde_json::from_slice(&bytes).ok()),

@@ -1,5 +1,5 @@
-//! Results: which outputs a key has, and of which blobs they consist. A result counts only if all its blobs are there
-//! and sound.
+//! Results: which outputs a key has, and of which blobs they consist. A result counts only if all
+//! its blobs are there and sound.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -133,7 +133,8 @@ struct Seen {
 }
 
 impl Store {
-    /// Looks a key up and reads all blobs of its result through, unless that was done and nothing has changed since.
+    /// Looks a key up and reads all blobs of its result through, unless that was done and nothing
+    /// has changed since.
     pub fn lookup(&self, key: &Digest) -> Result<Lookup, StoreError> {
         let known = self
             .known
@@ -143,7 +144,8 @@ impl Store {
         if let Some(record) = known.or_else(|| self.unchanged(key)) {
             return Ok(Lookup::Sound(record));
         }
-        let (now, path) = (SystemTime::now(), self.result_path(key));
+        let now = SystemTime::now();
+        let path = self.result_path(key);
         let result = Signature::at(&path);
         let Some(record) = read_json::<Record>(&path)? else {
             let there = fs::symlink_metadata(&path).is_ok();
@@ -195,8 +197,8 @@ impl Store {
         self.index.places(Kind::Result).len() > AHEAD * wanted
     }
 
-    /// Looks up at once what the index remembers, until there is `enough`: all threads together are faster than one key
-    /// after the other.
+    /// Looks up at once what the index remembers, until there is `enough`: all threads together are
+    /// faster than one key after the other.
     pub fn look_ahead(&self, enough: &AtomicBool) {
         let find = |place: &Place| {
             let seen = self
@@ -217,7 +219,8 @@ impl Store {
         }
     }
 
-    /// A result that was found sound at an earlier time, if neither its record nor any of its blobs has changed since.
+    /// A result that was found sound at an earlier time, if neither its record nor any of its blobs
+    /// has changed since.
     fn unchanged(&self, key: &Digest) -> Option<Record> {
         self.confirm(self.index.get(Kind::Result, key)?)
             .filter(|record| record.key == *key)
@@ -245,9 +248,9 @@ impl Store {
         (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
     }
 
-    /// Remembers results that this process has just written, so that the next one need not read them through: those
-    /// whose blobs are still as they were written, and were left alone for long enough that it would show if they were
-    /// not.
+    /// Remembers results that this process has just written, so that the next one need not read
+    /// them through: those whose blobs are still as they were written, and were left alone for long
+    /// enough that it would show if they were not.
     pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
         let now = SystemTime::now();
         for record in records {
@@ -320,8 +323,8 @@ impl Store {
         }
     }
 
-    /// Makes a result known. If another process was first its result stays, and is the answer; `replace` overrules
-    /// that.
+    /// Makes a result known. If another process was first its result stays, and is the answer;
+    /// `replace` overrules that.
     pub fn put_result(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
         let path = self.result_path(&record.key);
         let bytes = json(&path, &record)?;
@@ -347,7 +350,8 @@ impl Lookup {
 }
 
 impl Record {
-    /// Whether this can be the record of a key: it says so, and all its files stay inside their folders.
+    /// Whether this can be the record of a key: it says so, and all its files stay inside their
+    /// folders.
     pub fn is_of(&self, key: &Digest) -> bool {
         self.key == *key && self.files().all(|(_, file)| is_inside(&file.path))
     }

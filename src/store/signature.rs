@@ -6,12 +6,12 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-/// A file that changed less than this before it was read may change again without a sign of it: clocks of file systems
-/// are coarse.
+/// A file that changed less than this before it was read may change again without a sign of it:
+/// clocks of file systems are coarse.
 const RACY: Duration = Duration::from_secs(2);
 
-/// What tells that a file or a folder is as it was: inode, size, and when its content and its inode changed, in
-/// nanoseconds. Of a folder, that it has the same names, and each for the same file.
+/// What tells that a file or a folder is as it was: inode, size, and when its content and its inode
+/// changed, in nanoseconds. Of a folder, that it has the same names, and each for the same file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signature(u64, u64, i64, i64);
 
@@ -22,10 +22,8 @@ impl Signature {
         use std::os::unix::fs::MetadataExt;
         let nanos =
             |seconds: i64, nanos: i64| seconds.checked_mul(1_000_000_000)?.checked_add(nanos);
-        let (modified, changed) = (
-            nanos(data.mtime(), data.mtime_nsec())?,
-            nanos(data.ctime(), data.ctime_nsec())?,
-        );
+        let modified = nanos(data.mtime(), data.mtime_nsec())?;
+        let changed = nanos(data.ctime(), data.ctime_nsec())?;
         Some(Self(data.ino(), data.len(), modified, changed))
     }
 
@@ -40,12 +38,14 @@ impl Signature {
         Self::of(&fs::metadata(path).ok()?)
     }
 
-    /// Whether the file has the content that it had: a second name for it changes no more than when its inode changed.
+    /// Whether the file has the content that it had: a second name for it changes no more than when
+    /// its inode changed.
     pub fn has_content_of(&self, before: &Self) -> bool {
         (self.0, self.1, self.2) == (before.0, before.1, before.2)
     }
 
-    /// Whether the file was left alone for long enough before `now` that any change after it would show.
+    /// Whether the file was left alone for long enough before `now` that any change after it would
+    /// show.
     pub fn is_settled(&self, now: SystemTime) -> bool {
         let now = now
             .duration_since(UNIX_EPOCH)

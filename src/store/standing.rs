@@ -1,7 +1,7 @@
-//! That all results of a pipeline were there, and every file that was looked at to find it out: while none of them
-//! changes, they still are. With thousands of stages that is quicker than to read the pipeline, compute all keys and
-//! look them up. It is a cache and nothing else. Knows nothing of pipelines: the question that it answers is a digest,
-//! and a stage a name.
+//! That all results of a pipeline were there, and every file that was looked at to find it out:
+//! while none of them changes, they still are. With thousands of stages that is quicker than to
+//! read the pipeline, compute all keys and look them up. It is a cache and nothing else. Knows
+//! nothing of pipelines: the question that it answers is a digest, and a stage a name.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,8 @@ struct Entry {
 }
 
 impl Store {
-    /// The answer that the same question had before, if nothing has changed since of what it rests on.
+    /// The answer that the same question had before, if nothing has changed since of what it rests
+    /// on.
     pub fn standing(&self, question: &Digest) -> Option<Standing> {
         let Entry { standing, looked } = self.standings.get(Kind::Standing, question)?;
         let stands = |(path, before): &(String, Signature)| {
@@ -44,8 +45,9 @@ impl Store {
         looked.par_iter().all(stands).then_some(standing)
     }
 
-    /// Keeps an answer which was found after `since` and rests on these files and folders. If one of them is gone or
-    /// changed so late that what was found may not be what is there now, nothing is kept.
+    /// Keeps an answer which was found after `since` and rests on these files and folders. If one
+    /// of them is gone or changed so late that what was found may not be what is there now, nothing
+    /// is kept.
     pub fn put_standing(
         &self,
         question: &Digest,

@@ -1,6 +1,8 @@
-//! The last states of finished results, from which longer runs go on. Knows nothing of what is in them.
+//! The last states of finished results, from which longer runs go on. Knows nothing of what is in
+//! them.
 //!
-//! `states/<extension key>/<key>` was left by the result of that key. There is one for an extension key, the latest.
+//! `states/<extension key>/<key>` was left by the result of that key. There is one for an extension
+//! key, the latest.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -81,7 +81,8 @@ fn a_committed_result_is_found_and_leaves_no_work_behind() {
     );
 }
 
-/// Its own results need not be read through by the next process; but not what changed since it wrote them, or may have.
+/// Its own results need not be read through by the next process; but not what changed since it
+/// wrote them, or may have.
 #[test]
 fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
     let folder = tempfile::tempdir().unwrap();
@@ -129,10 +130,8 @@ fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
 fn equal_content_has_equal_digests_whatever_its_origin() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();
-    let (a, b) = (
-        commit(&store, key("a"), 1.0, "one"),
-        commit(&store, key("b"), 1.0, "two"),
-    );
+    let a = commit(&store, key("a"), 1.0, "one");
+    let b = commit(&store, key("b"), 1.0, "two");
     assert_eq!(a.outputs["m"].digest, b.outputs["m"].digest);
     assert_ne!(a.outputs["m"].files[0].blob, b.outputs["m"].files[0].blob);
 }
@@ -210,8 +209,8 @@ fn a_record_that_cannot_be_understood_is_no_result() {
     assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
 }
 
-/// Killed at any point, a run leaves a prefix of the steps of a commit: each prefix is no result, and none is in the
-/// way.
+/// Killed at any point, a run leaves a prefix of the steps of a commit: each prefix is no result,
+/// and none is in the way.
 #[test]
 fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
     let folder = tempfile::tempdir().unwrap();
@@ -248,10 +247,8 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
 #[test]
 fn one_key_is_computed_by_one_process_at_a_time_and_the_first_result_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let (a, b) = (
-        Store::create(folder.path()).unwrap(),
-        Store::create(folder.path()).unwrap(),
-    );
+    let a = Store::create(folder.path()).unwrap();
+    let b = Store::create(folder.path()).unwrap();
     let held = a.work(key("k")).unwrap().unwrap();
     assert!(
         b.work(key("k"))

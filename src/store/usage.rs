@@ -59,7 +59,8 @@ impl Store {
                 .filter_map(record)
                 .chain(unnamed.clone()),
         );
-        let (mut stages, mut pipelines) = (Vec::new(), BTreeMap::new());
+        let mut stages = Vec::new();
+        let mut pipelines = BTreeMap::new();
         for (pipeline, keys) in &runs {
             let of = |stage: &(String, Digest)| {
                 (

@@ -1,4 +1,5 @@
-//! What people see: `out/<pipeline>/<stage>/<output>/..`, links into the store that every run refreshes.
+//! What people see: `out/<pipeline>/<stage>/<output>/..`, links into the store that every run
+//! refreshes.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -55,7 +56,8 @@ impl View {
 
     /// Removes the folders of stages that the pipeline had once and has no more.
     pub fn retain(&self, store: &Store, stages: BTreeSet<String>) -> Result<(), StoreError> {
-        let (list, text) = (self.list(), serde_json::json!(stages).to_string());
+        let list = self.list();
+        let text = serde_json::json!(stages).to_string();
         if fs::read(&list).is_ok_and(|before| before == text.as_bytes()) {
             return Ok(());
         }

@@ -1,7 +1,9 @@
-//! The private folder in which one stage runs, and the commit that turns what it wrote into a result.
+//! The private folder in which one stage runs, and the commit that turns what it wrote into a
+//! result.
 //!
-//! In `work/<key>`, `run-<nonce>` belongs to one lease: `in` shows the stage's inputs, `out` takes its outputs.
-//! `scratch` is the key's own, and outlives an interrupted run: the place for checkpoints.
+//! In `work/<key>`, `run-<nonce>` belongs to one lease: `in` shows the stage's inputs, `out` takes
+//! its outputs. `scratch` is the key's own, and outlives an interrupted run: the place for
+//! checkpoints.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -81,8 +83,8 @@ impl Work<'_> {
         self.folder.join("scratch")
     }
 
-    /// Goes on from the checkpoint that a stage left under another key, unless it has one of its own. Where it cannot
-    /// be had, the stage begins with its first step.
+    /// Goes on from the checkpoint that a stage left under another key, unless it has one of its
+    /// own. Where it cannot be had, the stage begins with its first step.
     pub fn take_over(&self, other: &Digest) {
         let scratch = self
             .store
@@ -123,7 +125,8 @@ impl Work<'_> {
         }
     }
 
-    /// Removes what runs that were killed, and those that lost their lease, have left or still write to.
+    /// Removes what runs that were killed, and those that lost their lease, have left or still
+    /// write to.
     fn sweep(&self) -> Result<(), StoreError> {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
             if entry.file_name() != "scratch" {
@@ -133,8 +136,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Turns what the stage wrote into a result: blobs, flushed, then the record. `replace` overrules an earlier
-    /// result.
+    /// Turns what the stage wrote into a result: blobs, flushed, then the record. `replace`
+    /// overrules an earlier result.
     pub fn commit(
         self,
         outputs: &[(&str, ArtifactKind)],

@@ -123,7 +123,9 @@ pub fn as_colmap(space: &Space) {
             .unwrap();
     fs::create_dir_all(space.path("photos/sparse/0")).unwrap();
     fs::rename(space.path("mine/train"), space.path("photos/images")).unwrap();
-    let (mut cameras, mut images, mut points) = (String::new(), String::new(), String::new());
+    let mut cameras = String::new();
+    let mut images = String::new();
+    let mut points = String::new();
     for (i, frame) in page["frames"].as_array().unwrap().iter().enumerate() {
         let number = |name: &str| frame[name].as_f64().unwrap();
         cameras = format!(

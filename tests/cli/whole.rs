@@ -42,7 +42,8 @@ fn every_pipeline_that_ships_can_be_planned() {
     assert!(plan.out.contains("evaluate"), "{}", plan.out);
 }
 
-/// Before white, where its photos are transparent, an object's field is as good after synchronization as before it.
+/// Before white, where its photos are transparent, an object's field is as good after
+/// synchronization as before it.
 #[test]
 fn a_transparent_scene_stays_transparent() {
     let space = Space::new();
@@ -142,7 +143,8 @@ fn the_method_gives_the_same_bytes_for_any_number_of_threads() {
     let space = Space::new();
     let smoke = pipeline("smoke");
     for threads in ["1", "3"] {
-        let (store, out) = (format!("--store=s{threads}"), format!("--out=o{threads}"));
+        let store = format!("--store=s{threads}");
+        let out = format!("--out=o{threads}");
         space.ok(&short(
             &["run", smoke.as_str()],
             &["--threads", threads, &store, &out],

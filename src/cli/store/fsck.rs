@@ -29,7 +29,8 @@ impl Fsck {
             Store::create
         }(&self.folders.store)?;
         let report = store.fsck(&self.folders.out, !self.dry_run)?;
-        let ((blobs, bytes), results) = (report.blobs, report.results);
+        let (blobs, bytes) = report.blobs;
+        let results = report.results;
         if json {
             print_json(
                 &json!({"findings": report.findings, "blobs": blobs, "bytes": bytes, "results": results}),

@@ -1,4 +1,5 @@
-//! `store push` and `store pull`: results sent to a remote, or fetched from one, without any pipeline.
+//! `store push` and `store pull`: results sent to a remote, or fetched from one, without any
+//! pipeline.
 
 use std::path::PathBuf;
 
@@ -23,7 +24,8 @@ pub struct Transfer {
 impl Transfer {
     /// Sends every sound result that the remote lacks.
     pub fn push(self, json: bool) -> Result<(), Error> {
-        let (remote, store) = (Remote::open(&self.remote)?, Store::open(&self.store)?);
+        let remote = Remote::open(&self.remote)?;
+        let store = Store::open(&self.store)?;
         let traffic = remote.push(&store).map_err(|fault| self.failed(fault))?;
         say("pushed", traffic, json);
         Ok(())
@@ -31,7 +33,8 @@ impl Transfer {
 
     /// Fetches every sound result that the store lacks.
     pub fn pull(self, json: bool) -> Result<(), Error> {
-        let (remote, store) = (Remote::open(&self.remote)?, Store::create(&self.store)?);
+        let remote = Remote::open(&self.remote)?;
+        let store = Store::create(&self.store)?;
         let traffic = remote.pull(&store, &mut |key, what| {
             tell(&format_args!("warning: {key} is left out: {what}"))
         });

@@ -1,4 +1,5 @@
-//! Blobs, all read through: sound ones, and what is in their place. Knows of results only which blobs they refer to.
+//! Blobs, all read through: sound ones, and what is in their place. Knows of results only which
+//! blobs they refer to.
 
 use std::fs;
 use std::io;
@@ -77,8 +78,8 @@ impl Fsck<'_> {
         Ok(())
     }
 
-    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is missed, it goes
-    /// there.
+    /// A file in `cas/` whose bytes are not those of its name. If they are those of a blob that is
+    /// missed, it goes there.
     fn wrong_blob(
         &mut self,
         entry: &Entry,

@@ -38,7 +38,8 @@ fn wait(store: &Store, time: Duration) {
 #[test]
 fn a_lease_is_one_holders_until_it_is_given_back() {
     let folder = tempfile::tempdir().unwrap();
-    let (a, b) = (store(folder.path()), store(folder.path()));
+    let a = store(folder.path());
+    let b = store(folder.path());
     let held = take(&a).unwrap();
     assert!(take(&b).is_none() && take(&a).is_none());
     drop(held);
@@ -52,7 +53,8 @@ fn a_lease_is_one_holders_until_it_is_given_back() {
 #[test]
 fn a_holder_without_a_sign_of_life_is_replaced_and_finds_out() {
     let folder = tempfile::tempdir().unwrap();
-    let (a, b) = (store(folder.path()), store(folder.path()));
+    let a = store(folder.path());
+    let b = store(folder.path());
     let asleep = take(&a).unwrap();
     assert!(take(&b).is_none());
     wait(&b, Duration::from_secs(59));
@@ -75,7 +77,8 @@ fn a_holder_without_a_sign_of_life_is_replaced_and_finds_out() {
 #[test]
 fn a_clock_that_jumps_does_no_harm() {
     let folder = tempfile::tempdir().unwrap();
-    let (a, b) = (store(folder.path()), store(folder.path()));
+    let a = store(folder.path());
+    let b = store(folder.path());
     let held = take(&a).unwrap();
     for clock in [
         SystemTime::UNIX_EPOCH,
@@ -120,7 +123,8 @@ fn of_many_who_take_over_one_wins() {
 #[test]
 fn a_lease_that_is_garbled_or_taken_away_is_no_trap() {
     let folder = tempfile::tempdir().unwrap();
-    let (a, b) = (store(folder.path()), store(folder.path()));
+    let a = store(folder.path());
+    let b = store(folder.path());
     let held = take(&a).unwrap();
     fs::remove_dir_all(folder.path().join("leases")).unwrap();
     assert!(held.lost_to().is_some());
