@@ -126,8 +126,10 @@ impl Interpolate {
     fn alpha(&self, alpha: &Array, size: [usize; 2], network: Option<&Upsampler>) -> Array {
         let values = alpha.to_vec();
         // What is opaque, or transparent, all over stays so to the last digit.
-        let even = values.iter().all(|value| *value == values[0]);
-        if network.is_none() || even {
+        if values.iter().all(|value| *value == values[0]) {
+            return alpha.device().full(&[1, 1, size[0], size[1]], values[0]);
+        }
+        if network.is_none() {
             return clamp(&self.filtered(alpha, size), 0.0, 1.0);
         }
         let small = [1, 3, alpha.shape()[2], alpha.shape()[3]];
