@@ -296,7 +296,7 @@ fn number(what: &str, schema: &Value) -> String {
     let bound = |name: &str| schema.get(name).filter(|bound| bound.as_f64().is_some());
     let low = match (bound("exclusiveMinimum"), bound("minimum")) {
         (Some(low), _) => Some(format!("above {}", plain(low))),
-        (None, Some(low)) => Some(format!("{}", plain(low))),
+        (None, Some(low)) => Some(plain(low)),
         (None, None) => None,
     };
     let high = match (bound("exclusiveMaximum"), bound("maximum")) {

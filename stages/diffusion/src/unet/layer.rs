@@ -11,7 +11,7 @@ use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
 /// A step of the walk.
 pub(super) enum Layer {
     Resnet(Box<Resnet>),
-    Transformer(Transformer),
+    Transformer(Box<Transformer>),
     Downsample(Downsample),
     /// Doubles to the size of the skip connection on top of the stack.
     Upsample(Upsample),

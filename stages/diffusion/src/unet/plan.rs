@@ -125,7 +125,9 @@ impl Plan<'_> {
             groups: self.config.norm_num_groups,
         };
         self.layers
-            .push(Layer::Transformer(Transformer::read(scope, &shape)?));
+            .push(Layer::Transformer(Box::new(Transformer::read(
+                scope, &shape,
+            )?)));
         Ok(())
     }
 }

@@ -13,7 +13,7 @@ use crate::{Photo, SceneError};
 ///
 /// Any reader of NeRF-synthetic scenes takes it. What that format has no fields for (focal lengths
 /// per axis, distortion, near, far and the scene box) stands in the fields of instant-ngp and ours,
-/// so that [`crate::transforms`] reads the same scene.
+/// so that [`crate::Transforms`] reads the same scene.
 ///
 /// # Errors
 /// If the file system says no.

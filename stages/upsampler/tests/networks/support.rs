@@ -107,7 +107,7 @@ pub fn picture(h: usize, w: usize, device: &Device) -> Array {
         let x = i % w;
         let wave = ((x * (c + 2)) as f32 * 0.13).sin() * ((y + 3 * c) as f32 * 0.21).cos();
         0.5 + 0.35 * wave
-            + if (x / 9 + y / 7) % 2 == 0 {
+            + if (x / 9 + y / 7).is_multiple_of(2) {
                 0.12
             } else {
                 -0.12
