@@ -39,10 +39,8 @@ impl<'a> Definitions<'a> {
 
     /// The schema itself, where it only refers to a named one or may be `None` as well.
     fn resolve<'b>(&'b self, schema: &'b Value) -> &'b Value {
-        let alternatives = schema["anyOf"].as_array().into_iter().flatten();
-        let some = alternatives
-            .filter(|schema| schema["type"] != "null")
-            .next();
+        let mut alternatives = schema["anyOf"].as_array().into_iter().flatten();
+        let some = alternatives.find(|schema| schema["type"] != "null");
         if let Some(inner) = some {
             return self.resolve(inner);
         }
