@@ -1,6 +1,7 @@
 //! The reference of all stage kinds as Markdown: what a pipeline file may say, by what the code
 //! says of itself. Knows JSON Schemas, and no stage by name.
 
+mod choice;
 mod parameter;
 
 use std::fmt::Write;

@@ -1,6 +1,6 @@
 //! The most memory that this process has while something runs, by looking again and again. Stages
 //! share the process and its threads, so nobody can say whose a page is: what runs at the same time
-//! is counted too.
+//! is counted too. Knows no stage.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -51,15 +51,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memory_that_is_written_and_given_back_is_seen() {
+    fn memory_that_is_written_is_seen() {
         const SIZE: usize = 256 << 20;
-        let (sum, peak) = watched(|| {
-            let bytes = vec![1u8; SIZE];
-            // Longer than a pause, so that the watcher has looked.
-            thread::sleep(PAUSE * 5);
-            bytes.iter().map(|&byte| usize::from(byte)).sum::<usize>()
-        });
-        assert_eq!(sum, SIZE);
+        let (bytes, peak) = watched(|| vec![1u8; SIZE]);
+        assert!(bytes.iter().all(|&byte| byte == 1));
         if cfg!(target_os = "linux") {
             assert!(peak.unwrap() >= SIZE as u64);
         }

@@ -2,6 +2,8 @@
 
 use serde_json::Value;
 
+use super::choice::choices;
+
 /// One parameter of a kind, or of a variant.
 pub struct Parameter {
     /// Its path from the kind, with dots: `field.levels`.
@@ -214,60 +216,6 @@ impl<'a> Definitions<'a> {
             .map(|(name, value)| format!("{name}: {}", self.ron(value, property(name))));
         format!("({})", fields.collect::<Vec<_>>().join(", "))
     }
-}
-
-/// One value of an enum.
-struct Choice<'a> {
-    name: &'a str,
-    schema: &'a Value,
-    /// What stands in its brackets.
-    inner: Option<&'a Value>,
-}
-
-impl Choice<'_> {
-    fn words(&self) -> String {
-        let brackets = if self.inner.is_some() { "(..)" } else { "" };
-        format!("`{}{brackets}`", self.name)
-    }
-}
-
-/// The values of an enum; `None` for what is none.
-fn choices(schema: &Value) -> Option<Vec<Choice<'_>>> {
-    if let Some(names) = schema["enum"].as_array() {
-        return Some(
-            names
-                .iter()
-                .filter_map(|name| plain_choice(name, &Value::Null))
-                .collect(),
-        );
-    }
-    Some(schema["oneOf"].as_array()?.iter().flat_map(named).collect())
-}
-
-fn plain_choice<'a>(name: &'a Value, schema: &'a Value) -> Option<Choice<'a>> {
-    Some(Choice {
-        name: name.as_str()?,
-        schema,
-        inner: None,
-    })
-}
-
-/// The values of one branch of an enum's schema.
-fn named(schema: &Value) -> Vec<Choice<'_>> {
-    if let Some(choice) = plain_choice(&schema["const"], schema) {
-        return vec![choice];
-    }
-    let names = schema["enum"].as_array().into_iter().flatten();
-    // Values without documentation of their own stand in one list; what it says is said of the
-    // enum.
-    let plain = names.filter_map(|name| plain_choice(name, &Value::Null));
-    let properties = schema["properties"].as_object().into_iter().flatten();
-    let variants = properties.map(|(name, inner)| Choice {
-        name,
-        schema,
-        inner: Some(inner),
-    });
-    plain.chain(variants).collect()
 }
 
 fn optional(schema: &Value) -> bool {

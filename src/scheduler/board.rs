@@ -89,19 +89,16 @@ impl<'p> Board<'p> {
                 missing => drop(waiting.insert(at, missing)),
             }
         }
-        let (queued, elsewhere, told, running) = Default::default();
-        let graph = context.graph;
-        let outcome = Outcome::default();
         Self {
-            graph,
+            graph: context.graph,
             waiting,
             ready,
-            queued,
-            elsewhere,
-            told,
-            running,
+            queued: BTreeMap::new(),
+            elsewhere: BTreeSet::new(),
+            told: BTreeSet::new(),
+            running: BTreeMap::new(),
             readers,
-            outcome,
+            outcome: Outcome::default(),
             progress,
         }
     }

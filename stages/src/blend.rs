@@ -1,6 +1,8 @@
 //! `Blend`: one image of a network's enlargement and a field's render, by adding up their detail.
 //! Knows nothing of how either was made.
 
+mod shares;
+
 use artifacts_schema::{ArtifactKind, ImageSet, View};
 use compute::elementwise::{scaled_sum, sub};
 use compute::resize::{Filter, resize};
@@ -12,6 +14,8 @@ use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
+
+use self::shares::{Moments, Shares};
 
 /// Adds up the detail that an enlargement and a render of the same view have beyond the
 /// low-resolution photo.
@@ -58,75 +62,6 @@ struct Detail {
     base: Array,
     images: Array,
     own: Array,
-}
-
-/// Sums of products of details over all pixels of all views.
-#[derive(Clone, Copy, Debug, Default)]
-struct Moments {
-    images_images: f64,
-    images_own: f64,
-    own_own: f64,
-}
-
-/// The parts of the details that the result has.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Shares {
-    images: f64,
-    own: f64,
-}
-
-impl Moments {
-    fn add(&mut self, detail: &Detail) {
-        let images = detail.images.to_vec();
-        let own = detail.own.to_vec();
-        for (&n, &o) in images.iter().zip(&own) {
-            self.images_images += f64::from(n) * f64::from(n);
-            self.images_own += f64::from(n) * f64::from(o);
-            self.own_own += f64::from(o) * f64::from(o);
-        }
-    }
-
-    /// The shares (a, b) for which a n + b o is nearest the true detail t in the mean square,
-    /// without knowing t.
-    ///
-    /// They solve the normal equations [nn no; no oo] (a, b) = (nt, ot). A network trained by
-    /// squared error gives a conditional mean, whose product with the truth is its own square: nt =
-    /// nn. For the field, ot = gain oo.
-    fn shares(&self, gain: f64) -> Shares {
-        let Self {
-            images_images: nn,
-            images_own: no,
-            own_own: oo,
-        } = *self;
-        let determinant = nn * oo - no * no;
-        // Without detail, or with the same twice, nothing tells the two apart.
-        if determinant <= 1e-6 * nn * oo {
-            return if oo > 0.0 && nn == 0.0 {
-                Shares {
-                    images: 0.0,
-                    own: gain,
-                }
-            } else {
-                Shares {
-                    images: 1.0,
-                    own: 0.0,
-                }
-            };
-        }
-        let images = oo * (nn - gain * no) / determinant;
-        let own = (gain * nn * oo - no * nn) / determinant;
-        match (images < 0.0, own < 0.0) {
-            (true, _) => Shares {
-                images: 0.0,
-                own: gain,
-            },
-            (_, true) => Shares {
-                images: 1.0,
-                own: 0.0,
-            },
-            _ => Shares { images, own },
-        }
-    }
 }
 
 impl Blend {
@@ -264,7 +199,8 @@ impl Stage for Blend {
         // memory.
         let mut moments = Moments::default();
         for (done, views) in sets.iter().enumerate() {
-            moments.add(&self.colours(views, io.device).0);
+            let (detail, _) = self.colours(views, io.device);
+            moments.add(&detail.images, &detail.own);
             io.progress(done + 1, 2 * sets.len(), &[])?;
         }
         let shares = moments.shares(self.own_gain);
@@ -359,61 +295,6 @@ mod tests {
             )
             .to_vec();
         assert!(sum.iter().all(|x| (x - 0.5).abs() < 1e-3), "{sum:?}");
-    }
-
-    /// Two estimates t = n + e of a truth, each the conditional mean given evidence of its own.
-    #[test]
-    fn independent_evidence_adds_up_and_the_same_evidence_does_not() {
-        let independent = Moments {
-            images_images: 1.0,
-            images_own: 0.25,
-            own_own: 1.0,
-        };
-        let shares = independent.shares(1.0);
-        assert!(
-            shares.images + shares.own > 1.5 && shares.images == shares.own,
-            "{shares:?}"
-        );
-        let same = Moments {
-            images_images: 2.0,
-            images_own: 2.0,
-            own_own: 2.0,
-        };
-        assert_eq!(
-            same.shares(1.0),
-            Shares {
-                images: 1.0,
-                own: 0.0
-            }
-        );
-    }
-
-    #[test]
-    fn a_network_without_detail_leaves_the_field_alone_and_the_other_way_round() {
-        let blind = Moments {
-            images_images: 0.0,
-            images_own: 0.0,
-            own_own: 1.0,
-        };
-        assert_eq!(
-            blind.shares(1.5),
-            Shares {
-                images: 0.0,
-                own: 1.5
-            }
-        );
-        let flat = Moments {
-            images_images: 1.0,
-            images_own: 0.0,
-            own_own: 0.0,
-        };
-        assert_eq!(
-            flat.shares(1.5),
-            Shares {
-                images: 1.0,
-                own: 0.0
-            }
-        );
     }
 
     #[test]

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
-from PIL import Image
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+from pictures import degraded, pictures
 
 HERE = Path(__file__).parent
 
@@ -46,30 +47,10 @@ def halve_in_double(plane, scale, antialiasing):
     return halve_rows(halve_rows(plane).T).T
 
 
-def read(name):
-    return np.asarray(Image.open(HERE / name).convert("RGB"))
-
-
-def texture(width, height):
-    """Integer arithmetic, so that every language agrees: waves with noise, and a flat quarter."""
-    y, x, c = np.mgrid[0:height, 0:width, 0:3]
-    noise = (x * 7919 + y * 104729 + c * 1299709 + x * y * 31) % 97
-    value = (x * x // 64 + y * 3 + c * 40) % 128 + noise
-    return np.where((x < width // 2) & (y < height // 2), 200, value).astype(np.uint8)
-
-
-def degraded(image):
-    """Each row mixed with its left neighbour's, darkened and coarsened, in integers."""
-    wide = image.astype(np.int64)
-    mixed = (wide + np.roll(wide, 1, axis=1)) // 2
-    return (mixed * 9 // 10 // 8 * 8).astype(np.uint8)
-
-
 def main(basicsr):
     niqe = load_niqe(Path(basicsr))
-    pictures = {"skyline": read("skyline.png"), "portrait": read("portrait.png"), "texture": texture(300, 200)}
     golden = {}
-    for name, truth in pictures.items():
+    for name, truth in pictures().items():
         image = degraded(truth)
         a, b = truth / 255.0, image / 255.0
         options = dict(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1.0, channel_axis=2)
@@ -81,7 +62,7 @@ def main(basicsr):
         }
     # In flat areas the rounding noise of BasicSR's single-precision halving moves NIQE in the third decimal.
     sys.modules["basicsr.metrics.niqe"].imresize = halve_in_double
-    for name, truth in pictures.items():
+    for name, truth in pictures().items():
         golden[name]["niqe_double"] = niqe(truth[..., ::-1], 0)
         golden[name]["niqe_degraded_double"] = niqe(degraded(truth)[..., ::-1], 0)
     (HERE / "metrics.json").write_text(json.dumps(golden, indent=2) + "\n")

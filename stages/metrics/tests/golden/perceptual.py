@@ -3,7 +3,7 @@
     python perceptual.py ssimulacra2
 
 needs numpy, Pillow and flip-evaluator; its argument is the program of that name, which libjxl 0.11 has (Debian's
-libjxl-devtools). The pictures and their degraded versions are those of metrics.py.
+libjxl-devtools). The pictures and their degraded versions are those of pictures.py.
 """
 
 import json
@@ -16,24 +16,9 @@ import flip_evaluator
 import numpy as np
 from PIL import Image
 
+from pictures import degraded, pictures
+
 HERE = Path(__file__).parent
-
-
-def read(name):
-    return np.asarray(Image.open(HERE / name).convert("RGB"))
-
-
-def texture(width, height):
-    y, x, c = np.mgrid[0:height, 0:width, 0:3]
-    noise = (x * 7919 + y * 104729 + c * 1299709 + x * y * 31) % 97
-    value = (x * x // 64 + y * 3 + c * 40) % 128 + noise
-    return np.where((x < width // 2) & (y < height // 2), 200, value).astype(np.uint8)
-
-
-def degraded(image):
-    wide = image.astype(np.int64)
-    mixed = (wide + np.roll(wide, 1, axis=1)) // 2
-    return (mixed * 9 // 10 // 8 * 8).astype(np.uint8)
 
 
 def ssimulacra2(program, truth, image):
@@ -45,9 +30,8 @@ def ssimulacra2(program, truth, image):
 
 
 def main(program):
-    pictures = {"skyline": read("skyline.png"), "portrait": read("portrait.png"), "texture": texture(300, 200)}
     golden = {}
-    for name, truth in pictures.items():
+    for name, truth in pictures().items():
         image = degraded(truth)
         floats = [picture.astype(np.float32) / 255 for picture in (truth, image)]
         error, mean, _ = flip_evaluator.evaluate(*floats, "LDR", inputsRGB=True, applyMagma=False)

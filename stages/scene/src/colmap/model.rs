@@ -125,10 +125,6 @@ pub(super) fn lens(
 /// documentation.
 fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), String> {
     let none = Distortion::default();
-    let fisheye = Distortion {
-        fisheye: true,
-        ..none
-    };
     let other = |what: &str| {
         Err(format!(
             "its model {model} has {what}, which is not undone here; run COLMAP's image_undistorter first"
@@ -164,31 +160,21 @@ fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), Stri
             ([fx, fy, x, y], bent)
         }
         ("OPENCV_FISHEYE", &[fx, fy, x, y, k1, k2, k3, k4]) => {
-            let bent = Distortion {
-                k1,
-                k2,
-                k3,
-                k4,
-                ..fisheye
-            };
-            ([fx, fy, x, y], bent)
+            ([fx, fy, x, y], Distortion::fisheye([k1, k2, k3, k4]))
         }
-        ("SIMPLE_RADIAL_FISHEYE", &[f, x, y, k1]) => ([f, f, x, y], Distortion { k1, ..fisheye }),
-        ("RADIAL_FISHEYE", &[f, x, y, k1, k2]) => ([f, f, x, y], Distortion { k1, k2, ..fisheye }),
+        ("SIMPLE_RADIAL_FISHEYE", &[f, x, y, k1]) => {
+            ([f, f, x, y], Distortion::fisheye([k1, 0.0, 0.0, 0.0]))
+        }
+        ("RADIAL_FISHEYE", &[f, x, y, k1, k2]) => {
+            ([f, f, x, y], Distortion::fisheye([k1, k2, 0.0, 0.0]))
+        }
         ("FOV", &[fx, fy, x, y, omega]) if omega.abs() < 1e-9 => ([fx, fy, x, y], none),
         ("FOV", &[.., omega]) => return other(&format!("omega = {omega}")),
         ("THIN_PRISM_FISHEYE", &[fx, fy, x, y, k1, k2, p1, p2, k3, k4, sx, sy]) => {
             if [p1, p2, sx, sy] != [0.0; 4] {
                 return other(&format!("p1 = {p1}, p2 = {p2}, sx1 = {sx}, sy1 = {sy}"));
             }
-            let bent = Distortion {
-                k1,
-                k2,
-                k3,
-                k4,
-                ..fisheye
-            };
-            ([fx, fy, x, y], bent)
+            ([fx, fy, x, y], Distortion::fisheye([k1, k2, k3, k4]))
         }
         _ => return Err(format!("{model} has not {} parameters", parameters.len())),
     })

@@ -52,6 +52,18 @@ impl Distortion {
         *self == Self::default()
     }
 
+    /// A fisheye of these k1 to k4.
+    pub fn fisheye([k1, k2, k3, k4]: [f64; 4]) -> Self {
+        Self {
+            k1,
+            k2,
+            k3,
+            k4,
+            fisheye: true,
+            ..Self::default()
+        }
+    }
+
     /// k1 to k6, p1 and p2.
     pub fn coefficients(&self) -> [f64; 8] {
         let Self { k1, k2, k3, .. } = *self;
