@@ -1,7 +1,8 @@
 //! `run`: computes what the store does not have, and shows the results.
 
+mod ending;
+
 use std::collections::BTreeSet;
-use std::fmt::Write;
 use std::mem::ManuallyDrop;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,30 +11,25 @@ use std::time::{Duration, Instant, SystemTime};
 use artifacts_schema::Digest;
 use clap::Args;
 use compute::Device;
-use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
 use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
-use super::output::{print, tell};
+use super::output::tell;
 use super::session::Session;
 use super::{device, standing, tuning};
-use crate::comparison::{Comparison, Format};
 use crate::error::Error;
 use crate::export::quote;
-use crate::pipeline::graph::Graph;
 use crate::plan::Context;
-use crate::progress::{self, Event, Verbosity, duration};
-use crate::report;
+use crate::progress::{self, Event, Verbosity};
 use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result;
 use crate::store::runs::{End, Run as Record, StageRun, now};
 use crate::store::standing::Standing;
 use crate::store::view::View;
-use crate::task::Failure;
+use ending::{Ending, verdict};
 
 /// Threads need deep stacks where one stage's work is stolen by another's thread.
 const STACK: usize = 16 << 20;
@@ -146,7 +142,8 @@ impl Run {
             .map(|(&at, stage)| (name(at), stage.end))
             .collect();
         ended.sort_by_key(|(name, _)| *name);
-        self.sum_up(&record, &ended, results, &store, &view, json)?;
+        self.ending(&record, &store, &view, json)
+            .tell(&ended, results)?;
         verdict(&outcome, &session.graph)
     }
 
@@ -198,7 +195,7 @@ impl Run {
             .collect();
         let told = told.iter().map(|(name, result)| (name.as_str(), result));
         let view = View::new(&folders.out, pipeline);
-        self.sum_up(&run, &ended, told, &store, &view, json)
+        self.ending(&run, &store, &view, json).tell(&ended, told)
     }
 
     fn compute(
@@ -250,6 +247,22 @@ impl Run {
         }
     }
 
+    fn ending<'a>(
+        &self,
+        run: &'a Record,
+        store: &'a Store,
+        view: &'a View,
+        json: bool,
+    ) -> Ending<'a> {
+        Ending {
+            run,
+            store,
+            view,
+            verbosity: self.verbosity(),
+            json,
+        }
+    }
+
     fn verbosity(&self) -> Verbosity {
         match (self.quiet, self.verbose) {
             (true, _) => Verbosity::Quiet,
@@ -257,75 +270,6 @@ impl Run {
             _ => Verbosity::Normal,
         }
     }
-
-    fn sum_up<'r>(
-        &self,
-        run: &Record,
-        ended: &[(&str, End)],
-        results: impl Iterator<Item = (&'r str, &'r result::Record)> + Clone,
-        store: &Store,
-        view: &View,
-        json: bool,
-    ) -> Result<(), StoreError> {
-        let names = |end| names(ended, end);
-        if json {
-            print(&json!({
-                "event": "finished",
-                "ran": names(End::Ran), "cached": names(End::Cached), "failed": names(End::Failed),
-                "stopped": names(End::Stopped), "seconds": run.seconds,
-            }));
-            return Ok(());
-        }
-        let tables = match Comparison::of(run, store)? {
-            Some(comparison) => comparison.tables(Format::Text),
-            None => tables(store, results.clone())?,
-        };
-        for table in tables {
-            print(&format_args!("\n{table}"));
-        }
-        let figures: Vec<_> = results
-            .flat_map(|(stage, result)| report::figures(view, stage, result))
-            .collect();
-        if run.experiment.is_some() {
-            let report = format!("srnerf-dag report {} -o report.html", run.pipeline);
-            print(&format_args!("\nPictures side by side: {report}"));
-        } else if !figures.is_empty() {
-            print(&format_args!(
-                "\nComparisons: {}",
-                figures.join("\n             ")
-            ));
-        }
-        if self.verbosity() > Verbosity::Quiet {
-            let ran = names(End::Ran).len();
-            let cached = names(End::Cached).len();
-            let stages = if ran == 1 { "stage" } else { "stages" };
-            tell(&format_args!(
-                "\n{ran} {stages} ran, {cached} cached, in {}",
-                duration(run.seconds)
-            ));
-        }
-        Ok(())
-    }
-}
-
-/// The tables of all results, one after the other.
-fn tables<'r>(
-    store: &Store,
-    results: impl Iterator<Item = (&'r str, &'r result::Record)>,
-) -> Result<Vec<String>, StoreError> {
-    let mut all = Vec::new();
-    for (stage, result) in results {
-        all.extend(report::tables(store, stage, result)?);
-    }
-    Ok(all)
-}
-
-fn names<'n>(ended: &[(&'n str, End)], end: End) -> Vec<&'n str> {
-    ended
-        .iter()
-        .filter(|(_, its)| *its == end)
-        .map(|(name, _)| *name)
-        .collect()
 }
 
 /// What became of each stage, under each of its names.
@@ -375,34 +319,4 @@ fn catch_signals() -> std::io::Result<Arc<AtomicBool>> {
         signal_hook::flag::register(signal, cancelled.clone())?;
     }
     Ok(cancelled)
-}
-
-fn verdict(outcome: &Outcome, graph: &Graph) -> Result<(), Error> {
-    let count = outcome.failures.len();
-    let stages = if count == 1 { "stage" } else { "stages" };
-    let message = format!("{count} {stages} failed{}", failed_arms(outcome, graph));
-    let any = |is: fn(&Failure) -> bool| outcome.failures.iter().any(|(_, failure)| is(failure));
-    if any(|failure| matches!(failure, Failure::Bug(_))) {
-        Err(Error::Bug(message))
-    } else if any(|failure| matches!(failure, Failure::Store(_))) {
-        Err(Error::FailedStore(message))
-    } else if count > 0 {
-        Err(Error::Failed(message))
-    } else if outcome.interrupted {
-        Err(Error::Interrupted)
-    } else {
-        Ok(())
-    }
-}
-
-/// The arms that failed, each with the stage that failed and why: it was said hours ago.
-fn failed_arms(outcome: &Outcome, graph: &Graph) -> String {
-    let mut lines = String::new();
-    for (at, failure) in &outcome.failures {
-        let node = &graph.nodes[*at];
-        for arm in node.arms() {
-            let _ = write!(lines, "\n  arm {arm}: {}: {}", node.name, failure.text());
-        }
-    }
-    lines
 }
