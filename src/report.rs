@@ -66,7 +66,7 @@ pub fn tables(store: &Store, stage: &str, record: &Record) -> Result<Vec<String>
 }
 
 impl Scores {
-    /// Rows by metrics, the mean over views.
+    /// Rows by metrics, the mean over views; the most telling metric first.
     pub fn table(&self) -> String {
         let Metrics {
             rows, definitions, ..
@@ -75,6 +75,8 @@ impl Scores {
             .keys()
             .chain(rows.values().flat_map(|row| row.mean.keys()))
             .collect();
+        let mut names = Vec::from_iter(names);
+        names.sort_by_key(|name| stages::metric_rank(name));
         let head = std::iter::once(self.stage.clone())
             .chain(names.iter().map(|name| (*name).clone()))
             .collect();

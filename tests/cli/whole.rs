@@ -93,6 +93,9 @@ fn the_method_runs_from_photos_to_metrics() {
         let psnr = metrics["rows"][row]["mean"]["psnr_hr"].as_f64().unwrap();
         assert!((5.0..40.0).contains(&psnr), "{row}: {psnr} dB");
     }
+    let table = space.ok(&["metrics"]).out;
+    let columns: Vec<&str> = table.lines().next().unwrap().split_whitespace().collect();
+    assert_eq!(columns[..3], ["evaluate", "psnr_hr", "ssim_hr"]);
     assert_eq!(ran(&space, &short(&run, &[])), json!([]));
     let after = [
         "evaluate",
