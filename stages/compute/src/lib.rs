@@ -2,7 +2,8 @@
 //!
 //! An operator is a pure function of [`Array`]s. It checks shapes, picks the kernel of the device
 //! its inputs lie on, and returns a new array; its gradient stands beside it under the same name.
-//! Nothing here knows networks or files.
+//! Nothing here knows networks or files. Each operator is a folder in `ops`; what they share
+//! (arrays, weights, vectors, kernels, pools) is in `runtime`, which knows no operator.
 //!
 //! Same inputs give the same bits for any number of threads: work is cut into chunks whose size
 //! never depends on the thread count, and every reduction runs in a fixed order. Another processor
@@ -24,29 +25,17 @@
 //! (`portable` or `avx2`) limits it. Maps and reductions give the same bits at every width, matrix
 //! products do not.
 
-pub mod activation;
-pub mod adam;
-pub mod array;
-pub mod attention;
-pub mod conv;
-mod cpu;
-pub mod device;
-pub mod elementwise;
-mod function;
-mod gpu;
+mod ops;
+mod runtime;
+
 pub mod kernels;
-pub mod linear;
-pub mod matmul;
-pub mod norm;
-pub mod reduce;
-pub mod resize;
-pub mod rng;
-pub mod shape;
 #[doc(hidden)]
 pub mod testing;
-pub mod weight;
 
-pub use array::Array;
-pub use device::{Counts, Device, GpuError};
-pub use rng::Rng;
-pub use weight::{Format, Precision, Weight};
+pub use ops::elementwise::{activation, reduce};
+pub use ops::product::{linear, matmul};
+pub use ops::{adam, attention, conv, elementwise, norm, resize, shape};
+pub use runtime::array::{self, Array};
+pub use runtime::device::{self, Counts, Device, GpuError};
+pub use runtime::rng::{self, Rng};
+pub use runtime::weight::{self, Format, Precision, Weight};

@@ -1,7 +1,7 @@
 //! The GPU that tests use, of this crate and of those that bring kernels of their own, and the
 //! mishaps that it may have. It knows no operator.
 
-use crate::{Device, GpuError};
+use crate::runtime::device::{Device, GpuError};
 
 /// The first adapter, opened anew, so that its counts are the caller's own. Without one the caller
 /// skips its test, which is said on stderr; where tests must not do without (`SRNERF_REQUIRE_GPU`

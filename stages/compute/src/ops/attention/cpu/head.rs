@@ -1,0 +1,30 @@
+//! One head among the tokens of all, and the tiles that its queries and keys are cut into. It knows
+//! no scores.
+
+use crate::ops::attention::extents::Extents;
+use crate::runtime::cpu::matrix::Matrix;
+
+/// Queries per block: its scores are one tile.
+pub const QUERIES: usize = 48;
+/// Blocks of queries per task, which meet the same packed keys.
+pub const BLOCKS: usize = 8;
+/// Keys per tile.
+pub const KEYS: usize = 512;
+
+impl Extents {
+    /// One head's rows `first..first + rows` of one image's tokens.
+    pub fn head<'a>(
+        &self,
+        tokens: &'a [f32],
+        head: usize,
+        first: usize,
+        rows: usize,
+    ) -> Matrix<'a> {
+        Matrix::strided(
+            &tokens[first * self.width() + head * self.depth..],
+            rows,
+            self.depth,
+            self.width(),
+        )
+    }
+}

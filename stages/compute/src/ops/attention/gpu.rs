@@ -1,0 +1,127 @@
+//! Attention by tiles: no score matrix exists in device memory, forward or backward.
+
+use super::extents::Extents;
+use crate::runtime::gpu::context::{Gpu, Job};
+use crate::runtime::gpu::kernel::Kernel;
+use crate::runtime::gpu::launch::{bits, folded, one};
+use crate::runtime::gpu::pool::Buffer;
+
+const TILES: &str = include_str!("attention.wgsl");
+const BACKWARD: &str = include_str!("attention_backward.wgsl");
+
+/// Rows of a tile, and features of a slice.
+const SIDE: usize = 64;
+
+fn words(e: Extents) -> [u32; 6] {
+    [
+        e.queries as u32,
+        e.keys as u32,
+        e.heads as u32,
+        e.depth as u32,
+        bits(e.scale()),
+        u32::from(e.causal),
+    ]
+}
+
+/// How many slices of a head's features one workgroup sums, `most` at most, and the workgroups for
+/// `tokens` rows.
+fn shape(e: Extents, tokens: usize, most: usize) -> (u32, [u32; 3]) {
+    let slices = e.depth.div_ceil(SIDE);
+    let each = slices.clamp(1, most);
+    let groups = [
+        tokens.div_ceil(SIDE),
+        e.batch * e.heads,
+        slices.div_ceil(each),
+    ];
+    (each as u32, groups.map(|count| count as u32))
+}
+
+/// Multiplications and additions of one product of all scores, of which forward has two and
+/// backward five.
+fn operations(e: Extents) -> u64 {
+    2 * (e.batch * e.heads * e.queries * e.keys * e.depth) as u64
+}
+
+/// The attended values, and the logarithm of the sum of the exponentials of each query's scores.
+pub fn forward(gpu: &Gpu, [q, k, v]: [&Buffer; 3], e: Extents) -> [Buffer; 2] {
+    let (slices, groups) = shape(e, e.queries, 4);
+    let kernel = Kernel::new(
+        "attention",
+        &[TILES, include_str!("attention_forward.wgsl")],
+        [3, 2],
+    );
+    let kernel = kernel.with(&[("SLICES", slices)]);
+    let rows = e.batch * e.queries * e.heads;
+    let [out, lse] = [rows * e.depth, rows].map(|len| gpu.buffer(len));
+    let arrays = [q, k, v, &out, &lse];
+    gpu.run(&Job {
+        kernel: &kernel,
+        arrays: &arrays,
+        words: &words(e),
+        groups,
+        operations: 2 * operations(e),
+    });
+    [out, lse]
+}
+
+/// The gradients to queries, keys and values, given the output, its sums and the gradient to it.
+pub fn backward(
+    gpu: &Gpu,
+    [q, k, v]: [&Buffer; 3],
+    [out, lse, dout]: [&Buffer; 3],
+    e: Extents,
+) -> [Buffer; 3] {
+    let rows = e.batch * e.queries * e.heads;
+    let kernel = Kernel::new(
+        "attention_delta",
+        &[include_str!("attention_delta.wgsl")],
+        [2, 1],
+    );
+    let groups = folded(rows.div_ceil(256));
+    let delta = one(
+        gpu,
+        &kernel,
+        &[out, dout],
+        rows,
+        &[rows as u32, e.depth as u32],
+        groups,
+        2 * (rows * e.depth) as u64,
+    );
+    let reads = [q, k, v, dout, lse, &delta];
+    let dq = queries(gpu, reads, e);
+    let [dk, dv] = keys(gpu, reads, e);
+    [dq, dk, dv]
+}
+
+fn queries(gpu: &Gpu, reads: [&Buffer; 6], e: Extents) -> Buffer {
+    let (slices, groups) = shape(e, e.queries, 4);
+    let templates = &[TILES, BACKWARD, include_str!("attention_queries.wgsl")];
+    let kernel = Kernel::new("attention_queries", templates, [6, 1]).with(&[("SLICES", slices)]);
+    let len = e.batch * e.queries * e.heads * e.depth;
+    one(
+        gpu,
+        &kernel,
+        &reads,
+        len,
+        &words(e),
+        groups,
+        3 * operations(e),
+    )
+}
+
+fn keys(gpu: &Gpu, reads: [&Buffer; 6], e: Extents) -> [Buffer; 2] {
+    let (slices, groups) = shape(e, e.keys, 2);
+    let templates = &[TILES, BACKWARD, include_str!("attention_keys.wgsl")];
+    let kernel = Kernel::new("attention_keys", templates, [6, 2]).with(&[("SLICES", slices)]);
+    let len = e.batch * e.keys * e.heads * e.depth;
+    let [dk, dv] = [0; 2].map(|_| gpu.buffer(len));
+    let arrays: Vec<&Buffer> = reads.into_iter().chain([&dk, &dv]).collect();
+    gpu.run(&Job {
+        kernel: &kernel,
+        arrays: &arrays,
+        words: &words(e),
+        groups,
+        operations: 4 * operations(e),
+    });
+    [dk, dv]
+}

@@ -1,0 +1,214 @@
+//! Convolution on the CPU: by Winograd's filtering where that pays, else as a product of the weight
+//! and the column matrix, and the gradients of both.
+
+use super::geometry::Geometry;
+use super::patches::{Patches, TurnedPatches};
+use super::winograd;
+use super::winograd::task::Task;
+use super::winograd::weights::{Direction, StoredKernels};
+use crate::ops::product::cpu::factor::{Stored, Turned};
+use crate::ops::product::cpu::packed::Packed;
+use crate::ops::product::cpu::product::{Start, add_product, cut, product};
+use crate::ops::product::cpu::tile::Old;
+use crate::ops::product::finish::Finish;
+use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::chunks::{CHUNK, fill};
+use crate::runtime::cpu::matrix::Matrix;
+use crate::runtime::cpu::share::Cut;
+use crate::runtime::cpu::simd::vectorize;
+use crate::runtime::cpu::values::Values;
+use crate::runtime::format::Precision;
+use crate::runtime::weight::Weight;
+
+/// The fewest channels per task of the general gradient to the input.
+const CHANNELS: usize = 8;
+/// Tasks of it per image, about.
+const TASKS: usize = 16;
+/// Elements of the column matrix's gradient that a task holds, if it has more than the fewest
+/// channels.
+const HELD: usize = 1 << 16;
+
+/// `weight [O, C, kh, kw]` over every image of `x`, plus `bias`, finished.
+pub fn forward(
+    x: &[f32],
+    weight: &Weight,
+    bias: Option<&[f32]>,
+    finish: Finish<&[f32]>,
+    g: &Geometry,
+) -> Buffer {
+    if winograd::suits(g) {
+        let task = Task { g, x, bias, finish };
+        let stored = StoredKernels::new(weight.host(), Direction::Forward, g);
+        return winograd::convolve(&task, stored, weight.transformed());
+    }
+    let mut out = forward_by_product(x, weight, bias, g);
+    apply(finish, &mut out);
+    out
+}
+
+fn forward_by_product(x: &[f32], weight: &Weight, bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+    let g = g.flat();
+    let depth = g.channels * g.taps();
+    let precision = weight.precision();
+    let weight = Stored {
+        values: weight.host(),
+        columns: depth,
+    };
+    let start = bias.map_or(Start::Zero, Start::Rows);
+    product(
+        [g.batch, g.outputs, g.pixels()],
+        depth,
+        &weight,
+        &Patches { images: x, g },
+        start,
+        precision,
+    )
+}
+
+/// Finishes what a convolution gave, in place.
+fn apply(finish: Finish<&[f32]>, x: &mut [f32]) {
+    if finish == Finish::None {
+        return;
+    }
+    fill(x, CHUNK, |i, x| {
+        vectorize(
+            #[inline(always)]
+            || match finish {
+                Finish::None => (),
+                Finish::Leaky(slope) => {
+                    for x in x {
+                        *x = if *x > 0.0 { *x } else { slope * *x };
+                    }
+                }
+                Finish::Add(other) => {
+                    for (x, other) in x.iter_mut().zip(&other[i * CHUNK..]) {
+                        *x += other;
+                    }
+                }
+            },
+        );
+    });
+}
+
+/// The gradient to the input.
+pub fn backward_input(
+    dy: &[f32],
+    (weight, precision): (Values, Precision),
+    g: &Geometry,
+) -> Buffer {
+    if let Some(turned) = g.turned().filter(winograd::suits) {
+        let task = Task {
+            g: &turned,
+            x: dy,
+            bias: None,
+            finish: Finish::None,
+        };
+        let stored = StoredKernels::new(weight, Direction::Backward, &turned);
+        return winograd::convolve(&task, stored, None);
+    }
+    if let Some(turned) = g.turned().filter(Geometry::is_pointwise) {
+        let weight = Turned(Stored {
+            values: weight,
+            columns: g.channels,
+        });
+        let right = Patches {
+            images: dy,
+            g: turned.flat(),
+        };
+        return product(
+            [g.batch, g.channels, g.plane()],
+            g.outputs,
+            &weight,
+            &right,
+            Start::Zero,
+            precision,
+        );
+    }
+    backward_input_by_columns(dy, (weight, precision), g)
+}
+
+/// The general gradient to the input: rows of the column matrix's gradient, added back to where
+/// they came from.
+fn backward_input_by_columns(
+    dy: &[f32],
+    (weight, precision): (Values, Precision),
+    g: &Geometry,
+) -> Buffer {
+    let taps = g.taps();
+    let pixels = g.pixels();
+    let share_rows = (HELD / (taps * pixels).max(1))
+        .min(g.channels / TASKS)
+        .max(CHANNELS);
+    let mut dx = Buffer::zeros(g.batch * g.channels * g.plane());
+    let planes = Cut {
+        matrices: g.batch,
+        rows: g.channels,
+        columns: g.plane(),
+        panel: g.plane(),
+        share_rows,
+        share_panels: 1,
+    };
+    planes.for_each_share(&mut dx, |mut share| {
+        let channels = share.rows.clone();
+        let image = share.panels.start;
+        let values = weight.slice(channels.start * taps..weight.len());
+        let kernels = Turned(Stored {
+            values,
+            columns: g.channels * taps,
+        });
+        let dy = Matrix::new(&dy[image * g.outputs * pixels..], g.outputs, pixels);
+        let mut rows = Buffer::stale(channels.len() * taps * pixels);
+        Packed::new(&dy, g.outputs, pixels, precision).multiply(
+            &mut rows,
+            channels.len() * taps,
+            &kernels,
+            Old::Forget,
+        );
+        let mut dx = share.block(0..channels.len(), image);
+        for (i, row) in rows.chunks(pixels.max(1)).enumerate() {
+            let channel = i / taps;
+            let tap = i % taps;
+            add_back(
+                row,
+                g,
+                [tap / g.kernel[1], tap % g.kernel[1]],
+                dx.row(channel),
+            );
+        }
+    });
+    dx
+}
+
+/// The adjoint of [`column_row`] over all pixels.
+fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
+    let [top, _, left, _] = g.conv.pad;
+    let stride = g.conv.stride;
+    for (y, row) in row.chunks(g.out_width).enumerate() {
+        let target = (y * stride + ky).wrapping_sub(top);
+        if target < g.height {
+            for (x, value) in row.iter().enumerate() {
+                let column = (x * stride + kx).wrapping_sub(left);
+                if column < g.width {
+                    dx[target * g.width + column] += value;
+                }
+            }
+        }
+    }
+}
+
+/// The gradient to the weight: over all images in their order, `dy` times the transposed column
+/// matrix.
+pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Buffer {
+    let g = g.flat();
+    let rows = g.channels * g.taps();
+    let mut dw = Buffer::stale(g.outputs * rows);
+    cut([1, g.outputs, rows]).for_each_share(&mut dw, |mut share| {
+        for image in 0..g.batch {
+            let dy = Matrix::new(&dy[image * g.outputs * g.pixels()..], g.outputs, g.pixels());
+            let patches = TurnedPatches(Patches { images: x, g }, image);
+            let old = if image == 0 { Old::Forget } else { Old::Keep };
+            add_product(&mut share, &dy, &patches, g.pixels(), (old, Precision::F32));
+        }
+    });
+    dw
+}

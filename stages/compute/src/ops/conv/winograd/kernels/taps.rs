@@ -1,0 +1,65 @@
+//! The kernels' own transform: G w G^T.
+#![allow(unsafe_code)]
+
+use super::super::extents::{BLOCK, SIGHT, SPOTS};
+use super::super::quads::{Kernel, Quads};
+use super::super::transform::kernel_transform;
+
+/// G from both sides of the kernels of a block of outputs and some channels.
+pub struct TransformTaps<'a> {
+    /// (C, 9, R), of these channels.
+    pub taps: &'a [f32],
+    /// Whether the taps are used in reverse.
+    pub reverse: bool,
+    /// (S, C, R), of all channels.
+    pub spots: &'a mut [f32],
+    /// The first of these channels among all.
+    pub first: usize,
+    pub channels: usize,
+}
+
+impl Kernel for TransformTaps<'_> {
+    #[inline(always)]
+    unsafe fn run<V: Quads>(mut self) {
+        let count = self.taps.len() / (9 * BLOCK);
+        assert!(
+            self.first + count <= self.channels
+                && self.spots.len() == SPOTS * self.channels * BLOCK,
+            "winograd: the kernels' extents disagree"
+        );
+        for channel in 0..count {
+            for lane in (0..BLOCK).step_by(V::LANES) {
+                // SAFETY: by the contract of the trait, and the extents above.
+                unsafe { self.channel::<V>(channel, lane) }
+            }
+        }
+    }
+}
+
+impl TransformTaps<'_> {
+    /// As many outputs as a vector has lanes, from `lane` on.
+    /// SAFETY: that of [`Kernel::run`]; the channel is one of these.
+    #[inline(always)]
+    unsafe fn channel<V: Quads>(&mut self, channel: usize, lane: usize) {
+        // SAFETY: by the contract of this function.
+        unsafe {
+            let taps = self.taps.as_ptr().add(channel * 9 * BLOCK + lane);
+            let tap = |row: usize, column: usize| {
+                let forward = 3 * row + column;
+                let tap = if self.reverse { 8 - forward } else { forward };
+                V::load(taps.add(tap * BLOCK))
+            };
+            let down: [[V; SIGHT]; 3] = std::array::from_fn(|column| {
+                kernel_transform(std::array::from_fn(|row| tap(row, column)))
+            });
+            let row = |line: usize| down.map(|column| column[line]);
+            for line in 0..SIGHT {
+                let along = kernel_transform(row(line));
+                for (column, value) in along.into_iter().enumerate() {
+                    let place = (line * SIGHT + column) * self.channels + self.first + channel;
+                    value.store(self.spots.as_mut_ptr().add(place * BLOCK + lane));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! 3x3 convolution of stride 1 by Winograd's minimal filtering, in tiles of 4x4 outputs: a quarter
+//! of the multiplications. Lavin and Gray 2015, section 4.
+//!
+//! A tile is the 6x6 inputs that 4x4 outputs see. Its transform has a number for each channel at 36
+//! spots; at each spot these are multiplied by the transformed kernels and summed over the
+//! channels, which is a product of matrices; and what that gives is transformed back. Few channels
+//! go [by bands](band), many go [by outputs](deep); both sum in the same order, and the bits are
+//! the same.
+
+mod band;
+mod deep;
+mod extents;
+mod kernels;
+mod panel;
+mod quads;
+pub mod task;
+mod transform;
+pub mod weights;
+
+use std::sync::OnceLock;
+
+use super::geometry::Geometry;
+use crate::runtime::cpu::buffer::Buffer;
+use deep::Source;
+use extents::{COLUMNS, SIDE, SPOTS};
+use task::Task;
+use weights::{Kernels, StoredKernels};
+
+/// The fewest channels, in and out: upsamplers have 48, and take a third less time so. With fewer,
+/// plain sums take hardly longer, and networks so narrow normalise groups of so few numbers that
+/// rounding shows.
+const NARROWEST: usize = 48;
+
+/// Whether the transforms pay: there must be enough products per transformed number, and full
+/// panels of tiles.
+pub fn suits(g: &Geometry) -> bool {
+    let tiles = g.batch * g.out_height.div_ceil(SIDE) * g.out_width.div_ceil(SIDE);
+    let direct = 9 * g.batch * g.pixels();
+    let here = SPOTS * tiles.next_multiple_of(COLUMNS);
+    g.kernel == [3, 3]
+        && g.conv.stride == 1
+        && g.channels.min(g.outputs) >= NARROWEST
+        && direct >= 2 * here
+}
+
+/// Convolves every image, and adds the bias. Kernels that are transformed as a whole go to `kept`,
+/// if there is such a place, or are found there.
+pub fn convolve(task: &Task, stored: StoredKernels, kept: Option<&OnceLock<Buffer>>) -> Buffer {
+    let channels = task.g.channels;
+    let kept = kept.map(|kept| Kernels::new(kept.get_or_init(|| stored.transform()), channels));
+    match (band::suits(task.g), kept) {
+        (true, Some(kernels)) => band::convolve(task, &kernels),
+        (true, None) => band::convolve(task, &Kernels::new(&stored.transform(), channels)),
+        (false, Some(kernels)) => deep::convolve(task, &Source::Whole(kernels)),
+        (false, None) => deep::convolve(task, &Source::Parts(stored)),
+    }
+}

@@ -1,0 +1,165 @@
+//! The factors of products. Each says for itself how it is read, piece by piece, so that neither an
+//! image's patches nor a widened weight ever exists as a whole.
+
+use std::ops::Range;
+
+use super::tile::{COLUMNS, ROWS};
+use crate::runtime::cpu::matrix::Matrix;
+use crate::runtime::cpu::transpose::transpose_into;
+use crate::runtime::cpu::values::Values;
+
+/// Steps of the inner sum per packed panel: a panel and a tile's rows stay in the first cache.
+pub const DEPTH: usize = 256;
+/// Elements between the rows of a packed tile; not a multiple of a page, so that they do not crowd
+/// one cache set.
+pub const TILE_STRIDE: usize = DEPTH + 16;
+/// Elements of a packed tile.
+pub const TILE: usize = ROWS * TILE_STRIDE;
+
+/// Rows that are packed for all panels together, if nothing speaks against it.
+pub const GRAIN: usize = 32;
+
+/// The left factor.
+pub trait Left: Sync {
+    /// The part `rows`, `depth`, copied to `space` or borrowed.
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a>;
+}
+
+/// The right factor: one matrix, or one for each matrix of the result.
+pub trait Right: Sync {
+    /// Rows to pack for all panels of a task before the next rows: few where neighbouring panels
+    /// read neighbouring memory of far-apart rows. A multiple of 16.
+    fn grain(&self) -> usize {
+        GRAIN
+    }
+
+    /// Writes rows `depth` of at most [`COLUMNS`] columns to `panel`, whose rows have [`COLUMNS`]
+    /// elements. What lies beyond the columns may stay as it is: it meets no column of the result.
+    fn pack(&self, matrix: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]);
+}
+
+impl Left for Matrix<'_> {
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a> {
+        let part = self.rows(rows).columns(depth);
+        if part.column_stride == 1 {
+            for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(part.rows) {
+                space[..part.columns].copy_from_slice(part.row(row));
+            }
+            return Matrix::strided(space, part.rows, part.columns, TILE_STRIDE);
+        }
+        let turned = part.transposed();
+        for (k, space) in space.chunks_mut(ROWS).enumerate().take(part.columns) {
+            space[..part.rows].copy_from_slice(turned.row(k));
+        }
+        Matrix::strided(space, part.columns, part.rows, ROWS).transposed()
+    }
+}
+
+impl Right for Matrix<'_> {
+    fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
+        let part = self.rows(depth).columns(columns);
+        if part.column_stride == 1 {
+            for (k, panel) in panel.chunks_mut(COLUMNS).enumerate() {
+                panel[..part.columns].copy_from_slice(part.row(k));
+            }
+        } else {
+            transpose_into(
+                part.values(),
+                part.column_stride,
+                [part.columns, part.rows],
+                panel,
+                COLUMNS,
+            );
+        }
+    }
+}
+
+/// The weight `[rows, columns]` of a linear layer, in any format.
+#[derive(Clone, Copy)]
+pub struct Stored<'a> {
+    pub values: Values<'a>,
+    pub columns: usize,
+}
+
+impl Left for Stored<'_> {
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a> {
+        for (row, space) in rows.clone().zip(space.chunks_mut(TILE_STRIDE)) {
+            self.values
+                .widen(row * self.columns + depth.start, &mut space[..depth.len()]);
+        }
+        Matrix::strided(space, rows.len(), depth.len(), TILE_STRIDE)
+    }
+}
+
+impl Right for Stored<'_> {
+    fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
+        for (k, panel) in depth.zip(panel.chunks_mut(COLUMNS)) {
+            self.values.widen(
+                k * self.columns + columns.start,
+                &mut panel[..columns.len()],
+            );
+        }
+    }
+}
+
+/// The transpose of a [`Stored`] weight, which has `columns` elements in each of its own rows.
+#[derive(Clone, Copy)]
+pub struct Turned<'a>(pub Stored<'a>);
+
+impl Left for Turned<'_> {
+    fn tile<'a>(
+        &'a self,
+        rows: Range<usize>,
+        depth: Range<usize>,
+        space: &'a mut [f32],
+    ) -> Matrix<'a> {
+        for (k, space) in depth.clone().zip(space.chunks_mut(ROWS)) {
+            self.0
+                .values
+                .widen(k * self.0.columns + rows.start, &mut space[..rows.len()]);
+        }
+        Matrix::strided(space, depth.len(), rows.len(), ROWS).transposed()
+    }
+}
+
+impl Right for Turned<'_> {
+    fn grain(&self) -> usize {
+        DEPTH
+    }
+
+    fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
+        if let Values::F32(values) = self.0.values {
+            let rows = &values[columns.start * self.0.columns + depth.start..];
+            return transpose_into(
+                rows,
+                self.0.columns,
+                [columns.len(), depth.len()],
+                panel,
+                COLUMNS,
+            );
+        }
+        let mut rows = [0.0; COLUMNS * DEPTH];
+        for (column, row) in columns.clone().zip(rows.chunks_mut(DEPTH)) {
+            self.0.values.widen(
+                column * self.0.columns + depth.start,
+                &mut row[..depth.len()],
+            );
+        }
+        transpose_into(&rows, DEPTH, [columns.len(), depth.len()], panel, COLUMNS);
+    }
+}

@@ -1,0 +1,23 @@
+//! Arrays cut into chunks of fixed size for several threads. It knows no operation.
+
+use rayon::prelude::*;
+
+/// Elements per task: large enough to hide the cost of a task, small enough to stay in the first
+/// cache.
+pub const CHUNK: usize = 1 << 14;
+
+/// Elements that one thread works through sooner than it wakes others.
+const ALONE: usize = 2 * CHUNK;
+
+/// Calls `kernel` with the number and the values of every chunk of `out`.
+pub fn fill(out: &mut [f32], chunk: usize, kernel: impl Fn(usize, &mut [f32]) + Sync) {
+    if out.len() <= chunk.max(ALONE) {
+        out.chunks_mut(chunk)
+            .enumerate()
+            .for_each(|(i, out)| kernel(i, out));
+    } else {
+        out.par_chunks_mut(chunk)
+            .enumerate()
+            .for_each(|(i, out)| kernel(i, out));
+    }
+}

@@ -1,0 +1,292 @@
+//! An open GPU: its kernels and the commands recorded for it. It knows no operator. Its faults unwind
+//! to [`super::fault::attempt`].
+
+use std::panic::resume_unwind;
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use super::adapter::{self, Found};
+use super::counts::Counts;
+use super::error::GpuError;
+use super::fault::{Fault, lock, too_large, watch};
+use super::kernel::{Kernel, Kernels, Pieces, Pipeline};
+use super::pool::{Buffer, Pool};
+use super::recorder::{Piece, Recorder};
+use super::tuning::Tuning;
+
+/// How long a device that refused a command has to say that it is lost.
+const LAST_WORDS: Duration = Duration::from_secs(5);
+
+/// The most workgroups along one axis.
+const GROUPS: u32 = 65_535;
+/// The most bytes of one array: kernels count its elements in 31 bits.
+const LARGEST: u64 = 4 << 31;
+/// Pieces of an array begin at multiples of so many bytes, which suits every adapter.
+const ALIGNED: u64 = 256;
+
+/// An adapter that is open for computing.
+pub struct Gpu {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    kind: String,
+    hardware: bool,
+    halves: bool,
+    /// The most bytes of one array.
+    pub(super) largest: u64,
+    /// The most bytes of an array that a kernel sees at one binding.
+    window: u64,
+    /// The most bindings of a kernel.
+    bindings: usize,
+    tuning: Mutex<Tuning>,
+    /// The most bytes that all arrays may take together; only tests set any.
+    pub(super) memory: AtomicU64,
+    pub(super) pool: Arc<Pool>,
+    pub(super) work: Mutex<Work>,
+    fault: Fault,
+}
+
+/// What operators of several threads share.
+pub(super) struct Work {
+    kernels: Kernels,
+    pub(super) recorder: Recorder,
+    pub(super) counts: Counts,
+}
+
+/// One use of a kernel.
+pub struct Job<'a> {
+    /// What to run.
+    pub kernel: &'a Kernel,
+    /// What it reads, then what it writes.
+    pub arrays: &'a [&'a Buffer],
+    /// Its parameters; floats by their bits.
+    pub words: &'a [u32],
+    /// How many workgroups along each axis.
+    pub groups: [u32; 3],
+    /// Floating-point operations.
+    pub operations: u64,
+}
+
+impl Gpu {
+    /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it
+    /// were a weak one, whose kernels see so many bytes of an array at once, and name no numbers of
+    /// 16 bits.
+    pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
+        let Found { adapter, report } = adapter::choose(index)?;
+        let mut limits = adapter.limits();
+        let mut required_features = adapter.features() & wgpu::Features::SHADER_F16;
+        if let Some(window) = window {
+            limits.max_storage_buffer_binding_size =
+                limits.max_storage_buffer_binding_size.min(window);
+            required_features = wgpu::Features::empty();
+        }
+        let required_limits = limits.clone();
+        let descriptor = wgpu::DeviceDescriptor {
+            required_features,
+            required_limits,
+            ..Default::default()
+        };
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&descriptor)).map_err(|error| {
+                GpuError::Unfit {
+                    adapter: report.name.clone(),
+                    reason: error.to_string(),
+                }
+            })?;
+        let fault = Fault::default();
+        let pool = Arc::default();
+        watch(&device, &fault, &pool);
+        let work = Work {
+            kernels: Kernels::default(),
+            recorder: Recorder::new(&device),
+            counts: Counts::default(),
+        };
+        Ok(Gpu {
+            hardware: report.hardware,
+            halves: required_features.contains(wgpu::Features::SHADER_F16),
+            kind: format!("gpu: {}, {} {}", report.name, report.backend, report.driver),
+            largest: limits.max_buffer_size.min(LARGEST) / ALIGNED * ALIGNED,
+            window: limits.max_storage_buffer_binding_size / ALIGNED * ALIGNED,
+            bindings: limits.max_storage_buffers_per_shader_stage as usize,
+            tuning: Mutex::default(),
+            memory: AtomicU64::new(u64::MAX),
+            pool,
+            work: Mutex::new(work),
+            device,
+            queue,
+            fault,
+        })
+    }
+
+    /// What results depend on: the adapter and its driver.
+    pub fn kind(&self) -> &str {
+        &self.kind
+    }
+
+    /// Whether it is hardware, not a program on the CPU.
+    pub fn is_hardware(&self) -> bool {
+        self.hardware
+    }
+
+    /// Whether kernels can name numbers of 16 bits.
+    pub fn has_halves(&self) -> bool {
+        self.halves
+    }
+
+    /// In which tiles products are computed.
+    pub fn tuning(&self) -> Tuning {
+        *lock(&self.tuning)
+    }
+
+    /// Takes other tiles from now on.
+    pub fn tune(&self, tuning: Tuning) {
+        *lock(&self.tuning) = tuning;
+    }
+
+    /// What was done so far.
+    pub fn counts(&self) -> Counts {
+        let work = lock(&self.work);
+        Counts {
+            pipelines: work.kernels.count(),
+            ..work.counts
+        }
+    }
+
+    /// Stops whatever runs on the device, up to the nearest [`super::fault::attempt`].
+    pub(super) fn fail(&self, error: GpuError) -> ! {
+        // A command may be refused since the device is lost, of which it tells when asked after all
+        // work is over.
+        let _ = self.device.poll(wgpu::PollType::Wait {
+            submission_index: None,
+            timeout: Some(LAST_WORDS),
+        });
+        let mut fault = lock(&self.fault);
+        let first = fault.get_or_insert(error).clone();
+        drop(fault);
+        resume_unwind(Box::new(first))
+    }
+
+    fn check(&self) {
+        let fault = lock(&self.fault).clone();
+        if let Some(error) = fault {
+            self.fail(error);
+        }
+    }
+
+    /// Takes the device away, as the reset of a driver does.
+    pub(crate) fn lose(&self) {
+        self.device.destroy();
+    }
+
+    /// Records a job. It runs when a batch is full, or when values are read.
+    pub fn run(&self, job: &Job) {
+        self.start(job);
+        self.account(
+            job.operations,
+            job.arrays.iter().map(|array| array.bytes()).sum(),
+        );
+    }
+
+    /// Adds to what was done: operations, and bytes through device memory.
+    pub fn account(&self, operations: u64, bytes: u64) {
+        let mut work = lock(&self.work);
+        work.counts.operations += operations;
+        work.counts.bytes += bytes;
+    }
+
+    /// Records a job that touches a part of its arrays which only the device knows: whoever learns
+    /// of it tells [`Gpu::account`].
+    pub fn start(&self, job: &Job) {
+        self.check();
+        assert!(
+            job.groups.iter().all(|&count| count <= GROUPS),
+            "{}: {:?} workgroups",
+            job.kernel.name,
+            job.groups
+        );
+        if job.groups.contains(&0) {
+            return;
+        }
+        let mut work = lock(&self.work);
+        if work.recorder.is_full() {
+            self.hand_over(&mut work);
+        }
+        let pieces: Vec<Piece> = job
+            .arrays
+            .iter()
+            .flat_map(|array| self.pieces(array))
+            .collect();
+        let pipeline = self.pipeline(&mut work.kernels, job, pieces.len());
+        work.recorder
+            .dispatch(&self.device, &pipeline, &pieces, job.words, job.groups);
+        work.counts.dispatches += 1;
+    }
+
+    /// An array as kernels see it.
+    fn pieces<'b>(&self, array: &'b Buffer) -> impl Iterator<Item = Piece<'b>> + use<'b> {
+        let window = self.window;
+        let all = array.bytes();
+        let piece = move |offset| Piece {
+            buffer: array.raw(),
+            offset,
+            bytes: window.min(all - offset),
+        };
+        (0..all).step_by(window as usize).map(piece)
+    }
+
+    /// The pipeline of a job whose arrays lie in so many pieces in all.
+    fn pipeline(&self, kernels: &mut Kernels, job: &Job, pieces: usize) -> Pipeline {
+        let counts = job
+            .arrays
+            .iter()
+            .map(|array| array.bytes().div_ceil(self.window) as u32)
+            .collect();
+        let counts = Pieces {
+            counts,
+            window: self.window,
+        };
+        let pipeline = if pieces > self.bindings {
+            None
+        } else {
+            kernels.get(&self.device, job.kernel, &counts)
+        };
+        pipeline.unwrap_or_else(|| {
+            let asked: u64 = job.arrays.iter().map(|array| array.bytes()).sum();
+            too_large(asked, self.window.saturating_mul(self.bindings as u64))
+        })
+    }
+
+    pub(super) fn hand_over(&self, work: &mut Work) -> Option<wgpu::SubmissionIndex> {
+        let submission = work.recorder.submit(&self.queue)?;
+        work.counts.submissions += 1;
+        self.pool.next_batch();
+        Some(submission)
+    }
+
+    /// Hands over what is recorded.
+    pub fn submit(&self) {
+        self.hand_over(&mut lock(&self.work));
+    }
+
+    /// Waits until all that was handed over is done.
+    pub fn wait(&self) {
+        self.wait_for(None);
+    }
+
+    /// Waits until one batch is done, or all that was handed over.
+    pub(super) fn wait_for(&self, submission_index: Option<wgpu::SubmissionIndex>) {
+        if let Err(error) = self.device.poll(wgpu::PollType::Wait {
+            submission_index,
+            timeout: None,
+        }) {
+            self.fail(GpuError::Lost(error.to_string()));
+        }
+        self.check();
+    }
+}
+
+impl std::fmt::Debug for Gpu {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.kind)
+    }
+}
