@@ -12,6 +12,7 @@ mod laws;
 #[cfg(test)]
 mod mishaps;
 mod start;
+mod states;
 #[cfg(test)]
 mod tests;
 
@@ -34,9 +35,10 @@ use crate::store::result::Record;
 use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
 use crate::task::Failure;
+use board::Board;
 pub use board::Outcome;
-use board::{Board, Queued};
 use budget::Budget;
+use states::Queued;
 
 /// How often to look for a signal, and for what other processes have finished.
 const TICK: Duration = Duration::from_millis(100);
@@ -310,7 +312,7 @@ impl Scheduler<'_> {
             Err(Failure::Lost(holder)) => board.wait(at, &holder),
             Err(Failure::Stopped) => {
                 board.progress.event(&Event::Stopped { stage });
-                board.outcome.stages.insert(at, run(End::Stopped));
+                board.over(at, run(End::Stopped));
             }
             Err(failure) => {
                 board.progress.event(&Event::Failed {
@@ -318,7 +320,7 @@ impl Scheduler<'_> {
                     error: &failure.text(),
                     arms: &board.arms_lost(at),
                 });
-                board.outcome.stages.insert(at, run(End::Failed));
+                board.over(at, run(End::Failed));
                 board.outcome.failures.push((at, failure));
                 board.block(at);
                 if self.fail_fast {

@@ -2,12 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use artifacts_schema::Digest;
-use stages::Estimate;
-
 use super::budget::Budget;
-use crate::explain::Reason;
-use crate::key::Manifest;
+use super::states::{Kind, Queued, State, States};
 use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{Event, Progress};
@@ -29,39 +25,15 @@ pub struct Outcome {
     pub interrupted: bool,
 }
 
-/// A stage that must run, and waits for room.
-pub struct Queued {
-    /// Its key.
-    pub key: Digest,
-    /// What is in the key.
-    pub manifest: Manifest,
-    /// Why it must run.
-    pub reason: Reason,
-    /// What it will take.
-    pub estimate: Estimate,
-    /// The key under which it was begun on a GPU that failed, if it goes on on the CPU.
-    pub begun_as: Option<Digest>,
-}
-
-/// The one account of which stage is in which state. A stage is in exactly one of `waiting`,
-/// `ready`, `queued`, `elsewhere`, `running` and `outcome.stages`.
+/// The one account of which stage is in which state.
 pub struct Board<'p> {
     graph: &'p Graph,
-    /// Not all inputs are there: how many are missing.
-    waiting: BTreeMap<usize, usize>,
-    /// All inputs are there.
-    ready: BTreeSet<usize>,
-    /// It has no result, and there was no room for it yet.
-    queued: BTreeMap<usize, Queued>,
-    /// Another process computes it.
-    elsewhere: BTreeSet<usize>,
-    /// The user knows that another process computes it.
-    told: BTreeSet<usize>,
-    /// It runs.
-    running: BTreeMap<usize, Queued>,
+    states: States,
     /// Who reads each stage, once for every input.
     readers: Vec<Vec<usize>>,
-    /// It is over.
+    /// The stages of which the user knows that another process computes them.
+    told: BTreeSet<usize>,
+    /// What the run has come to so far, but for `stages`, which [`Board::close`] fills in.
     pub outcome: Outcome,
     /// Who is told what happens.
     pub progress: &'p mut dyn Progress,
@@ -71,59 +43,63 @@ impl<'p> Board<'p> {
     /// Before the first stage of a run.
     pub fn new(context: &Context<'p>, progress: &'p mut dyn Progress) -> Self {
         let nodes = &context.graph.nodes;
-        let mut waiting = BTreeMap::new();
-        let mut ready = BTreeSet::new();
+        let mut states = States::new(nodes.len());
         let mut readers = vec![Vec::new(); nodes.len()];
         for &at in &context.needed {
-            nodes[at]
-                .wires
-                .iter()
-                .for_each(|wire| readers[wire.from].push(at));
-            match nodes[at]
-                .wires
-                .iter()
-                .filter(|wire| !context.given.contains_key(&wire.from))
-                .count()
-            {
-                0 => drop(ready.insert(at)),
-                missing => drop(waiting.insert(at, missing)),
-            }
+            let inputs = nodes[at].wires.iter().map(|wire| wire.from);
+            inputs.clone().for_each(|from| readers[from].push(at));
+            let missing = inputs.filter(|from| !context.given.contains_key(from));
+            states.set(at, waiting_for(missing.count()));
         }
         Self {
             graph: context.graph,
-            waiting,
-            ready,
-            queued: BTreeMap::new(),
-            elsewhere: BTreeSet::new(),
-            told: BTreeSet::new(),
-            running: BTreeMap::new(),
+            states,
             readers,
+            told: BTreeSet::new(),
             outcome: Outcome::default(),
             progress,
         }
     }
 
-    /// The next stage whose inputs are all there.
+    /// Takes the next stage whose inputs are all there.
     pub fn next(&mut self) -> Option<usize> {
-        self.ready.pop_first()
+        let at = self.states.all(Kind::Ready).next()?;
+        self.states.set(at, State::Held);
+        Some(at)
     }
 
     /// A stage has no result.
     pub fn queue(&mut self, at: usize, stage: Queued) {
-        self.queued.insert(at, stage);
+        self.states.set(at, State::Queued(Box::new(stage)));
     }
 
-    /// The first stage that there is room for.
+    /// Takes the first stage that there is room for.
     pub fn admit(&mut self, budget: &Budget) -> Option<(usize, Queued)> {
-        let running = self.running.values().map(|stage| &stage.estimate);
-        let fits = |(_, stage): &(&usize, &Queued)| budget.admits(running.clone(), &stage.estimate);
-        let at = *self.queued.iter().find(fits)?.0;
-        self.queued.remove_entry(&at)
+        let at = self.first_that_fits(budget)?;
+        self.take(at).map(|stage| (at, stage))
+    }
+
+    fn first_that_fits(&self, budget: &Budget) -> Option<usize> {
+        let running = self.states.known(Kind::Running);
+        let running = running.map(|(_, stage)| &stage.estimate);
+        let mut queued = self.states.known(Kind::Queued);
+        let fits = |stage: &Queued| budget.admits(running.clone(), &stage.estimate);
+        queued.find(|(_, stage)| fits(stage)).map(|(at, _)| at)
+    }
+
+    /// Takes a stage out of its state, with what was known of it.
+    fn take(&mut self, at: usize) -> Option<Queued> {
+        match self.states.set(at, State::Held) {
+            State::Queued(stage) | State::Running(stage) => Some(*stage),
+            _ => None,
+        }
     }
 
     /// Whether no stage of this process runs, and if `patient`, none of another that we wait for.
     pub fn is_idle(&self, patient: bool) -> bool {
-        self.running.is_empty() && (self.elsewhere.is_empty() || !patient)
+        let runs = self.states.all(Kind::Running).next().is_some();
+        let waits = patient && self.states.all(Kind::Elsewhere).next().is_some();
+        !runs && !waits
     }
 
     /// A stage begins; with its first step, where it might have gone on from a result, for a reason
@@ -139,17 +115,17 @@ impl<'p> Board<'p> {
             key: stage.key,
             reason: &reason,
         });
-        self.running.insert(at, stage);
+        self.states.set(at, State::Running(Box::new(stage)));
     }
 
-    /// A stage of this process has ended.
+    /// Takes a stage whose thread has ended.
     pub fn end(&mut self, at: usize) -> Option<Queued> {
-        self.running.remove(&at)
+        self.take(at)
     }
 
     /// Another process computes a stage.
     pub fn wait(&mut self, at: usize, holder: &Holder) {
-        self.elsewhere.insert(at);
+        self.states.set(at, State::Elsewhere);
         if self.told.insert(at) {
             self.progress.event(&Event::Waiting {
                 stage: &self.graph.nodes[at].name,
@@ -170,7 +146,6 @@ impl<'p> Board<'p> {
         });
         for (at, record) in found {
             self.remark(at, &record);
-            self.ready.remove(&at);
             self.done(at, StageRun::cached(record.key), record);
         }
     }
@@ -185,17 +160,18 @@ impl<'p> Board<'p> {
 
     /// A stage has its result: those that read it may have become ready.
     pub fn done(&mut self, at: usize, run: StageRun, record: Record) {
-        self.outcome.stages.insert(at, run);
+        self.over(at, run);
         self.outcome.records.insert(at, record);
-        for reader in &self.readers[at] {
-            if let Some(missing) = self.waiting.get_mut(reader) {
-                *missing -= 1;
-                if *missing == 0 {
-                    self.waiting.remove(reader);
-                    self.ready.insert(*reader);
-                }
+        for &reader in &self.readers[at] {
+            if let State::Waiting { missing } = *self.states.get(reader) {
+                self.states.set(reader, waiting_for(missing - 1));
             }
         }
+    }
+
+    /// Nothing more happens to a stage.
+    pub fn over(&mut self, at: usize, run: StageRun) {
+        self.states.set(at, State::Over(run));
     }
 
     /// The arms that have no result where this stage has none.
@@ -208,56 +184,42 @@ impl<'p> Board<'p> {
         let nodes = &self.graph.nodes;
         let mut lost: Vec<usize> = self.readers[failed].clone();
         while let Some(at) = lost.pop() {
-            if self.waiting.remove(&at).is_none() {
+            if !matches!(self.states.get(at), State::Waiting { .. }) {
                 continue;
             }
             lost.extend(&self.readers[at]);
             let stage = nodes[at].name.as_str();
             let by = nodes[failed].name.as_str();
             self.progress.event(&Event::Blocked { stage, by });
-            self.outcome.stages.insert(
-                at,
-                StageRun {
-                    end: End::Stopped,
-                    key: None,
-                    reason: None,
-                    seconds: 0.0,
-                },
-            );
+            self.over(at, StageRun::stopped());
         }
     }
 
     /// Nothing happened for a while: another process may have finished what we wait for.
     pub fn tick(&mut self) {
-        self.ready.append(&mut self.elsewhere);
+        let elsewhere: Vec<usize> = self.states.all(Kind::Elsewhere).collect();
+        for at in elsewhere {
+            self.states.set(at, State::Ready);
+        }
         self.progress.event(&Event::Tick);
     }
 
     /// No stage runs any more, and none will.
-    pub fn close(mut self, interrupted: bool) -> Outcome {
-        let left = self
-            .waiting
-            .keys()
-            .chain(&self.ready)
-            .chain(self.queued.keys())
-            .chain(&self.elsewhere);
-        for &at in left {
-            self.outcome.stages.insert(
-                at,
-                StageRun {
-                    end: End::Stopped,
-                    key: None,
-                    reason: None,
-                    seconds: 0.0,
-                },
-            );
+    pub fn close(self, interrupted: bool) -> Outcome {
+        let stages = self.states.close(&StageRun::stopped());
+        let unfinished = stages.values().any(|stage| stage.end == End::Stopped);
+        Outcome {
+            stages,
+            interrupted: interrupted && unfinished,
+            ..self.outcome
         }
-        self.outcome.interrupted = interrupted
-            && self
-                .outcome
-                .stages
-                .values()
-                .any(|stage| stage.end == End::Stopped);
-        self.outcome
+    }
+}
+
+/// The state of a stage that lacks so many of its inputs.
+fn waiting_for(missing: usize) -> State {
+    match missing {
+        0 => State::Ready,
+        missing => State::Waiting { missing },
     }
 }

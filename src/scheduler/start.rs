@@ -9,7 +9,8 @@ use artifacts_schema::Digest;
 use compute::GpuError;
 use stages::Estimate;
 
-use super::board::{Board, Queued};
+use super::board::Board;
+use super::states::Queued;
 use super::{News, Scheduler};
 use crate::explain::Reason;
 use crate::extension;

@@ -53,6 +53,16 @@ impl StageRun {
             seconds: 0.0,
         }
     }
+
+    /// It never began.
+    pub fn stopped() -> Self {
+        Self {
+            end: End::Stopped,
+            key: None,
+            reason: None,
+            seconds: 0.0,
+        }
+    }
 }
 
 /// How a stage of a run ended.
