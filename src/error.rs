@@ -58,6 +58,10 @@ pub enum Error {
     /// Something that the pipeline names.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// Photos that a command looks at.
+    #[error(transparent)]
+    #[diagnostic(help("docs/inputs.md says what is read of each layout"))]
+    Photos(#[from] scene::SceneError),
     /// A diffusion model, or a file of tensors for it.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
@@ -162,6 +166,7 @@ impl Error {
             Self::Pipeline(_)
             | Self::Unreadable { .. }
             | Self::Source(_)
+            | Self::Photos(_)
             | Self::Model(_)
             | Self::Upsampler(_) => PIPELINE,
             Self::NoInput { .. } => PIPELINE,

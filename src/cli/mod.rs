@@ -8,6 +8,7 @@ mod export;
 mod export_ply;
 mod export_transforms;
 mod gc;
+mod init;
 mod inspect;
 mod kinds;
 mod metrics;
@@ -49,6 +50,8 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Look at a folder of posed photos, and write a pipeline for them
+    Init(init::Init),
     /// Run a pipeline: compute what the store does not have
     Run(run::Run),
     /// Say what `run` would do, and why
@@ -91,6 +94,7 @@ impl Cli {
     /// Does what was asked, and says what went wrong.
     pub fn run(self) -> u8 {
         let done = match self.command {
+            Command::Init(init) => init.run(self.json),
             Command::Run(run) => run.run(self.json),
             Command::Plan(plan) => plan.run(self.json),
             Command::Explain(explain) => explain.run(self.json),

@@ -13,6 +13,7 @@ pub mod learned;
 pub mod masked;
 pub mod merge;
 pub mod model;
+pub mod origin;
 pub mod ply;
 pub mod registry;
 pub mod shard;

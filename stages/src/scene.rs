@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
 use glam::DMat4;
-use scene::{Colmap, Llff, Photo, Reader, Reduction, SceneData, Transforms};
+use scene::{Photo, Reduction, SceneData};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
 use crate::files;
+use crate::origin::{Origin, WORLDS};
 use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
@@ -30,68 +31,6 @@ pub struct Scene {
     pub holdout: u32,
 }
 
-/// Where photos come from.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-pub enum Origin {
-    /// A world that the program draws itself, so that the full-resolution truth is known.
-    Procedural {
-        /// Its name: `still_life`, or `object` (on a transparent background, seen from all around).
-        #[serde(default = "still_life")]
-        world: String,
-        /// How many cameras.
-        #[serde(default = "default_views")]
-        #[schemars(range(min = 2, max = 10_000))]
-        views: u32,
-        /// Width and height of the full-resolution photos.
-        #[serde(default = "default_size")]
-        size: (u32, u32),
-        /// Rays per pixel and axis.
-        #[serde(default = "default_samples")]
-        #[schemars(range(min = 1, max = 64))]
-        samples: u32,
-    },
-    /// Cameras in `transforms.json`, or in `transforms_train.json` and `transforms_test.json`:
-    /// NeRF-synthetic, instant-ngp, nerfstudio.
-    Transforms {
-        /// The folder, or the file itself.
-        path: PathBuf,
-        /// Width and height of the full-resolution photos; by default those of the files.
-        #[serde(default)]
-        size: Option<(u32, u32)>,
-        /// The scene box in the file's coordinates; by default what the file says, or
-        /// instant-ngp's.
-        #[serde(default)]
-        bounds: Option<[[f64; 3]; 2]>,
-        /// Only every so many of the photos that the source sets aside for testing.
-        #[serde(default = "one")]
-        #[schemars(range(min = 1, max = 1_000_000))]
-        test_every: u32,
-    },
-    /// A folder with a COLMAP reconstruction, `sparse/0`, beside a folder of images.
-    Colmap {
-        /// The folder.
-        path: PathBuf,
-        /// The images' folder inside it; by default the smallest that has the size asked for.
-        #[serde(default)]
-        images: Option<String>,
-        /// Width and height of the full-resolution photos; by default those of the files.
-        #[serde(default)]
-        size: Option<(u32, u32)>,
-    },
-    /// A folder in the LLFF layout: `poses_bounds.npy` beside a folder of images.
-    Llff {
-        /// The folder.
-        path: PathBuf,
-        /// The images' folder inside it (`images_4`); by default the smallest that has the size
-        /// asked for.
-        #[serde(default)]
-        images: Option<String>,
-        /// Width and height of the full-resolution photos; by default those of the files.
-        #[serde(default)]
-        size: Option<(u32, u32)>,
-    },
-}
-
 /// The filter that makes low-resolution photos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Reducer {
@@ -101,71 +40,13 @@ pub enum Reducer {
     Area,
 }
 
-const WORLDS: &[&str] = &["still_life", "object"];
-
-fn still_life() -> String {
-    WORLDS[0].into()
-}
-
-fn one() -> u32 {
-    1
-}
-
-fn default_views() -> u32 {
-    24
-}
-
-fn default_size() -> (u32, u32) {
-    (256, 192)
-}
-
-fn default_samples() -> u32 {
-    4
-}
-
 impl Default for Scene {
     fn default() -> Self {
-        let source = Origin::Procedural {
-            world: still_life(),
-            views: default_views(),
-            size: default_size(),
-            samples: default_samples(),
-        };
         Self {
-            source,
+            source: Origin::default(),
             downscale: 4,
             filter: Reducer::Bicubic,
             holdout: 8,
-        }
-    }
-}
-
-impl Origin {
-    /// The reader of what lies on disk; `None` for a world that is drawn.
-    fn reader(&self) -> Option<Box<dyn Reader>> {
-        match self {
-            Origin::Procedural { .. } => None,
-            Origin::Llff { path, images, size } => Some(Box::new(Llff {
-                folder: path.clone(),
-                images: images.clone(),
-                size: *size,
-            })),
-            Origin::Colmap { path, images, size } => Some(Box::new(Colmap {
-                folder: path.clone(),
-                images: images.clone(),
-                size: *size,
-            })),
-            Origin::Transforms {
-                path,
-                size,
-                bounds,
-                test_every,
-            } => Some(Box::new(Transforms {
-                path: path.clone(),
-                size: *size,
-                bounds: *bounds,
-                test_every: *test_every,
-            })),
         }
     }
 }

@@ -64,8 +64,8 @@ impl Ending<'_> {
             print(&format_args!("\nPictures side by side: {report}"));
         } else if !figures.is_empty() {
             print(&format_args!(
-                "\nComparisons: {}",
-                figures.join("\n             ")
+                "\nPictures: {}",
+                figures.join("\n          ")
             ));
         }
         if self.verbosity > Verbosity::Quiet {

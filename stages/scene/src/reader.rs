@@ -97,6 +97,12 @@ impl Survey {
         (self.train.len(), self.test.len())
     }
 
+    /// Width and height of each photo, as its file has them.
+    pub fn sizes(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let photos = self.train.iter().chain(&self.test);
+        photos.map(|posed| (posed.camera.width, posed.camera.height))
+    }
+
     /// What was left out or had to be guessed, as far as that can be said before photos are
     /// decoded.
     pub fn notes(&self) -> &[String] {

@@ -40,13 +40,19 @@ pub(super) struct Reconstruction {
     pub(super) notes: Vec<String>,
 }
 
+/// The models in each place where a reconstruction may lie.
+fn places(folder: &Path) -> impl Iterator<Item = Vec<Place>> {
+    PLACES.iter().map(|place| models_in(&folder.join(place)))
+}
+
+/// Whether a reconstruction lies in a scene's folder.
+pub(super) fn are_in(folder: &Path) -> bool {
+    places(folder).any(|models| !models.is_empty())
+}
+
 /// Reads the reconstruction in a scene's folder; of several the one with the most photos.
 pub(super) fn read(folder: &Path) -> Result<Reconstruction, SceneError> {
-    let found = PLACES
-        .map(|place| folder.join(place))
-        .iter()
-        .map(|place| models_in(place))
-        .find(|models| !models.is_empty());
+    let found = places(folder).find(|models| !models.is_empty());
     let Some(models) = found else {
         let remedy = "there should be cameras.bin and images.bin, or the same as .txt, in one of sparse/0, sparse, \
                       colmap/sparse/0, colmap/sparse, dense/sparse and the folder itself";

@@ -44,6 +44,13 @@ pub struct Colmap {
     pub size: Option<(u32, u32)>,
 }
 
+impl Colmap {
+    /// Whether a reconstruction lies in a folder, as far as names of files tell.
+    pub fn is_in(folder: &Path) -> bool {
+        files::are_in(folder)
+    }
+}
+
 impl Reader for Colmap {
     fn survey(&self) -> Result<Survey, SceneError> {
         source_files::check_size(&self.folder, self.size)?;

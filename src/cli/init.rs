@@ -1,0 +1,112 @@
+//! `init`: looks at a folder of posed photos and writes a pipeline for them. Runs no stage.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use scene::Survey;
+use stages::origin::Origin;
+
+use super::output::{print, tell};
+use crate::error::Error;
+use crate::init::{Photos, Purpose};
+
+/// Options of `init`.
+#[derive(Args)]
+pub struct Init {
+    /// A folder of photos with poses (COLMAP, transforms.json, LLFF), or a transforms.json
+    photos: PathBuf,
+    /// Where to write the pipeline, by default a file named after the folder
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Make the photos four times smaller first, and compare held-out views with them
+    #[arg(long)]
+    judge: bool,
+}
+
+impl Init {
+    /// Looks, writes, and says what to do next.
+    pub fn run(self, json: bool) -> Result<(), Error> {
+        let origin = Origin::at(&self.photos).ok_or_else(|| self.no_poses())?;
+        let survey = self.survey(&origin)?;
+        let sizes: Vec<(u32, u32)> = survey.sizes().collect();
+        let name = self.name();
+        let purpose = match self.judge {
+            true => Purpose::Judge,
+            false => Purpose::Enlarge,
+        };
+        let photos = Photos {
+            name: &name,
+            origin: &origin,
+            sizes: &sizes,
+        };
+        let file = self.output.clone().unwrap_or(format!("{name}.ron").into());
+        write_new(&file, &photos.pipeline(purpose))?;
+        let file = file.display().to_string();
+        if json {
+            print(
+                &serde_json::json!({"wrote": file, "photos": sizes.len(), "notes": survey.notes()}),
+            );
+            return Ok(());
+        }
+        for note in survey.notes() {
+            tell(&format_args!("warning: {note}"));
+        }
+        print(&format_args!(
+            "wrote {file}: the main job with {} photos\n\n  srnerf-dag plan {file}   # what would run\n  \
+             srnerf-dag run {file}",
+            sizes.len()
+        ));
+        Ok(())
+    }
+
+    fn survey(&self, origin: &Origin) -> Result<Survey, Error> {
+        let reader = origin.reader().ok_or_else(|| self.no_poses())?;
+        Ok(reader.survey()?)
+    }
+
+    /// What a pipeline of these photos is called: the folder's name, as far as names allow.
+    fn name(&self) -> String {
+        let path = self.photos.canonicalize().unwrap_or(self.photos.clone());
+        let folder = match path.is_file() {
+            true => path.parent().unwrap_or(&path),
+            false => &path,
+        };
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        let name: String = name
+            .chars()
+            .map(|c| if allowed(c) { c } else { '_' })
+            .collect();
+        match name.chars().next() {
+            Some(first) if first.is_ascii_alphabetic() => name,
+            _ => format!("photos_{name}"),
+        }
+    }
+
+    fn no_poses(&self) -> Error {
+        let folder = self.photos.display();
+        let message = match self.photos.exists() {
+            true => format!("{folder} has no poses that can be read"),
+            false => format!("there is no {folder}"),
+        };
+        Error::usage(
+            message,
+            "COLMAP finds where photos were taken: colmap automatic_reconstructor --workspace_path FOLDER \
+             --image_path FOLDER/images; then give FOLDER. docs/inputs.md tells which layouts are read",
+        )
+    }
+}
+
+/// Writes a file that is not there yet.
+fn write_new(path: &Path, text: &str) -> Result<(), Error> {
+    let opened = OpenOptions::new().write(true).create_new(true).open(path);
+    let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|error| {
+        Error::usage(
+            format!("cannot write {}: {error}", path.display()),
+            "give another file: --output FILE",
+        )
+    })
+}

@@ -1,0 +1,224 @@
+//! A pipeline file for somebody's photos: the main job as it ships, with these photos in it. Reads
+//! no photo; a reader of scenes has looked at them.
+
+use std::path::Path;
+
+use stages::origin::Origin;
+
+/// The main job.
+const MAIN: &str = include_str!("../pipelines/i3ds.ron");
+/// The longest side of the pictures that come out, unless somebody asks for others: larger ones
+/// take more than an hour on a few cores.
+const LONGEST: u32 = 1024;
+/// How many times larger the pictures are than the photos that are trained on.
+const FACTOR: u32 = 4;
+
+/// What a pipeline is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Four times the photos' own resolution. Nothing tells how right that is.
+    Enlarge,
+    /// Photos made four times smaller first, so that the photos themselves tell.
+    Judge,
+}
+
+/// Photos that have poses.
+pub struct Photos<'a> {
+    /// What the pipeline is to be called.
+    pub name: &'a str,
+    /// Where they lie, and in which layout.
+    pub origin: &'a Origin,
+    /// Width and height of each.
+    pub sizes: &'a [(u32, u32)],
+}
+
+impl Photos<'_> {
+    /// Width and height, if they are the same for all.
+    fn common(&self) -> Option<(u32, u32)> {
+        let first = *self.sizes.first()?;
+        self.sizes
+            .iter()
+            .all(|size| *size == first)
+            .then_some(first)
+    }
+
+    /// The size at which the photos are read: their own, unless the results would be too large.
+    /// `None` for their own.
+    fn reading_size(&self, purpose: Purpose) -> Option<(u32, u32)> {
+        let (width, height) = self.common()?;
+        let longest = match purpose {
+            Purpose::Enlarge => LONGEST / FACTOR,
+            Purpose::Judge => LONGEST / 2,
+        };
+        let shrink = (f64::from(longest) / f64::from(width.max(height))).min(1.0);
+        // Every size that is read can be made four times smaller without a rest.
+        let side = |pixels: u32| {
+            let whole = (f64::from(pixels) * shrink / f64::from(FACTOR)).round();
+            FACTOR * (whole as u32).min(pixels / FACTOR).max(8)
+        };
+        let size = (side(width), side(height));
+        (size != (width, height)).then_some(size)
+    }
+
+    /// The text of the pipeline file.
+    pub fn pipeline(&self, purpose: Purpose) -> String {
+        let size = self.reading_size(purpose);
+        let source = source(self.origin, size);
+        let scene = match purpose {
+            Purpose::Judge => format!("Scene(source: {source}, downscale: 4, holdout: 8)"),
+            // As good as none is held out: the result should know all photos.
+            Purpose::Enlarge => format!("Scene(source: {source}, downscale: 1, holdout: 1000000)"),
+        };
+        let head = self.head(purpose, size);
+        let text = replaced(MAIN, "//", "(\n", &format!("{head}(\n"));
+        let text = replaced(
+            &text,
+            "    name: ",
+            "\n",
+            &format!("    name: {:?},\n", self.name),
+        );
+        let text = replaced(&text, SCENE, "\n", &format!("{SCENE}{scene},\n"));
+        match purpose {
+            Purpose::Judge => text,
+            Purpose::Enlarge => replaced(&text, EVALUATE, "\n        ),\n", RESULTS),
+        }
+    }
+
+    fn head(&self, purpose: Purpose, size: Option<(u32, u32)>) -> String {
+        let count = self.sizes.len();
+        let (width, height) = size.or(self.common()).unwrap_or((0, 0));
+        let read = match (width, size) {
+            (0, _) => "The photos differ in size, and are read as they are.".to_owned(),
+            (_, None) => format!("The photos are read as they are, {width}x{height}."),
+            _ => format!(
+                "The photos are read at {width}x{height}; `size` says so, and can be larger."
+            ),
+        };
+        let purpose = match purpose {
+            Purpose::Enlarge => {
+                "// The field is rendered at four times that size from every camera: EXR files under\n\
+                 // out/NAME/views/images, PNG files under out/NAME/pictures/color.\n"
+            }
+            Purpose::Judge => {
+                "// The field is trained on them four times smaller. Every eighth is held out, and what the\n\
+                 // field shows there is compared with it.\n"
+            }
+        };
+        let purpose = purpose.replace("NAME", self.name);
+        format!(
+            "// The main job with {count} photos. {read}\n{purpose}\
+             // Only differences from the defaults stand here; `srnerf-dag explain STAGE` prints every parameter.\n"
+        )
+    }
+}
+
+/// Where these stages of the main job begin.
+const SCENE: &str = "        \"scene\": ";
+const EVALUATE: &str = "        \"evaluate\": ";
+/// What there is in place of an evaluation where no truth is known.
+const RESULTS: &str = r#"        "views": Render(field: "i3ds.field", cameras: "scene.train", scale: 4, supersample: 2),
+        "pictures": Film(images: "views"),
+"#;
+
+/// The source as it is written in a pipeline.
+fn source(origin: &Origin, size: Option<(u32, u32)>) -> String {
+    let size = size.map_or(String::new(), |(width, height)| {
+        format!(", size: ({width}, {height})")
+    });
+    let named = |layout: &str, path: &Path| format!("{layout}(path: {path:?}{size})");
+    match origin {
+        Origin::Transforms { path, .. } => named("Transforms", path),
+        Origin::Colmap { path, .. } => named("Colmap", path),
+        Origin::Llff { path, .. } => named("Llff", path),
+        Origin::Procedural { world, .. } => format!("Procedural(world: {world:?}{size})"),
+    }
+}
+
+/// The text with `by` in place of its first part from `start` to the end of the next `end`.
+fn replaced(text: &str, start: &str, end: &str, by: &str) -> String {
+    let parts = text.split_once(start);
+    match parts.and_then(|(before, rest)| Some((before, rest.split_once(end)?.1))) {
+        Some((before, after)) => format!("{before}{by}{after}"),
+        None => text.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::load;
+    use crate::pipeline::problem::Source;
+
+    fn shoes() -> Origin {
+        Origin::Colmap {
+            path: "my \"shoes\"".into(),
+            images: None,
+            size: None,
+        }
+    }
+
+    fn text(sizes: &[(u32, u32)], purpose: Purpose) -> String {
+        let photos = Photos {
+            name: "shoes",
+            origin: &shoes(),
+            sizes,
+        };
+        photos.pipeline(purpose)
+    }
+
+    /// The names of a pipeline's stages.
+    fn stages(text: &str) -> Vec<String> {
+        let source = Source {
+            name: "shoes.ron".into(),
+            text: text.into(),
+        };
+        let graph = load(&[source], &[]).unwrap();
+        let names = graph.nodes.iter().map(|node| node.name.clone());
+        names.collect()
+    }
+
+    #[test]
+    fn to_judge_is_the_main_job_with_other_photos() {
+        let judge = stages(&text(&[(1008, 756); 3], Purpose::Judge));
+        assert_eq!(judge, stages(MAIN));
+    }
+
+    #[test]
+    fn to_enlarge_there_are_pictures_in_place_of_an_evaluation() {
+        let text = text(&[(1008, 756); 3], Purpose::Enlarge);
+        let stages = stages(&text);
+        assert!(stages.contains(&"pictures".into()) && !stages.contains(&"evaluate".into()));
+        assert!(
+            text.contains(r#"Colmap(path: "my \"shoes\"", size: (256, 192))"#),
+            "{text}"
+        );
+        assert!(text.contains("downscale: 1"), "{text}");
+        assert!(text.contains("3 photos"), "{text}");
+    }
+
+    #[test]
+    fn large_photos_are_read_smaller_and_small_ones_as_they_are() {
+        let size = |size, purpose| {
+            let photos = Photos {
+                name: "shoes",
+                origin: &shoes(),
+                sizes: &[size; 2],
+            };
+            photos.reading_size(purpose)
+        };
+        assert_eq!(size((4032, 3024), Purpose::Judge), Some((512, 384)));
+        assert_eq!(size((1080, 1920), Purpose::Enlarge), Some((144, 256)));
+        assert_eq!(size((200, 100), Purpose::Enlarge), None);
+        // What cannot be made four times smaller is cut to what can.
+        assert_eq!(size((202, 100), Purpose::Judge), Some((200, 100)));
+    }
+
+    #[test]
+    fn photos_of_several_sizes_are_read_as_they_are() {
+        let text = text(&[(400, 300), (300, 400)], Purpose::Enlarge);
+        assert!(
+            text.contains("differ in size") && !text.contains("size: ("),
+            "{text}"
+        );
+    }
+}
