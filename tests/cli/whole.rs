@@ -37,7 +37,7 @@ fn every_pipeline_that_ships_can_be_planned() {
         assert!(plan.out.contains("i3ds.1.optimize"), "{name}: {}", plan.out);
     }
     let plan = space.ok(&["plan", &pipeline("ablation")]);
-    assert!(plan.out.contains("15 arms, "), "{}", plan.out);
+    assert!(plan.out.contains("16 arms, "), "{}", plan.out);
     let plan = space.ok(&["plan", &pipeline("object")]);
     assert!(plan.out.contains("evaluate"), "{}", plan.out);
 }
