@@ -1,8 +1,9 @@
 //! What all codecs share: JSON in one form only (sorted keys, shortest numbers that read back
-//! exactly), and names that are safe as file names.
+//! exactly), cameras and boxes that it can hold, and names that are safe as file names.
 
 use std::path::Path;
 
+use formats::{Bounds, Camera, bounds};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -55,6 +56,23 @@ pub fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), SchemaError>
     std::fs::create_dir_all(folder).map_err(|error| SchemaError::io(folder, error))?;
     let path = folder.join(name);
     std::fs::write(&path, bytes).map_err(|error| SchemaError::io(&path, error))
+}
+
+/// Refuses a camera that no file may hold.
+pub fn check_camera(camera: &Camera, place: &str) -> Result<(), SchemaError> {
+    let refuse = |error| SchemaError::content(place, error);
+    camera.check().map_err(refuse)
+}
+
+/// Refuses a scene box that JSON cannot hold.
+pub fn check_bounds(bounds: &Bounds) -> Result<(), SchemaError> {
+    match bounds::not_finite(bounds) {
+        Some(number) => Err(SchemaError::content(
+            "bounds",
+            format!("holds {number}; all must be finite"),
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Refuses names that cannot be a file's stem or a tensor's key everywhere.

@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
+use formats::{Bounds, Camera, Distortion, rows};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::artifact::ArtifactKind;
-use crate::camera::Camera;
 use crate::tensor::Tensor;
 
 /// A 256-bit BLAKE3 digest; as text, 64 lower-case hexadecimal digits.
@@ -196,7 +196,7 @@ impl ContentHasher {
         }
     }
 
-    pub fn bounds(&mut self, bounds: &[[f64; 3]; 2]) {
+    pub fn bounds(&mut self, bounds: &Bounds) {
         self.reals(bounds.as_flattened());
     }
 
@@ -211,19 +211,20 @@ impl ContentHasher {
             camera.near,
             camera.far,
         ];
-        // A pinhole has no coefficients: its digest is that of the days before there were any.
-        let bent = camera.distortion.coefficients();
-        self.reals(
-            &[
-                &lens[..],
-                if camera.distortion.is_none() {
-                    &[][..]
-                } else {
-                    &bent
-                },
-            ]
-            .concat(),
-        );
-        self.reals(camera.camera_to_world.as_flattened());
+        self.reals(&[&lens[..], &bent(&camera.distortion)].concat());
+        self.reals(rows::of(&camera.camera_to_world).as_flattened());
+    }
+}
+
+/// What a digest takes of a lens: nothing of a pinhole, and the last four only where one of them is
+/// not 0, so that digests are those of the days before there were any.
+fn bent(distortion: &Distortion) -> Vec<f64> {
+    let Distortion { k1, k2, k3, k4, .. } = *distortion;
+    let Distortion { k5, k6, p1, p2, .. } = *distortion;
+    let last = [k4, k5, k6, f64::from(u8::from(distortion.fisheye))];
+    match last == [0.0; 4] {
+        _ if distortion.is_none() => Vec::new(),
+        true => vec![k1, k2, k3, p1, p2],
+        false => [&[k1, k2, k3, p1, p2], &last[..]].concat(),
     }
 }

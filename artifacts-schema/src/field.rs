@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use formats::Bounds;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::artifact::{Artifact, ArtifactKind};
-use crate::camera::check_bounds;
 use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
@@ -27,14 +27,14 @@ pub struct Field {
     /// Its tensors by name.
     pub tensors: BTreeMap<String, Tensor>,
     /// The scene box: its lower and its upper corner.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: Bounds,
 }
 
 /// The JSON in the file's metadata.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct FieldMetadata {
     config: Value,
-    bounds: [[f64; 3]; 2],
+    bounds: Bounds,
     provenance: Provenance,
 }
 
@@ -42,7 +42,7 @@ impl Artifact for Field {
     const KIND: ArtifactKind = ArtifactKind::Field;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
-        check_bounds(&self.bounds)?;
+        canonical::check_bounds(&self.bounds)?;
         let metadata = FieldMetadata {
             config: self.config.clone(),
             bounds: self.bounds,

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use formats::{Bounds, Camera};
 use rayon::prelude::*;
 
 use crate::artifact::{Artifact, ArtifactKind};
-use crate::camera::{Camera, check_bounds};
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
@@ -36,7 +36,7 @@ pub struct ImageSet {
     /// The images; on disk and when read, sorted by name.
     pub views: Vec<View>,
     /// The scene box: its lower and its upper corner.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: Bounds,
     /// Rows of the similarity that takes the scene's coordinates to those of the files that it was
     /// read from; `None` where they are the same.
     pub to_source: Option<[[f64; 4]; 4]>,
@@ -45,7 +45,7 @@ pub struct ImageSet {
 impl View {
     fn check(&self) -> Result<(), SchemaError> {
         let place = format!("view {:?}", self.name);
-        self.camera.check(&place)?;
+        canonical::check_camera(&self.camera, &place)?;
         let pixels = self.camera.width as usize * self.camera.height as usize;
         let planes = [
             ("rgb", 3 * pixels, Some(&self.rgb)),
@@ -83,7 +83,7 @@ impl Artifact for ImageSet {
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         let views = self.sorted();
-        check_bounds(&self.bounds)?;
+        canonical::check_bounds(&self.bounds)?;
         canonical::check_names(views.iter().map(|view| view.name.as_str()))?;
         views.iter().try_for_each(|view| view.check())?;
         let cameras: Vec<(&str, Camera)> = views

@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use formats::{Bounds, Camera};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Artifact, ArtifactKind};
-use crate::camera::{Camera, check_bounds};
 use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
@@ -26,7 +26,7 @@ pub struct Latents {
     /// One latent per view; on disk and when read, sorted by name.
     pub views: Vec<LatentView>,
     /// The scene box: its lower and its upper corner.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: Bounds,
 }
 
 /// The latent image of one view.
@@ -51,7 +51,7 @@ pub struct Residuals(pub Latents);
 pub(crate) struct LatentsMetadata {
     vae: String,
     scaling_factor: f64,
-    bounds: [[f64; 3]; 2],
+    bounds: Bounds,
     views: BTreeMap<String, LatentViewMetadata>,
     provenance: Provenance,
 }
@@ -71,7 +71,7 @@ impl Latents {
     }
 
     fn check(&self) -> Result<(), SchemaError> {
-        check_bounds(&self.bounds)?;
+        canonical::check_bounds(&self.bounds)?;
         canonical::check_names(self.sorted().iter().map(|view| view.name.as_str()))?;
         if !self.scaling_factor.is_finite() {
             return Err(SchemaError::content(
@@ -81,7 +81,7 @@ impl Latents {
         }
         for view in &self.views {
             let place = format!("view {:?}", view.name);
-            view.camera.check(&place)?;
+            canonical::check_camera(&view.camera, &place)?;
             check_rank(&view.tensor, &place)?;
         }
         Ok(())
@@ -133,7 +133,7 @@ impl Latents {
         for (name, LatentViewMetadata { size, camera }) in metadata.views {
             let tensor = tensors.take(&path, &name)?;
             let place = format!("tensor {name:?}");
-            camera.check(&place).map_err(|error| error.in_file(&path))?;
+            canonical::check_camera(&camera, &place).map_err(|error| error.in_file(&path))?;
             check_rank(&tensor, &place).map_err(|error| error.in_file(&path))?;
             views.push(LatentView {
                 name,

@@ -4,7 +4,6 @@
 //! store.
 
 pub mod artifact;
-pub mod camera;
 mod canonical;
 pub mod digest;
 pub mod error;
@@ -24,7 +23,6 @@ mod tensor_file;
 mod transforms;
 
 pub use artifact::{Artifact, ArtifactKind, semantic_digest};
-pub use camera::{Camera, Distortion};
 pub use digest::Digest;
 pub use error::SchemaError;
 pub use field::Field;

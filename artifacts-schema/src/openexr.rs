@@ -19,9 +19,9 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder, ReadChannels, ReadLayers, Vec2, WritableImage,
 };
+use formats::Camera;
 use glam::{DMat4, DVec4};
 
-use crate::camera::Camera;
 use crate::canonical::{self, LARGEST_COMPRESSION_RATIO};
 use crate::error::SchemaError;
 use crate::images::View;
@@ -119,10 +119,7 @@ fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, SchemaErr
 /// World to OpenEXR's camera space: left-handed, +x right, +y up, +z forward.
 fn world_to_camera(camera: &Camera) -> DMat4 {
     let flip_z = DMat4::from_diagonal(DVec4::new(1.0, 1.0, -1.0, 1.0));
-    flip_z
-        * DMat4::from_cols_array_2d(&camera.camera_to_world)
-            .transpose()
-            .inverse()
+    flip_z * camera.camera_to_world.inverse()
 }
 
 /// OpenEXR's camera space to the image: (0, 0) upper left, (1, 1) lower right after division by w;

@@ -3,10 +3,10 @@
 
 use std::path::Path;
 
+use formats::{Bounds, Camera, Distortion, rows};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::{Camera, Distortion};
 use crate::canonical;
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
@@ -21,7 +21,7 @@ pub struct Transforms {
     /// `OPENCV_FISHEYE` where all are fisheyes.
     pub camera_model: String,
     /// The scene box: its lower and its upper corner.
-    pub aabb: [[f64; 3]; 2],
+    pub aabb: Bounds,
     /// Rows of the similarity that takes these coordinates to those of the files that the scene was
     /// read from; none where they are the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -133,7 +133,7 @@ impl Lens {
 
 impl Transforms {
     /// The file for these cameras, given by view name.
-    pub fn new(cameras: &[(&str, Camera)], bounds: [[f64; 3]; 2], provenance: &Provenance) -> Self {
+    pub fn new(cameras: &[(&str, Camera)], bounds: Bounds, provenance: &Provenance) -> Self {
         let lenses: Vec<Lens> = cameras.iter().map(|(_, camera)| Lens::of(camera)).collect();
         let shared = lenses
             .first()
@@ -141,7 +141,7 @@ impl Transforms {
             .filter(|first| lenses.iter().all(|lens| lens == first));
         let frame = |&(name, camera): &(&str, Camera)| Frame {
             file_path: format!("{name}.exr"),
-            transform_matrix: camera.camera_to_world,
+            transform_matrix: rows::of(&camera.camera_to_world),
             lens: if shared.is_some() {
                 Lens::default()
             } else {
@@ -234,7 +234,7 @@ impl Transforms {
                 .or(self.lens.cy)
                 .ok_or_else(|| missing("cy"))?,
             distortion: self.distortion(&frame.lens),
-            camera_to_world: frame.transform_matrix,
+            camera_to_world: rows::matrix(&frame.transform_matrix),
             near: frame
                 .lens
                 .near
@@ -246,7 +246,7 @@ impl Transforms {
                 .or(self.lens.far)
                 .ok_or_else(|| missing("far"))?,
         };
-        camera.check(&place)?;
+        canonical::check_camera(&camera, &place)?;
         Ok((name.to_owned(), camera))
     }
 }

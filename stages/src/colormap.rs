@@ -1,7 +1,7 @@
 //! Colours for numbers, such that equal steps look equal: a way through Oklab (Ottosson 2020,
 //! <https://bottosson.github.io/posts/oklab>). Knows nothing of what the numbers mean.
 
-use scene::color::linear_to_srgb;
+use formats::color::linear_to_srgb;
 
 /// Its name, for legends.
 pub const NAME: &str = "Oklab, dark blue to bright yellow";
@@ -43,7 +43,7 @@ mod tests {
 
     /// CIE lightness, by formulas that share nothing with Oklab.
     fn lightness(rgb: [f32; 3]) -> f32 {
-        let [r, g, b] = rgb.map(scene::color::srgb_to_linear);
+        let [r, g, b] = rgb.map(formats::color::srgb_to_linear);
         116.0 * (0.2126 * r + 0.7152 * g + 0.0722 * b).cbrt() - 16.0
     }
 

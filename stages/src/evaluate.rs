@@ -83,7 +83,7 @@ impl Evaluate {
             supersample: self.supersample,
             background,
         };
-        nerf::render(field, &convert::camera(&view.camera), &options)
+        nerf::render(field, &view.camera, &options)
     }
 
     /// The field from all held-out cameras.
@@ -96,7 +96,7 @@ impl Evaluate {
         let mut shown = Vec::new();
         for view in &truths.views {
             shown.push(Shown {
-                camera: convert::camera(&view.camera),
+                camera: view.camera,
                 image: self.render(field, view),
             });
             tell()?;

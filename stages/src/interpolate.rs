@@ -75,7 +75,7 @@ impl Default for Interpolate {
 
 impl Interpolate {
     fn enlarge(&self, view: &View, network: Option<&Upsampler>, device: &Device) -> View {
-        let camera = convert::scaled(&convert::camera(&view.camera), self.factor);
+        let camera = view.camera.scaled_by(self.factor);
         let size = [camera.height as usize, camera.width as usize];
         let alpha = convert::alpha_array(view, device)
             .map(|alpha| self.alpha(&alpha, size, network).to_vec());
@@ -95,7 +95,7 @@ impl Interpolate {
         };
         View {
             name: view.name.clone(),
-            camera: convert::disk_camera(&camera),
+            camera,
             rgb,
             alpha,
             depth: None,

@@ -10,6 +10,7 @@ use diffusion::guidance::{Guidance, Loss, Timesteps};
 use diffusion::optimize::{
     Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents,
 };
+use formats::rows;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -115,12 +116,12 @@ fn view(latent: &LatentView, low: &ImageSet, device: &Device) -> Result<ViewLate
         size(photo.camera.height),
         size(photo.camera.width),
     ]);
-    let matrix = latent.camera.camera_to_world;
+    let rows = rows::of(&latent.camera.camera_to_world);
     Ok(ViewLatents {
         name: latent.name.clone(),
         latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
         low,
-        camera: std::array::from_fn(|i| matrix[i / 4][i % 4] as f32),
+        camera: std::array::from_fn(|i| rows[i / 4][i % 4] as f32),
     })
 }
 

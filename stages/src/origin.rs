@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use formats::Bounds;
 use scene::{Colmap, Llff, Reader, Transforms};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -38,7 +39,7 @@ pub enum Origin {
         /// The scene box in the file's coordinates; by default what the file says, or
         /// instant-ngp's.
         #[serde(default)]
-        bounds: Option<[[f64; 3]; 2]>,
+        bounds: Option<Bounds>,
         /// Only every so many of the photos that the source sets aside for testing.
         #[serde(default = "one")]
         #[schemars(range(min = 1, max = 1_000_000))]

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, Field, ImageSet};
-use scene::Camera;
+use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -94,11 +94,7 @@ impl Default for Render {
 impl Render {
     /// What to render, by name.
     fn views(&self, cameras: &ImageSet) -> Result<Vec<(String, Camera)>, StageError> {
-        let own: Vec<Camera> = cameras
-            .views
-            .iter()
-            .map(|view| convert::camera(&view.camera))
-            .collect();
+        let own: Vec<Camera> = cameras.views.iter().map(|view| view.camera).collect();
         if own.is_empty() {
             return Err(StageError::Mismatch(
                 "there are no cameras to render from".into(),
@@ -216,7 +212,7 @@ impl Stage for Render {
         let renderer = nerf::Renderer::new(io.device, &field);
         let mut views = Vec::new();
         for (done, (name, camera)) in path.iter().enumerate() {
-            let camera = convert::scaled(camera, self.scale);
+            let camera = camera.scaled_by(self.scale);
             views.push(convert::rendered_view(
                 name,
                 &camera,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
+use formats::rows;
 use glam::DMat4;
 use scene::{Photo, Reduction, SceneData};
 use schemars::JsonSchema;
@@ -201,7 +202,7 @@ impl Stage for Scene {
         };
         let to_source = match data.to_source == DMat4::IDENTITY {
             true => None,
-            false => Some(data.to_source.transpose().to_cols_array_2d()),
+            false => Some(rows::of(&data.to_source)),
         };
         let set = |photos: &[Photo]| ImageSet {
             views: photos.iter().map(convert::photo_view).collect(),

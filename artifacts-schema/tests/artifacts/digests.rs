@@ -128,7 +128,7 @@ fn everything_in_images_counts() {
             |images| images.views[1].camera.distortion.k3 = 1e-15,
             |images| images.views[1].camera.distortion.p1 = 1e-15,
             |images| images.views[1].camera.distortion.p2 = 1e-15,
-            |images| images.views[1].camera.camera_to_world[2][3] += 1e-15,
+            |images| images.views[1].camera.camera_to_world.w_axis.z += 1e-15,
             |images| (images.views[0].camera.width, images.views[0].camera.height) = (4, 5),
             |images| images.bounds[1][2] = 0.0,
             |images| drop(images.views.pop()),

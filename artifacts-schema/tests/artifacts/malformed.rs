@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use artifacts_schema::{Artifact, ArtifactKind, Camera, View, semantic_digest};
+use artifacts_schema::{Artifact, ArtifactKind, View, semantic_digest};
+use formats::Camera;
 use proptest::prelude::*;
 use proptest::sample::Index;
 use tempfile::{TempDir, tempdir};

@@ -1,8 +1,9 @@
 //! The camera in an EXR's standard attributes says the same as `transforms.json`.
 
-use artifacts_schema::{Artifact, Camera};
+use artifacts_schema::Artifact;
 use exr::meta::MetaData;
 use exr::meta::attribute::Text;
+use formats::{Camera, rows};
 use tempfile::tempdir;
 
 use crate::samples;
@@ -23,7 +24,7 @@ fn transform(point: [f64; 3], matrix: [f32; 16]) -> [f64; 3] {
 fn in_world(camera: &Camera, point: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = point;
     [0, 1, 2].map(|row| {
-        let [a, b, c, d] = camera.camera_to_world[row];
+        let [a, b, c, d] = rows::of(&camera.camera_to_world)[row];
         a * x + b * y + c * z + d
     })
 }

@@ -2,7 +2,9 @@
 
 use std::fmt::Debug;
 
-use artifacts_schema::{Artifact, Distortion, ImageSet, SchemaError, View};
+use artifacts_schema::{Artifact, ImageSet, SchemaError, View};
+use formats::{Distortion, rows};
+use glam::DVec4;
 use proptest::prelude::*;
 use tempfile::tempdir;
 
@@ -152,12 +154,12 @@ proptest! {
         (camera.fl_x, camera.fl_y, camera.cx, camera.cy) = (numbers[0], numbers[1], numbers[2], numbers[3]);
         (camera.near, camera.far) = (numbers[4], numbers[5]);
         // Upper triangular, its diagonal moderate: any such matrix can be inverted.
-        camera.camera_to_world = [
+        camera.camera_to_world = rows::matrix(&[
             [0.3, numbers[6], numbers[7], numbers[8]],
             [0.0, 1.7, numbers[9], numbers[10]],
             [0.0, 0.0, -0.9, numbers[11]],
             [0.0, 0.0, 0.0, 1.0],
-        ];
+        ]);
         images.bounds = [[numbers[12], numbers[13], numbers[14]], [numbers[15], numbers[16], numbers[17]]];
         prop_assert_eq!(round_trip(&images), images);
     }
@@ -209,7 +211,7 @@ fn what_has_no_form_on_disk_is_refused_by_name() {
     );
 
     let mut images = samples::images();
-    images.views[0].camera.camera_to_world[1] = [0.0; 4];
+    images.views[0].camera.camera_to_world.y_axis = DVec4::ZERO;
     assert_eq!(
         refused(&images),
         "view \"view_000\": its camera-to-world matrix cannot be inverted"

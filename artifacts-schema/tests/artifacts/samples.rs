@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use artifacts_schema::{
-    Artifact, Camera, Distortion, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora,
-    Metrics, Picture, Provenance, Residuals, Row, SchemaError, Tensor, View,
+    Artifact, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
+    Provenance, Residuals, Row, SchemaError, Tensor, View,
 };
+use formats::{Camera, Distortion, rows};
 use serde_json::json;
 
 /// Numbers that no short text holds, the same on every machine.
@@ -42,12 +43,12 @@ pub fn camera() -> Camera {
         cx: 2.4,
         cy: 2.1,
         distortion: Distortion::default(),
-        camera_to_world: [
+        camera_to_world: rows::matrix(&[
             [cos, 0.0, sin, 1.0],
             [0.0, 1.0, 0.0, 2.0],
             [-sin, 0.0, cos, 3.0],
             [0.0, 0.0, 0.0, 1.0],
-        ],
+        ]),
         near: 0.1,
         far: 1e3 / 3.0,
     }

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 use std::time::Instant;
 
 use compute::Device;
+use formats::Camera;
 use glam::DVec3;
 use nerf::{Field, FieldConfig, GpuTrainer, TrainOptions, TrainView, Trainer, Work};
-use scene::Camera;
 
 /// Steps before the figures are taken.
 const WARM_UP: u32 = 4;

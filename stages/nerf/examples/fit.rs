@@ -90,7 +90,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let small = |photo: &Photo| downscale(photo, settings.factor, Reduction::Bicubic);
     let low = train.iter().map(small).collect::<Result<Vec<_>, _>>()?;
     let view = |photo: &Photo| TrainView {
-        camera: photo.camera.clone(),
+        camera: photo.camera,
         rgb: photo.rgb.clone(),
         alpha: photo.alpha.clone(),
         mask: None,

@@ -2,7 +2,7 @@
 //! nothing of the field.
 
 use compute::rng::Rng;
-use scene::Camera;
+use formats::Camera;
 
 /// A photo to train on. Each of its pixels is the mean of the radiance over the pixel's area.
 #[derive(Clone, Debug)]

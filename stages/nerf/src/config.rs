@@ -2,7 +2,7 @@
 //! nothing of values.
 
 use crate::space::Space;
-use scene::Camera;
+use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

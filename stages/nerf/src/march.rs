@@ -1,10 +1,11 @@
 //! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or
 //! colours.
 
+use formats::{Camera, Ray};
+
 use crate::occupancy::OccupancyGrid;
 use crate::perspective::Perspective;
 use crate::space::Space;
-use scene::{Camera, Ray};
 
 /// The part of a ray inside the box and between near and far, in unit space.
 #[derive(Clone, Copy, Debug)]

@@ -1,8 +1,8 @@
 //! From world space to the unit space of a scene that is photographed from one side: what a camera
 //! at its front sees, spread in depth by disparity. Knows nothing of what the field holds.
 
+use formats::Camera;
 use glam::{DMat4, DVec3, DVec4};
-use scene::Camera;
 
 /// The least cosine of the angle between the mean of all cameras' axes and anything that one of
 /// them sees: 66 degrees.
@@ -182,7 +182,7 @@ fn corners(camera: &Camera) -> impl Iterator<Item = DVec3> {
     Camera {
         near,
         far,
-        ..camera.clone()
+        ..*camera
     }
     .frustum_corners()
     .into_iter()

@@ -7,8 +7,8 @@ use crate::look::Look;
 use crate::march::Segment;
 use crate::pool::Pool;
 use crate::samples::Samples;
+use formats::Camera;
 use rayon::prelude::*;
-use scene::Camera;
 use std::ops::Range;
 
 /// Pixels one task renders at a time; fixed, so that images do not depend on the number of threads.

@@ -2,7 +2,7 @@
 
 use crate::config::{CONE, FieldConfig};
 use crate::perspective::{Perspective, reach};
-use scene::Camera;
+use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

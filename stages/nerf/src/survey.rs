@@ -7,9 +7,9 @@ use crate::network::Activations;
 use crate::occupancy::elements;
 use crate::pool::Pool;
 use compute::rng::Rng;
+use formats::Camera;
 use glam::DVec3;
 use rayon::prelude::*;
-use scene::Camera;
 
 /// Updates that look at every cell, before sampling starts.
 const WARM_UP: u32 = 16;

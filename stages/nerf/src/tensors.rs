@@ -215,8 +215,8 @@ mod tests {
     use super::*;
     use crate::field::tests::{BOUNDS, small};
     use crate::space::SpaceKind;
+    use formats::Camera;
     use glam::DMat4;
-    use scene::Camera;
 
     #[test]
     fn tensors_come_back_as_the_same_field() {

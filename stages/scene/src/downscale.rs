@@ -7,8 +7,9 @@
 
 use compute::Device;
 use compute::resize::{Filter, resize};
+use formats::Camera;
 
-use crate::{Camera, Photo, SceneError, mask};
+use crate::{Photo, SceneError, mask};
 
 /// How [`downscale`] weighs the pixels that become one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -142,7 +143,7 @@ fn to_planes(values: &[f32], row: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Distortion;
+    use formats::Distortion;
     use glam::DMat4;
 
     fn photo(width: u32, height: u32, value: impl Fn(u32, u32, usize) -> f32) -> Photo {

@@ -4,11 +4,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use formats::Camera;
 use image::metadata::Orientation;
 
+use crate::SceneError;
 use crate::finder::{Finder, Found};
 use crate::photo_file::{self, Header};
-use crate::{Camera, SceneError};
 
 /// Photos reduced by whole factors differ from the full size's shape by a pixel's rounding, not by
 /// more.

@@ -1,13 +1,10 @@
-//! Cameras and their conventions, readers of posed photos, and procedural scenes.
+//! Readers of posed photos, and procedural scenes.
 //!
 //! Everything here follows `docs/conventions.md`: OpenGL axes, pixel centres at +0.5, sRGB-encoded
 //! photos, depth along the view axis. Readers bring foreign conventions into these at the door;
 //! nothing behind them knows others.
 
-mod camera;
 mod colmap;
-pub mod color;
-mod distortion;
 mod downscale;
 mod error;
 mod faults;
@@ -28,9 +25,7 @@ mod reader;
 mod source_files;
 mod transforms;
 
-pub use camera::{Camera, Ray};
 pub use colmap::Colmap;
-pub use distortion::Distortion;
 pub use downscale::{Reduction, downscale};
 pub use error::SceneError;
 pub use llff::Llff;

@@ -8,6 +8,7 @@
 
 use std::path::{Path, PathBuf};
 
+use formats::{Camera, Distortion};
 use glam::{DMat4, DVec3};
 
 use crate::faults::a_tenth;
@@ -19,7 +20,7 @@ use crate::normalize::normalize;
 use crate::npy::{Table, read_table};
 use crate::photo_file;
 use crate::reader::{Posed, Reader, Survey, sift};
-use crate::{Camera, Distortion, SceneError, pose, source_files};
+use crate::{SceneError, pose, source_files};
 
 const POSES_FILE: &str = "poses_bounds.npy";
 const COLUMNS: usize = 17;
@@ -73,7 +74,7 @@ impl Reader for Llff {
         let mut train = self.gather(&poses_file, &poses, files, &mut notes)?;
         let mut test = Vec::new();
         notes.extend(sift(&poses_file, &mut train, &mut test, self.size)?);
-        let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera.clone()).collect();
+        let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera).collect();
         let (moved, to_source) = normalize(&cameras);
         let bounds = pose::hull(&moved);
         for (posed, camera) in train.iter_mut().zip(moved) {

@@ -5,11 +5,12 @@
 
 use std::path::{Path, PathBuf};
 
+use formats::Camera;
 use image::metadata::Orientation;
 
 use crate::downscale::shrink;
 use crate::finder::{DYNAMIC_MASK, Finder};
-use crate::{Camera, Reduction, SceneError, photo_file};
+use crate::{Reduction, SceneError, photo_file};
 
 /// The folder of COLMAP's masks, beside that of the photos.
 const FOLDER: &str = "masks";

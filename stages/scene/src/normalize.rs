@@ -1,8 +1,7 @@
 //! Moves a scene into coordinates of its own cameras. Knows nothing of files.
 
+use formats::Camera;
 use glam::{DMat3, DMat4, DVec3};
-
-use crate::Camera;
 
 /// Brings cameras into a frame where numbers are tame: the average camera stands at the origin,
 /// looks along -z with +y up, and the nearest near plane lies at depth 1.

@@ -4,10 +4,11 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
+use formats::Camera;
 use glam::DVec3;
 
 use crate::normalize::average_pose;
-use crate::{Camera, SceneError, pose, source_files, transforms};
+use crate::{SceneError, pose, source_files, transforms};
 
 /// The part of the cameras' spread that a spiral fills: what they really saw lies inside.
 const SPREAD: f64 = 0.8;

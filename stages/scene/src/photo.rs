@@ -1,8 +1,7 @@
 //! Posed photos, and the scenes made of them. Knows nothing of where they come from.
 
+use formats::{Bounds, Camera};
 use glam::DMat4;
-
-use crate::Camera;
 
 /// One image with the camera that took it.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +29,7 @@ pub struct SceneData {
     pub test: Vec<Photo>,
     /// Lowest and highest corner, in world units, of an axis-aligned box around all that the
     /// cameras see.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: Bounds,
     /// The similarity that takes the scene's coordinates to those of the files that it was read
     /// from.
     pub to_source: DMat4,
@@ -38,18 +37,6 @@ pub struct SceneData {
     pub description: String,
     /// What was left out or had to be guessed: a sentence each.
     pub notes: Vec<String>,
-}
-
-/// Lowest and highest corner of the points. The box of nothing is empty: its low corner lies above
-/// its high one.
-pub(crate) fn bounding_box(points: impl IntoIterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
-    let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    points.into_iter().fold(empty, |[low, high], p| {
-        [
-            std::array::from_fn(|i| low[i].min(p[i])),
-            std::array::from_fn(|i| high[i].max(p[i])),
-        ]
-    })
 }
 
 /// Splits photos in their order into `(train, test)`: indices 0, `every`, 2 * `every`, ... are held
@@ -67,7 +54,7 @@ pub fn split_holdout(photos: Vec<Photo>, every: usize) -> (Vec<Photo>, Vec<Photo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Distortion;
+    use formats::Distortion;
 
     fn photos(count: usize) -> Vec<Photo> {
         let camera = Camera {
@@ -84,7 +71,7 @@ mod tests {
         };
         let photo = |i| Photo {
             name: format!("{i}"),
-            camera: camera.clone(),
+            camera,
             rgb: vec![0.0; 3],
             alpha: None,
             mask: None,
@@ -108,11 +95,5 @@ mod tests {
     fn zero_holds_out_nothing_and_one_everything() {
         assert_eq!(split_holdout(photos(3), 0).1.len(), 0);
         assert_eq!(split_holdout(photos(3), 1).0.len(), 0);
-    }
-
-    #[test]
-    fn a_bounding_box_holds_its_points_and_no_more() {
-        let points = [[1.0, 5.0, -2.0], [0.0, 7.0, 3.0]];
-        assert_eq!(bounding_box(points), [[0.0, 5.0, -2.0], [1.0, 7.0, 3.0]]);
     }
 }

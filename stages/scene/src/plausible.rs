@@ -1,9 +1,9 @@
 //! Whether cameras together can be those of one scene: one far from all others, all at one place,
 //! all far from the origin. Knows no files.
 
+use formats::Camera;
 use glam::{DMat4, DVec3};
 
-use crate::Camera;
 use crate::faults::a_tenth;
 
 /// A camera this many times as far away as nine tenths of them is taken for a mistake of the pose

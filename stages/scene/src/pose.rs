@@ -1,10 +1,8 @@
 //! Checks foreign poses and gives them a scene to stand in where their files name none. Knows no
 //! formats.
 
+use formats::{Bounds, Camera, bounds};
 use glam::{DMat3, DMat4, DVec3};
-
-use crate::Camera;
-use crate::photo::bounding_box;
 
 /// Rotations farther than this from orthonormal are not rotations. Files in single precision are
 /// within 1e-6.
@@ -76,7 +74,7 @@ pub(crate) fn check(camera: &Camera) -> Result<(), String> {
 }
 
 /// The depths along the view axis between which a camera meets a box.
-pub(crate) fn depths_of_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> [f64; 2] {
+pub(crate) fn depths_of_box(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     let to_camera = camera.camera_to_world.inverse();
     let corner = |i: usize| [0, 1, 2].map(|axis| bounds[i >> axis & 1][axis]);
     let depths = (0..8).map(|i| -to_camera.transform_point3(corner(i).into()).z);
@@ -93,7 +91,7 @@ pub(crate) fn depths_of_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> [f64; 2]
 
 /// Whether a camera sees something of a box: one of a grid of its rays meets the box in front of
 /// it, or the box is so small that its middle lies between them.
-pub(crate) fn sees_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> bool {
+pub(crate) fn sees_box(camera: &Camera, bounds: &Bounds) -> bool {
     const GRID: u32 = 16;
     let middle = [0, 1, 2].map(|axis| 0.5 * (bounds[0][axis] + bounds[1][axis]));
     let width = f64::from(camera.width);
@@ -108,7 +106,7 @@ pub(crate) fn sees_box(camera: &Camera, bounds: &[[f64; 3]; 2]) -> bool {
 }
 
 /// Whether the ray through a point of the image meets a box.
-fn meets(camera: &Camera, px: f64, py: f64, bounds: &[[f64; 3]; 2]) -> bool {
+fn meets(camera: &Camera, px: f64, py: f64, bounds: &Bounds) -> bool {
     let origin = camera.position();
     let along = DVec3::from(camera.unproject(px, py, 1.0)) - origin;
     let mut first = 0.0;
@@ -170,8 +168,8 @@ pub(crate) fn focus(cameras: &[Camera]) -> DVec3 {
 }
 
 /// The box around all that the cameras see between their near and far.
-pub(crate) fn hull(cameras: &[Camera]) -> [[f64; 3]; 2] {
-    bounding_box(cameras.iter().flat_map(Camera::frustum_corners))
+pub(crate) fn hull(cameras: &[Camera]) -> Bounds {
+    bounds::around(cameras.iter().flat_map(Camera::frustum_corners))
 }
 
 #[cfg(test)]

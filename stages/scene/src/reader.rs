@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use formats::{Bounds, Camera};
 use glam::DMat4;
 use image::metadata::Orientation;
 use rayon::prelude::*;
@@ -11,7 +12,7 @@ use crate::downscale::shrink_covered;
 use crate::mask::{self, MaskFile};
 use crate::photo_file::{self, Pixels};
 use crate::plausible::{self, Stray};
-use crate::{Camera, Photo, Reduction, SceneData, SceneError, source_files};
+use crate::{Photo, Reduction, SceneData, SceneError, source_files};
 
 /// A reader of posed photos of one format.
 ///
@@ -81,7 +82,7 @@ pub struct Survey {
     pub(crate) train: Vec<Posed>,
     /// What the source itself sets aside for testing.
     pub(crate) test: Vec<Posed>,
-    pub(crate) bounds: [[f64; 3]; 2],
+    pub(crate) bounds: Bounds,
     /// Takes the scene's coordinates to those of the files.
     pub(crate) to_source: DMat4,
     /// The size asked for.
@@ -230,7 +231,7 @@ pub(crate) fn sift(
     refuse_twice(path, test)?;
     let mut notes = leave_out_strays(train, test);
     let posed = || train.iter().chain(test.iter());
-    let cameras: Vec<Camera> = posed().map(|posed| posed.camera.clone()).collect();
+    let cameras: Vec<Camera> = posed().map(|posed| posed.camera).collect();
     if plausible::at_one_place(&cameras) {
         let fault = "stand at one place, from which no depth can be seen: the pose estimation failed, or its \
                      translations were lost";
@@ -278,7 +279,7 @@ fn leave_out_strays(train: &mut Vec<Posed>, test: &mut Vec<Posed>) -> Vec<String
     let cameras: Vec<Camera> = train
         .iter()
         .chain(test.iter())
-        .map(|posed| posed.camera.clone())
+        .map(|posed| posed.camera)
         .collect();
     let (strays, few) = plausible::strays(&cameras);
     let name = |index: usize| match index.checked_sub(train.len()) {

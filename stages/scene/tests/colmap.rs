@@ -8,9 +8,10 @@ use std::fmt::Write;
 use std::path::Path;
 
 use common::{BENT, SIZE, any_damage, colmap, known_cameras, llff, real, words, write_photo};
+use formats::Camera;
 use glam::{DMat4, DQuat, DVec3};
 use proptest::prelude::*;
-use scene::{Camera, Photo, Reader};
+use scene::{Photo, Reader};
 use tempfile::TempDir;
 
 /// World to camera as COLMAP has it: (w, x, y, z) and a translation, axes right, down, forwards.
@@ -167,7 +168,7 @@ fn assert_similar(known: &[Camera], read: &[Camera], pixels: f64) {
 }
 
 fn cameras(photos: &[Photo]) -> Vec<Camera> {
-    photos.iter().map(|photo| photo.camera.clone()).collect()
+    photos.iter().map(|photo| photo.camera).collect()
 }
 
 #[test]

@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use common::{SIZE, colmap, known_cameras, write_photo};
+use formats::Distortion;
 use glam::DQuat;
-use scene::{Distortion, Reader, SceneData, SceneError, Transforms};
+use scene::{Reader, SceneData, SceneError, Transforms};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -35,7 +36,7 @@ fn rows(first: &str) -> Vec<Vec<String>> {
 /// Three photos with the given ending of their names and the file about them.
 fn capture(ending: &str, change: impl Fn(&mut Value)) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let frame = |(i, camera): (usize, &scene::Camera)| {
+    let frame = |(i, camera): (usize, &formats::Camera)| {
         let name = format!("{i}.{ending}");
         let fresh = folder.path().join("fresh.png");
         write_photo(&fresh, SIZE, 9);

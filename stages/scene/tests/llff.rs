@@ -7,9 +7,10 @@ mod common;
 use std::path::Path;
 
 use common::llff;
+use formats::{Camera, Distortion};
 use glam::DVec3;
 use npyz::WriterBuilder;
-use scene::{Camera, Distortion, Reader, SceneError, downscale, split_holdout};
+use scene::{Reader, SceneError, downscale, split_holdout};
 use tempfile::TempDir;
 
 const SIZE: (u32, u32) = (24, 18);

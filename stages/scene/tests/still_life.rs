@@ -4,7 +4,7 @@
 
 use compute::Device;
 use compute::resize::{Filter, resize};
-use scene::color::srgb_to_linear;
+use formats::color::srgb_to_linear;
 use scene::{Photo, Reduction, SceneData, downscale, still_life};
 
 fn with_threads(threads: usize, make: impl Fn() -> SceneData + Send + Sync) -> SceneData {

@@ -7,8 +7,9 @@ mod common;
 use std::path::Path;
 
 use common::{BENT, SIZE, any_damage, known_cameras, photos, real, transforms, words, write_photo};
+use formats::Distortion;
 use proptest::prelude::*;
-use scene::{Distortion, Reader, SceneData, Transforms, write_transforms};
+use scene::{Reader, SceneData, Transforms, write_transforms};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -40,7 +41,7 @@ fn what_is_written_comes_back_the_same() {
 /// Three photos and a file about them.
 fn written(file: &str, change: impl Fn(&mut Value)) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let frame = |(i, camera): (usize, &scene::Camera)| {
+    let frame = |(i, camera): (usize, &formats::Camera)| {
         write_photo(
             &folder.path().join(format!("images/{i}.png")),
             SIZE,

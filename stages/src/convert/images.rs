@@ -3,11 +3,11 @@
 
 use artifacts_schema::{ImageSet, View};
 use compute::{Array, Device};
+use formats::Camera;
+use formats::color::{linear_to_srgb, srgb_to_linear};
 use nerf::{Rendered, TrainView};
-use scene::color::{linear_to_srgb, srgb_to_linear};
-use scene::{Camera, Photo};
+use scene::Photo;
 
-use super::cameras::{camera, disk_camera};
 use crate::error::StageError;
 
 /// The view of this name.
@@ -133,7 +133,7 @@ fn straight(before_black: Vec<f32>, alpha: Option<&[f32]>) -> Vec<f32> {
 pub fn photo_view(photo: &Photo) -> View {
     View {
         name: photo.name.clone(),
-        camera: disk_camera(&photo.camera),
+        camera: photo.camera,
         rgb: premultiplied_linear(&photo.rgb, photo.alpha.as_deref()),
         alpha: photo.alpha.clone(),
         depth: None,
@@ -145,7 +145,7 @@ pub fn photo_view(photo: &Photo) -> View {
 pub fn view_photo(view: &View) -> Photo {
     Photo {
         name: view.name.clone(),
-        camera: camera(&view.camera),
+        camera: view.camera,
         rgb: straight_srgb(view),
         alpha: view.alpha.clone(),
         mask: view.mask.clone(),
@@ -157,7 +157,7 @@ pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: boo
     let alpha = alpha.then_some(rendered.opacity);
     View {
         name: name.to_owned(),
-        camera: disk_camera(camera),
+        camera: *camera,
         rgb: premultiplied_linear(&straight(rendered.rgb, alpha.as_deref()), alpha.as_deref()),
         alpha,
         depth: Some(rendered.depth),
@@ -168,7 +168,7 @@ pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: boo
 /// A view to train a field on; where there is alpha, the field is to be as transparent.
 pub fn train_view(view: &View, weight: f32, supersample: u32) -> TrainView {
     TrainView {
-        camera: camera(&view.camera),
+        camera: view.camera,
         rgb: straight_srgb(view),
         alpha: view.alpha.clone(),
         mask: view.mask.clone(),

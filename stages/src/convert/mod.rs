@@ -1,13 +1,11 @@
 //! Between what lies on disk and what the libraries take. Knows nothing of any one stage.
 
-mod cameras;
 mod images;
 mod optimization;
 mod tensors;
 #[cfg(test)]
 mod tests;
 
-pub use cameras::{camera, disk_camera, scaled};
 pub use images::{
     alpha_array, disk_pixels, disk_pixels_of_signed, linear_array, photo_view, pixels,
     rendered_view, signed_array, srgb, srgb_array, srgb_before, train_view, view_named, view_photo,

@@ -1,10 +1,10 @@
 //! Whether a field shows the same from one held-out view as from the next. Knows nothing of the
 //! truth.
 
+use formats::Camera;
 use glam::DVec3;
 use metrics::{Image, Surface, Warped};
 use nerf::Rendered;
-use scene::Camera;
 
 use super::scores::Scored;
 

@@ -102,7 +102,7 @@ impl Task {
     /// The photos as training takes them.
     pub fn views(&self) -> Vec<TrainView> {
         let view = |photo: &Photo| TrainView {
-            camera: photo.camera.clone(),
+            camera: photo.camera,
             rgb: photo.rgb.clone(),
             alpha: photo.alpha.clone(),
             mask: None,

@@ -9,8 +9,8 @@ use crate::options::TrainOptions;
 use crate::render::RenderOptions;
 use crate::training::Training;
 use compute::Device;
+use formats::Camera;
 use glam::{DMat4, DVec3};
-use scene::Camera;
 
 /// What a device makes of it.
 pub struct Check {

@@ -7,8 +7,8 @@ use crate::field::Field;
 use crate::march::Segment;
 use crate::render::{Pixel, RenderOptions, Rendered, averages, image, segments};
 use compute::Device;
+use formats::Camera;
 use rayon::prelude::*;
-use scene::Camera;
 
 /// Rays that come back from the device together.
 const ROUND: usize = 1 << 18;

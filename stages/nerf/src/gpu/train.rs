@@ -327,7 +327,7 @@ mod tests {
     use crate::config::FieldConfig;
     use crate::options::TrainOptions;
     use compute::{Device, testing};
-    use scene::Camera;
+    use formats::Camera;
 
     /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many
     /// samples.

@@ -1,8 +1,8 @@
 //! The scene, its photos, and a field for it.
 
+use formats::Camera;
 use glam::DVec3;
 use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
-use scene::Camera;
 
 /// The box of the scene.
 pub const BOUNDS: [[f32; 3]; 2] = [[-1.0; 3], [1.0; 3]];

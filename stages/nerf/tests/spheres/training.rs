@@ -1,9 +1,9 @@
 //! On the CPU: a view in between, the same bits on any number of threads, and training that goes on
 //! from a saved state.
 
+use formats::Camera;
 use glam::DVec3;
 use nerf::{Field, RenderOptions, Space, SpaceKind, TrainOptions, TrainView, Trainer, render};
-use scene::Camera;
 
 use crate::common::{
     BOUNDS, camera, config, from_one_side, in_perspective, options, photo, psnr, trace, views,
@@ -179,7 +179,7 @@ fn odd_scenes_give_finite_fields() {
         .flat_map(|scene| [(scene, SpaceKind::Box), (scene, SpaceKind::Auto)])
     {
         let views: Vec<_> = cameras.iter().cloned().map(photo).collect();
-        let eye = views[0].camera.clone();
+        let eye = views[0].camera;
         let space = Space::of(kind, BOUNDS, &cameras.iter().collect::<Vec<_>>()).unwrap();
         let mut trainer =
             Trainer::new(Field::in_space(&config(), space, 6), views, &options(40), 6);

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use formats::Camera;
 use glam::DVec3;
 
 use super::model::Model;
+use crate::pose;
 use crate::reader::Posed;
-use crate::{Camera, pose};
 
 /// Depths below and above these percentiles are taken for mistakes, as in LLFF.
 const PERCENTILES: [f64; 2] = [0.1, 99.9];
@@ -46,7 +47,7 @@ pub(super) fn guess(photos: &mut [Posed]) -> Option<String> {
         .map(range_of)
         .filter(|range| *range != UNKNOWN);
     let widest = known.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-    let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera.clone()).collect();
+    let cameras: Vec<Camera> = photos.iter().map(|posed| posed.camera).collect();
     let range = widest.unwrap_or_else(|| pose::guess_depths(&cameras));
     for posed in photos {
         if range_of(posed) == UNKNOWN {

@@ -20,8 +20,9 @@ use crate::gathering::{Gathering, without_pose};
 use crate::mask::MaskFile;
 use crate::normalize::normalize;
 use crate::reader::{Posed, Reader, Survey, sift};
-use crate::{Camera, SceneError, pose, source_files};
+use crate::{SceneError, pose, source_files};
 use files::Reconstruction;
+use formats::Camera;
 use model::{Image, Model};
 
 /// What to do where photos are not found.
@@ -80,7 +81,7 @@ impl Reader for Colmap {
         let mut test = Vec::new();
         notes.extend(sift(&file_of_images, &mut train, &mut test, self.size)?);
         notes.extend(depths::guess(&mut train));
-        let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera.clone()).collect();
+        let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera).collect();
         let (moved, to_source) = normalize(&cameras);
         let bounds = pose::hull(&moved);
         for (posed, camera) in train.iter_mut().zip(moved) {

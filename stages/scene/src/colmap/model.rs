@@ -5,9 +5,10 @@
 
 use std::collections::BTreeMap;
 
+use formats::{Camera, Distortion};
 use glam::{DMat4, DQuat, DVec3};
 
-use crate::{Camera, Distortion, pose};
+use crate::pose;
 
 /// What a reconstruction says.
 #[derive(Debug, Default, PartialEq)]

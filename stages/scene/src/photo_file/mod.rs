@@ -8,10 +8,10 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
+use formats::color::linear_to_srgb;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
-use crate::color::linear_to_srgb;
 use crate::{SceneError, source_files};
 
 pub(crate) use format::{FORMATS, Format, is_lfs_pointer, not_read, rank, split};

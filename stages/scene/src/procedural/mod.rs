@@ -16,7 +16,8 @@ mod table;
 mod texture;
 mod world;
 
-use crate::{Camera, Photo};
+use crate::Photo;
+use formats::{Bounds, Camera};
 use light::Lights;
 use render::{Picture, Seen, render};
 use world::World;
@@ -30,7 +31,7 @@ const MARGIN: f32 = 0.02;
 /// Photos, all with the same near and far, and the box of all that they show.
 struct Photographed {
     photos: Vec<Photo>,
-    bounds: [[f64; 3]; 2],
+    bounds: Bounds,
 }
 
 /// Takes a photo with each named camera; near, far and the box lie close around all surfaces that

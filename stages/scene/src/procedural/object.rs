@@ -2,11 +2,12 @@
 //! NeRF-synthetic's objects are.
 
 use compute::Rng;
+use formats::{Camera, bounds};
 use glam::{DMat4, DVec3, DVec4};
 
 use super::light::Lights;
 use super::{photograph, sculpture};
-use crate::{Camera, Photo, SceneData};
+use crate::{Photo, SceneData};
 
 /// The cameras' distance from the origin and their field of view across, those of NeRF-synthetic.
 const DISTANCE: f64 = 4.031128874;
@@ -62,7 +63,7 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
     SceneData {
         photos,
         test,
-        bounds: crate::photo::bounding_box(
+        bounds: bounds::around(
             shot.bounds
                 .map(|corner| Z_UP.transform_point3(DVec3::from(corner)).to_array()),
         ),

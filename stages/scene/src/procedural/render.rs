@@ -1,12 +1,12 @@
 //! Takes a photo of the world by tracing its rays. Knows nothing of what stands in it.
 
+use formats::Camera;
+use formats::color::linear_to_srgb;
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::light::Lights;
 use super::world::{Line, World};
-use crate::Camera;
-use crate::color::linear_to_srgb;
 
 /// A rendered image and how far it saw.
 pub(super) struct Picture {

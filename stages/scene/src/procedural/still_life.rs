@@ -1,11 +1,12 @@
 //! The embedded still life: things on a table, photographed from an arc of cameras.
 
 use compute::Rng;
+use formats::Camera;
 use glam::DVec3;
 
 use super::light::Lights;
 use super::{photograph, table};
-use crate::{Camera, SceneData};
+use crate::SceneData;
 
 /// What the cameras look at, and from how far.
 const TARGET: DVec3 = DVec3::new(0.0, 0.44, -0.3);

@@ -3,10 +3,10 @@
 
 use std::f32::consts::TAU;
 
+use formats::color::srgb_to_linear;
 use glam::{FloatExt, Vec2, Vec3};
 
 use super::glyphs::Text;
-use crate::color::srgb_to_linear;
 
 /// How a point of a surface answers light.
 #[derive(Clone, Copy, Debug)]

@@ -1,9 +1,9 @@
 //! What `transforms.json` says of a lens: once for all frames, or of one. Knows no photos.
 
+use formats::Distortion;
 use serde_json::{Map, Value};
 
 use super::page::{kind, number};
-use crate::Distortion;
 
 /// Models that are pinholes with OpenCV's k1, k2, k3, p1 and p2, or fewer of them.
 const PINHOLES: [&str; 6] = [

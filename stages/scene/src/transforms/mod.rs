@@ -21,7 +21,8 @@ use crate::finder;
 use crate::gathering::{Gathering, Spotted, without_pose};
 use crate::mask::MaskFile;
 use crate::reader::{Posed, Reader, Survey, sift};
-use crate::{Camera, SceneError, pose, source_files};
+use crate::{SceneError, pose, source_files};
+use formats::{Bounds, Camera};
 use lens::Lens;
 use page::{Frame, Page};
 
@@ -44,7 +45,7 @@ pub struct Transforms {
     /// Width and height of all photos; by default those of the files.
     pub size: Option<(u32, u32)>,
     /// The scene box, in the file's own coordinates; by default what the file says.
-    pub bounds: Option<[[f64; 3]; 2]>,
+    pub bounds: Option<Bounds>,
     /// Only every so many of the photos that the scene sets aside for testing; 0 and 1 take all.
     pub test_every: u32,
 }

@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use formats::Bounds;
 use serde_json::{Map, Value};
 
 use super::lens::Lens;
@@ -46,7 +47,7 @@ pub(crate) struct Page {
     /// What all frames share.
     pub(crate) lens: Lens,
     /// The scene box, where the file is one of ours.
-    pub(crate) aabb: Option<[[f64; 3]; 2]>,
+    pub(crate) aabb: Option<Bounds>,
     /// The side of instant-ngp's cube, and how it brings coordinates there: p * scale + offset.
     pub(crate) aabb_scale: Option<f64>,
     pub(crate) scale: Option<f64>,

@@ -3,17 +3,16 @@
 
 use std::path::Path;
 
+use formats::{Bounds, Camera};
 use glam::{DMat4, DVec3};
 
 use super::page::Page;
 use crate::reader::Posed;
-use crate::{Camera, SceneError, plausible, pose};
+use crate::{SceneError, plausible, pose};
 
 /// instant-ngp's defaults.
 const SCALE: f64 = 0.33;
 const OFFSET: [f64; 3] = [0.5; 3];
-
-type Bounds = [[f64; 3]; 2];
 
 /// Photos whose cameras are brought into place.
 pub(super) struct Placed {
@@ -24,7 +23,7 @@ pub(super) struct Placed {
 impl Placed {
     fn cameras(&self) -> Vec<Camera> {
         let all = self.train.iter().chain(&self.test);
-        all.map(|posed| posed.camera.clone()).collect()
+        all.map(|posed| posed.camera).collect()
     }
 
     fn cameras_mut(&mut self) -> impl Iterator<Item = &mut Camera> {
@@ -61,11 +60,7 @@ impl Placed {
                 [camera.near, camera.far] = range;
             }
         }
-        let train: Vec<Camera> = self
-            .train
-            .iter()
-            .map(|posed| posed.camera.clone())
-            .collect();
+        let train: Vec<Camera> = self.train.iter().map(|posed| posed.camera).collect();
         Ok(bounds.unwrap_or_else(|| pose::hull(&train)))
     }
 

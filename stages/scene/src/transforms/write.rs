@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use formats::{Bounds, rows};
 use image::{GrayImage, Luma, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
@@ -21,7 +22,7 @@ pub fn write_transforms(
     folder: &Path,
     train: &[Photo],
     test: &[Photo],
-    bounds: [[f64; 3]; 2],
+    bounds: Bounds,
 ) -> Result<(), SceneError> {
     for (split, photos) in [("train", train), ("test", test)] {
         let images = folder.join(split);
@@ -47,10 +48,9 @@ pub fn write_transforms(
 
 fn frame(split: &str, photo: &Photo) -> Value {
     let camera = &photo.camera;
-    let rows = camera.camera_to_world.transpose().to_cols_array_2d();
     let mut frame = json!({
         "file_path": format!("./{split}/{}", photo.name),
-        "transform_matrix": rows,
+        "transform_matrix": rows::of(&camera.camera_to_world),
         "w": camera.width, "h": camera.height,
         "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
         "near": camera.near, "far": camera.far,

@@ -4,8 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
+use formats::{Camera, Distortion};
 use glam::DVec3;
-use scene::{Camera, Colmap, Distortion, Llff, Photo, Reader, SceneData, SceneError, Transforms};
+use scene::{Colmap, Llff, Photo, Reader, SceneData, SceneError, Transforms};
 
 /// Width and height of all photos.
 pub const SIZE: (u32, u32) = (24, 18);
@@ -81,7 +82,7 @@ pub fn photos(cameras: &[Camera], transparent: bool) -> Vec<Photo> {
         let value = |n: usize| ((n * 7 + i * 31) % 256) as f32 / 255.0;
         Photo {
             name: format!("photo{i}"),
-            camera: camera.clone(),
+            camera: *camera,
             rgb: (0..3 * pixels).map(value).collect(),
             alpha: transparent.then(|| (0..pixels).map(|n| value(n + 5)).collect()),
             mask: None,

@@ -10,9 +10,10 @@ mod photos;
 mod reconstructions;
 
 use crate::common::words;
+use formats::Camera;
 use glam::DVec3;
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
-use scene::{Camera, Reader, SceneData, Transforms};
+use scene::{Reader, SceneData, Transforms};
 use serde_json::{Value, json};
 use std::path::Path;
 use tempfile::TempDir;

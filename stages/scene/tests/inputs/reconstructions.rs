@@ -2,9 +2,10 @@
 
 use crate::common::{colmap, words};
 use crate::{holds, photo, ring, save};
+use formats::Camera;
 use glam::DQuat;
 use image::{ImageFormat, RgbImage};
-use scene::{Camera, Reader, SceneData};
+use scene::{Reader, SceneData};
 use std::fmt::Write;
 use tempfile::TempDir;
 

@@ -1,9 +1,15 @@
-//! A camera: where it stands, what it sees, and the rays of its pixels. Knows nothing of images or
-//! files.
+//! A camera: where it stands, what it sees, and the rays of its pixels. Its serde form is that of
+//! our files. Knows nothing of images.
+
+mod check;
 
 use glam::{DMat4, DVec3, DVec4};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use crate::Distortion;
+
+pub use check::CameraError;
 
 /// Points along each side of the image that [`Camera::view_window`] looks through.
 const RIM: u32 = 32;
@@ -13,7 +19,7 @@ const RIM: u32 = 32;
 /// Axes are OpenGL's: in camera space +x is right, +y up, and the camera looks along -z. In images
 /// y points down and the centre of pixel (0, 0) lies at (0.5, 0.5), so an image spans `0..width` by
 /// `0..height`.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Camera {
     /// Image width in pixels.
     pub width: u32,
@@ -28,8 +34,12 @@ pub struct Camera {
     /// Where the optical axis meets the image, in pixels from its top edge.
     pub cy: f64,
     /// How the lens bends what a pinhole would see.
+    #[serde(default, skip_serializing_if = "Distortion::is_none")]
     pub distortion: Distortion,
-    /// Rigid transform from camera space to world space, acting on column vectors.
+    /// Rigid transform from camera space to world space, acting on column vectors; in files its
+    /// rows.
+    #[serde(with = "crate::rows")]
+    #[schemars(with = "[[f64; 4]; 4]")]
     pub camera_to_world: DMat4,
     /// Depth along the view axis, in world units, before which there is nothing to see.
     pub near: f64,
@@ -120,8 +130,14 @@ impl Camera {
             fl_y: self.fl_y * sy,
             cx: self.cx * sx,
             cy: self.cy * sy,
-            ..self.clone()
+            ..*self
         }
+    }
+
+    /// The same view with `scale` times the pixels along each axis, rounded to whole ones.
+    pub fn scaled_by(&self, scale: f64) -> Camera {
+        let pixels = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
+        self.scaled(pixels(self.width), pixels(self.height))
     }
 
     /// The camera's position in world space.
@@ -206,14 +222,14 @@ impl Camera {
     /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a
     /// uniform `scale` about the origin. What it sees stays where it was in the image; depths, near
     /// and far are scaled.
-    pub(crate) fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
+    pub fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
         camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));
         Camera {
             camera_to_world,
             near: self.near * scale,
             far: self.far * scale,
-            ..self.clone()
+            ..*self
         }
     }
 

@@ -5,6 +5,9 @@ mod fisheye;
 
 use std::fmt;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use fisheye::Fisheye;
 
 /// How near to the exact answer [`Distortion::undo`] comes, in focal lengths: less than a billionth
@@ -21,7 +24,8 @@ const STEPS: usize = 40;
 /// f = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) the point (x, y) is seen at
 /// (x f + 2 p1 x y + p2 (r² + 2 x²), y f + p1 (r² + 2 y²) + 2 p2 x y). A fisheye sees it at
 /// (x, y) t' / r, where t = atan(r) and t' = t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Distortion {
     /// Coefficient of r², or of the angle's square.
     pub k1: f64,
@@ -34,13 +38,21 @@ pub struct Distortion {
     /// Second tangential coefficient.
     pub p2: f64,
     /// Coefficient of r² below the line, or of the angle's eighth power.
+    #[serde(skip_serializing_if = "is_zero")]
     pub k4: f64,
     /// Coefficient of r⁴ below the line.
+    #[serde(skip_serializing_if = "is_zero")]
     pub k5: f64,
     /// Coefficient of r⁶ below the line.
+    #[serde(skip_serializing_if = "is_zero")]
     pub k6: f64,
     /// Whether it is a fisheye.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub fisheye: bool,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// A point of the image plane at depth 1: x right, y down.

@@ -204,3 +204,42 @@ fn frustum_corners_lie_on_the_near_and_far_planes() {
         .to_vec();
     assert_eq!(depths, [1.0, 1.0, 1.0, 1.0, 4.0, 4.0, 4.0, 4.0]);
 }
+
+#[test]
+fn files_hold_rows_and_a_camera_stands_where_its_last_column_says() {
+    let rows = r#"[[0.0,-1.0,0.0,5.0],[1.0,0.0,0.0,6.0],[0.0,0.0,1.0,7.0],[0.0,0.0,0.0,1.0]]"#;
+    let lens = r#""width":2,"height":3,"fl_x":2.0,"fl_y":2.5,"cx":1.0,"cy":1.5"#;
+    let bent = r#""distortion":{"k1":0.1,"k2":0.0,"k3":0.0,"p1":0.0,"p2":0.0,"fisheye":true}"#;
+    let text = format!(r#"{{{lens},{bent},"camera_to_world":{rows},"near":1.0,"far":9.0}}"#);
+    let camera: Camera = serde_json::from_str(&text).unwrap();
+    assert_eq!(camera.position().to_array(), [5.0, 6.0, 7.0]);
+    assert_eq!(serde_json::to_string(&camera).unwrap(), text);
+}
+
+#[test]
+fn what_no_file_may_say_is_refused() {
+    let camera = Camera::centered((5, 4), 6.0, DMat4::IDENTITY, [0.1, 9.0]);
+    assert_eq!(camera.check(), Ok(()));
+    let said = |camera: Camera| camera.check().unwrap_err().to_string();
+    let wide = Camera {
+        width: 65_537,
+        ..camera
+    };
+    assert_eq!(
+        said(wide),
+        "is 65537x4; expected 1 to 65536 pixels each way"
+    );
+    let bent = Camera {
+        distortion: Distortion {
+            k6: f64::INFINITY,
+            ..NONE
+        },
+        ..camera
+    };
+    assert_eq!(said(bent), "its camera holds inf; all must be finite");
+    let flat = Camera {
+        camera_to_world: DMat4::from_scale(DVec3::new(1.0, 0.0, 1.0)),
+        ..camera
+    };
+    assert_eq!(said(flat), "its camera-to-world matrix cannot be inverted");
+}
