@@ -3,10 +3,12 @@
 
 use crate::runtime::gpu::each::fill;
 
-pub use crate::runtime::gpu::context::{Gpu, Job};
+pub use crate::runtime::gpu::context::Gpu;
+pub use crate::runtime::gpu::job::Job;
 pub use crate::runtime::gpu::kernel::Kernel;
-pub use crate::runtime::gpu::launch::{bits, folded};
+pub use crate::runtime::gpu::launch::folded;
 pub use crate::runtime::gpu::memory::Requested;
+pub use crate::runtime::gpu::params::{Params, params};
 pub use crate::runtime::gpu::pool::Buffer;
 
 /// `len` numbers that are 0, be they whole or not.

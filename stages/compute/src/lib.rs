@@ -25,6 +25,10 @@
 //! (`portable` or `avx2`) limits it. Maps and reductions give the same bits at every width, matrix
 //! products do not.
 
+#[cfg(test)]
+mod check;
+#[cfg(test)]
+mod levels;
 mod ops;
 mod runtime;
 

@@ -1,5 +1,6 @@
 //! The operators, one folder each: what it is, its shapes, checks and dispatch in `mod.rs`, its
-//! kernels in `cpu.rs`, `gpu.rs` and `*.wgsl`. They know arrays and weights, not what those are for.
+//! kernels in `cpu.rs`, `gpu.rs` and `*.wgsl`. They know arrays and weights, not what those are
+//! for.
 //!
 //! Imports go one way: dispatch to kernels, kernels to the extents that they share with it, and all
 //! of them down to [`runtime`](crate::runtime). An operator that is a product, as convolution is,

@@ -1,5 +1,5 @@
-//! In which tiles an adapter computes matrix products fastest, by trying: it sits above the products
-//! that it times. It knows no file.
+//! In which tiles an adapter computes matrix products fastest, by trying: it sits above the
+//! products that it times. It knows no file.
 //!
 //! All tiles sum along the depth in one order, so that a choice changes how long a product takes
 //! and no bit of it: what was measured need not be measured alike again.
@@ -45,8 +45,8 @@ impl Device {
     }
 }
 
-/// Tries all tiles on products of every kind, of an extent that networks have divided by `less` each
-/// way.
+/// Tries all tiles on products of every kind, of an extent that networks have divided by `less`
+/// each way.
 fn measure(gpu: &Gpu, less: usize) -> Tuning {
     Tuning::of(|class| {
         let timed = TILES.map(|tile| (time(gpu, || run(class, gpu, tile, less)), tile));

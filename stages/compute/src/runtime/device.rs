@@ -1,5 +1,5 @@
-//! Where arrays live and operators run. It knows which back ends exist, not what they compute nor what
-//! an array is.
+//! Where arrays live and operators run. It knows which back ends exist, not what they compute nor
+//! what an array is.
 
 use std::sync::Arc;
 

@@ -113,6 +113,7 @@ impl Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::assert_same_bits;
 
     #[test]
     fn philox_gives_the_published_answers() {
@@ -185,5 +186,13 @@ mod tests {
         let rng = Rng::new(9, "test");
         let values = rng.normals(4, &[3, 5], &Device::cpu()).to_vec();
         assert_eq!(values[11], rng.normal(4, 11));
+    }
+
+    #[test]
+    fn any_number_of_threads_draws_the_same() {
+        let rng = Rng::new(3, "threads");
+        assert_same_bits("normals", || {
+            vec![rng.normals(5, &[100_000], &Device::cpu())]
+        });
     }
 }

@@ -257,3 +257,15 @@ pub(crate) fn kernels(op: &str, weight: &Weight) -> [usize; 4] {
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[should_panic(expected = "weight: 0..8 does not fill the shape [2, 3] of F16")]
+    fn bytes_that_do_not_fill_the_shape_are_refused() {
+        let bytes = Arc::new(vec![0; 8]);
+        Weight::from_bytes(&Device::cpu(), &[2, 3], Format::F16, bytes, 0..8);
+    }
+}

@@ -7,6 +7,7 @@
 
 mod batch;
 mod check;
+mod params;
 mod programs;
 mod render;
 mod resident;

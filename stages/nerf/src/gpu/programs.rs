@@ -1,6 +1,7 @@
 //! The kernels as text: which templates each is made of, and the extents it is compiled for. Knows
 //! nothing of buffers.
 
+use super::params::{Cells, Draw, NetworkStep, Outcome, Pass, Span, TableStep, Update};
 use crate::network::{Layer, Network};
 use compute::kernels::Kernel;
 
@@ -18,35 +19,35 @@ macro_rules! templates {
 /// All kernels for fields of one shape.
 pub struct Programs {
     /// How many samples of each ray are seen.
-    pub look: Kernel,
+    pub look: Kernel<Pass>,
     /// Sums of counts before each.
-    pub scan: Kernel,
+    pub scan: Kernel<Span>,
     /// Sums of the members of each word before it.
-    pub scan_bits: Kernel,
+    pub scan_bits: Kernel<Span>,
     /// The samples that are seen.
-    pub gather: Kernel,
+    pub gather: Kernel<Pass>,
     /// Raw densities and colours.
-    pub shade: Kernel,
+    pub shade: Kernel<Pass>,
     /// What rays see.
-    pub composite: Kernel,
+    pub composite: Kernel<Pass>,
     /// Gradients to raw densities and colours.
-    pub composite_backward: Kernel,
+    pub composite_backward: Kernel<Pass>,
     /// Gradients to weights and table.
-    pub backward: Kernel,
+    pub backward: Kernel<Pass>,
     /// What a batch came to.
-    pub stats: Kernel,
+    pub stats: Kernel<Outcome>,
     /// A step of the networks.
-    pub adam_network: Kernel,
+    pub adam_network: Kernel<NetworkStep>,
     /// A step of the table.
-    pub adam_table: Kernel,
+    pub adam_table: Kernel<TableStep>,
     /// Random members of a set of cells.
-    pub pick: Kernel,
+    pub pick: Kernel<Draw>,
     /// Fresh optical depths of cells.
-    pub survey: Kernel,
+    pub survey: Kernel<Update>,
     /// From where on a cell is occupied.
-    pub threshold: Kernel,
+    pub threshold: Kernel<Cells>,
     /// The bits of occupied cells.
-    pub occupy: Kernel,
+    pub occupy: Kernel<Cells>,
 }
 
 impl Programs {
@@ -59,36 +60,28 @@ impl Programs {
         Self {
             look: Kernel::new(
                 "look",
-                templates!["params", "exponential", "rays", "march", "field", "look"],
+                templates!["exponential", "rays", "march", "field", "look"],
                 [5, 1],
             )
             .with(&forward),
             scan: scan("scan", "x"),
             scan_bits: scan("scan_bits", "countOneBits(x)"),
-            gather: Kernel::new(
-                "gather",
-                templates!["params", "rays", "march", "gather"],
-                [4, 2],
-            ),
+            gather: Kernel::new("gather", templates!["rays", "march", "gather"], [4, 2]),
             shade: Kernel::new(
                 "shade",
-                templates!["params", "harmonics", "rays", "field", "shade"],
+                templates!["harmonics", "rays", "field", "shade"],
                 [5, 1],
             )
             .with(&forward),
-            composite: Kernel::new(
-                "composite",
-                templates!["params", "exponential", "composite"],
-                [2, 2],
-            ),
+            composite: Kernel::new("composite", templates!["exponential", "composite"], [2, 2]),
             composite_backward: Kernel::new(
                 "composite_backward",
-                templates!["params", "exponential", "composite_backward"],
+                templates!["exponential", "composite_backward"],
                 [6, 2],
             ),
             backward: Kernel::new(
                 "backward",
-                templates!["params", "harmonics", "rays", "field", "backward"],
+                templates!["harmonics", "rays", "field", "backward"],
                 [6, 2],
             )
             .with(&backward(&shape, network.layers[0].inputs as u32)),

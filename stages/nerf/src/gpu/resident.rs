@@ -1,11 +1,13 @@
 //! A field in the memory of a GPU. Knows where its parts lie there, and nothing of rays or
 //! training.
 
+use super::params::{Cells, Pass};
 use super::programs::Programs;
 use crate::field::Field;
 use crate::kernels::hash::Entry;
 use crate::network::Network;
-use compute::kernels::{Buffer, Gpu, Job, bits, folded};
+use bytemuck::Zeroable;
+use compute::kernels::{Buffer, Gpu, Job, folded};
 use half::f16;
 use std::sync::Arc;
 
@@ -28,7 +30,7 @@ pub struct Resident {
     pub bits: Buffer,
     /// How many cells there are.
     pub cells: usize,
-    geometry: Vec<u32>,
+    geometry: Pass,
     /// The most samples that a ray can have.
     pub most_steps: usize,
 }
@@ -57,13 +59,15 @@ impl Resident {
     pub fn refresh(&self) {
         let gpu = &self.gpu;
         let programs = &self.programs;
-        let words = &[self.cells as u32];
+        let params = Cells {
+            cells: self.cells as u32,
+        };
         let threshold = gpu.buffer(1);
         let arrays = [&self.values, &threshold];
         gpu.run(&Job {
             kernel: &programs.threshold,
             arrays: &arrays,
-            words,
+            params,
             groups: [1; 3],
             operations: 0,
         });
@@ -72,15 +76,19 @@ impl Resident {
         gpu.run(&Job {
             kernel: &programs.occupy,
             arrays: &arrays,
-            words,
+            params,
             groups,
             operations: 0,
         });
     }
 
-    /// The first parameters of the kernels that follow rays: of `count` rays from `first` on.
-    pub fn words(&self, first: usize, count: usize) -> Vec<u32> {
-        [&[count as u32, first as u32], &self.geometry[..]].concat()
+    /// What the kernels that follow rays are told: of `count` rays from `first` on.
+    pub fn pass(&self, first: usize, count: usize) -> Pass {
+        Pass {
+            rays: count as u32,
+            first: first as u32,
+            ..self.geometry
+        }
     }
 }
 
@@ -88,7 +96,7 @@ fn levels(field: &Field) -> Vec<u32> {
     let words = field.levels.iter().map(|level| {
         let [nx, ny, _] = level.resolution;
         [
-            bits(level.scale),
+            level.scale.to_bits(),
             nx,
             ny,
             level.dense.into(),
@@ -118,13 +126,21 @@ fn both_ways(network: &Network) -> Vec<f32> {
     [&network.weights[..], network.transposed().values()].concat()
 }
 
-/// Levels, marching and the occupancy grid, in the order of `params.wgsl`.
-fn geometry(field: &Field) -> Vec<u32> {
+/// A pass without rays: levels, marching and the occupancy grid.
+fn geometry(field: &Field) -> Pass {
     let stride = field.stride();
     let grid = &field.occupancy;
-    let lengths = [stride.shortest, stride.cone, grid.resolution].map(bits);
-    let size = grid.size.map(|n| n as u32);
-    [&[field.levels.len() as u32], &lengths[..], &size].concat()
+    let [size_x, size_y, size_z] = grid.size.map(|n| n as u32);
+    Pass {
+        levels: field.levels.len() as u32,
+        shortest: stride.shortest,
+        cone: stride.cone,
+        resolution: grid.resolution,
+        size_x,
+        size_y,
+        size_z,
+        ..Pass::zeroed()
+    }
 }
 
 /// Steps along the box's diagonal, and one more at either end.

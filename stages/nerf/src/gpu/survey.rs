@@ -1,10 +1,11 @@
 //! Keeps the occupancy grid of a field on a GPU true while the field changes: the same cells and
 //! the same points in them as on the CPU.
 
+use super::params::{Draw, Span, Update};
 use super::resident::Resident;
 use super::trace::{TURNS, start};
 use crate::field::Field;
-use compute::kernels::{Buffer, Gpu, bits, zeros};
+use compute::kernels::{Buffer, Gpu, zeros};
 use compute::rng::Rng;
 
 /// Updates that look at every cell, before sampling starts.
@@ -67,12 +68,18 @@ impl Survey {
             (0, [&self.seen, &self.before_seen]),
             (1, [&resident.bits, &occupied]),
         ] {
-            let words = [self.words as u32, 4 * round + 3, part, low, high];
+            let draw = Draw {
+                words: self.words as u32,
+                step: 4 * round + 3,
+                part,
+                key_low: low,
+                key_high: high,
+            };
             start(
                 gpu,
                 &resident.programs.pick,
                 &[set[0], set[1], &marked],
-                &words,
+                draw,
                 DRAWING,
             );
         }
@@ -83,21 +90,18 @@ impl Survey {
     fn look(&self, resident: &Resident, field: &Field, set: [&Buffer; 2], rng: &Rng, round: u32) {
         let grid = &field.occupancy;
         let [low, high] = rng.key();
-        let decay = if round == 0 { 0.0 } else { DECAY };
-        let lengths = [decay, field.stride().shortest, grid.resolution].map(bits);
-        let first = [
-            self.words as u32,
-            field.levels.len() as u32,
-            4 * round,
-            low,
-            high,
-        ];
-        let words = [
-            &first[..],
-            &lengths,
-            &[grid.size[0] as u32, grid.size[1] as u32],
-        ]
-        .concat();
+        let update = Update {
+            words: self.words as u32,
+            levels: field.levels.len() as u32,
+            step: 4 * round,
+            key_low: low,
+            key_high: high,
+            decay: if round == 0 { 0.0 } else { DECAY },
+            shortest: field.stride().shortest,
+            resolution: grid.resolution,
+            size_x: grid.size[0] as u32,
+            size_y: grid.size[1] as u32,
+        };
         let Resident {
             gpu,
             programs,
@@ -108,7 +112,7 @@ impl Survey {
             ..
         } = resident;
         let arrays = [set[0], set[1], levels, table, weights, values];
-        start(gpu, &programs.survey, &arrays, &words, TURNS);
+        start(gpu, &programs.survey, &arrays, update, TURNS);
     }
 }
 
@@ -120,7 +124,10 @@ fn scan(resident: &Resident, members: &Buffer, words: usize) -> Buffer {
         gpu,
         &resident.programs.scan_bits,
         &[members, &before],
-        &[words as u32, 0],
+        Span {
+            len: words as u32,
+            first: 0,
+        },
         1,
     );
     before

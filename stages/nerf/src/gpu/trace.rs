@@ -1,9 +1,10 @@
 //! Rays through a field on a GPU: which samples are seen, what they look like and what the rays
 //! see. Knows nothing of pixels or losses.
 
+use super::params::{Pass, Span};
 use super::resident::Resident;
 use crate::march::Segment;
-use compute::kernels::{Buffer, Gpu, Job, Kernel};
+use compute::kernels::{Buffer, Gpu, Job, Kernel, Params};
 use std::ops::Range;
 
 /// Samples that have room on the device at once.
@@ -41,8 +42,8 @@ pub struct Traced {
     pub raw: Buffer,
     /// Samples before those of each ray, and the number of all.
     pub before: Buffer,
-    /// The parameters that the pass's kernels have in common.
-    pub words: Vec<u32>,
+    /// What the pass's kernels were told.
+    pub pass: Pass,
 }
 
 /// The numbers of one ray.
@@ -73,11 +74,11 @@ pub fn ray(segment: &Segment, jitter: f32, pixel: usize, within: usize) -> [f32;
 }
 
 /// Runs a kernel whose work only the device knows.
-pub fn start(gpu: &Gpu, kernel: &Kernel, arrays: &[&Buffer], words: &[u32], groups: u32) {
+pub fn start<P: Params>(gpu: &Gpu, kernel: &Kernel<P>, arrays: &[&Buffer], params: P, groups: u32) {
     gpu.start(&Job {
         kernel,
         arrays,
-        words,
+        params,
         groups: [groups, 1, 1],
         operations: 0,
     });
@@ -115,7 +116,7 @@ impl Resident {
         let gpu = &*self.gpu;
         let programs = &self.programs;
         let count = which.len();
-        let words = self.words(which.start, count);
+        let pass = self.pass(which.start, count);
         let field = [&self.levels, &self.table, &self.weights];
         let [levels, table, weights] = field;
         let look = [&rays.buffer, &self.bits, levels, table, weights, &rays.seen];
@@ -123,7 +124,7 @@ impl Resident {
             gpu,
             &programs.look,
             &look,
-            &words,
+            pass,
             count.div_ceil(RAYS_PER_GROUP) as u32,
         );
         let before = gpu.buffer(count + 1);
@@ -131,7 +132,10 @@ impl Resident {
             gpu,
             &programs.scan,
             &[&rays.seen, &before],
-            &[count as u32, which.start as u32],
+            Span {
+                len: pass.rays,
+                first: pass.first,
+            },
             1,
         );
         let room = count * self.most_steps;
@@ -145,26 +149,26 @@ impl Resident {
             &samples,
             &rays.looked,
         ];
-        start(gpu, &programs.gather, &gather, &words, by_256(count));
+        start(gpu, &programs.gather, &gather, pass, by_256(count));
         start(
             gpu,
             &programs.shade,
             &[&rays.buffer, &samples, levels, table, weights, &raw],
-            &words,
+            pass,
             TURNS,
         );
         start(
             gpu,
             &programs.composite,
             &[&before, &raw, &samples, &rays.views],
-            &words,
+            pass,
             by_256(count),
         );
         Traced {
             samples,
             raw,
             before,
-            words,
+            pass,
         }
     }
 }

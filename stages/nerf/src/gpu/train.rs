@@ -3,6 +3,7 @@
 //! are the same format.
 
 use super::batch::Batch;
+use super::params::{NetworkStep, Outcome, Pass, TableStep};
 use super::resident::{Resident, entries};
 use super::survey::Survey;
 use super::trace::{Rays, Traced, by_256, start};
@@ -12,7 +13,7 @@ use crate::field::Field;
 use crate::loss::psnr;
 use crate::tensors::Tensors;
 use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
-use compute::kernels::{Buffer, Gpu, Job, Requested, bits, folded, zeros};
+use compute::kernels::{Buffer, Gpu, Job, Requested, folded, zeros};
 use std::sync::Arc;
 
 /// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the
@@ -137,9 +138,12 @@ impl GpuTrainer {
             let traced = self.resident.trace(&batch.rays, pass.clone());
             let d_raw = self.compare(batch, &traced, pass.len());
             if i + 1 == batch.passes.len() {
-                let words = [batch.rays.count as u32, batch.count as u32];
+                let outcome = Outcome {
+                    rays: batch.rays.count as u32,
+                    pixels: batch.count as u32,
+                };
                 let arrays = [&batch.losses, &batch.rays.seen, &batch.rays.looked, &stats];
-                start(gpu, &self.resident.programs.stats, &arrays, &words, 1);
+                start(gpu, &self.resident.programs.stats, &arrays, outcome, 1);
                 asked = Some(gpu.request(&stats, 4));
             }
             let Resident {
@@ -159,7 +163,7 @@ impl GpuTrainer {
                 parts,
                 &self.d_table,
             ];
-            start(gpu, &programs.backward, &arrays, &traced.words, PARTS);
+            start(gpu, &programs.backward, &arrays, traced.pass, PARTS);
         }
         let asked = asked.unwrap_or_else(|| gpu.request(&stats, 4));
         (stats, asked)
@@ -169,14 +173,14 @@ impl GpuTrainer {
     /// samples.
     fn compare(&self, batch: &Batch, traced: &Traced, rays: usize) -> Buffer {
         let options = &self.host.options;
-        let strengths = [
-            options.beta,
-            options.distortion,
-            options.fog,
-            options.fog_range,
-        ]
-        .map(|x| bits(x as f32));
-        let words = [&traced.words[..], &[batch.count as u32], &strengths].concat();
+        let pass = Pass {
+            pixels: batch.count as u32,
+            beta: options.beta as f32,
+            distortion: options.distortion as f32,
+            fog: options.fog as f32,
+            fog_range: options.fog_range as f32,
+            ..traced.pass
+        };
         let d_raw = self.gpu.buffer(traced.raw.bytes() as usize / 4);
         let Batch {
             rays: Rays { buffer, views, .. },
@@ -198,7 +202,7 @@ impl GpuTrainer {
             &self.gpu,
             &self.resident.programs.composite_backward,
             &arrays,
-            &words,
+            pass,
             by_256(rays),
         );
         d_raw
@@ -221,13 +225,16 @@ impl GpuTrainer {
         } = self;
         let rate = host.options.rate_after(host.step);
         let count = host.field.network.weights.len();
-        let of_network = (rate * correction(host.step as i32 + 1)) as f32;
-        let words = [PARTS, bits(of_network), bits(host.options.l2 as f32)];
+        let step = NetworkStep {
+            parts: PARTS,
+            rate: (rate * correction(host.step as i32 + 1)) as f32,
+            l2: host.options.l2 as f32,
+        };
         start(
             gpu,
             &programs.adam_network,
             &[parts, stats, weights, &moments.network],
-            &words,
+            step,
             by_256(count),
         );
         let entries = host.field.table.len();
@@ -250,7 +257,11 @@ impl GpuTrainer {
                 steps,
                 table,
             ],
-            words: &[entries as u32, bits(rate as f32), CORRECTED as u32],
+            params: TableStep {
+                entries: entries as u32,
+                rate: rate as f32,
+                corrected: CORRECTED as u32,
+            },
             groups: folded(entries.div_ceil(256)),
             operations: 0,
         });

@@ -1,15 +1,4 @@
 // One step of Adam: the parameter and both moments anew.
-struct Params {
-    len: u32,
-    beta1: f32,
-    beta2: f32,
-    eps: f32,
-    rate: f32,
-    root: f32,
-    keep: f32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read> parameter: array<f32>;
 @group(0) @binding(2) var<storage, read> gradient: array<f32>;
 @group(0) @binding(3) var<storage, read> mean: array<f32>;

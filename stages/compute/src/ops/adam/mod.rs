@@ -4,6 +4,8 @@
 mod cpu;
 mod gpu;
 mod step;
+#[cfg(test)]
+mod tests;
 
 use crate::runtime::array::{Array, same_shape};
 use crate::runtime::device::Backend;

@@ -1,24 +1,16 @@
-// Multi-head attention by tiles of 64 rows and 64 columns, 4x4 scores per invocation in registers (Dao 2023). One
-// workgroup takes one head and one tile of rows; along z, a slice of the head's features, so that no head is too deep
-// for the registers.
-struct Params {
-    queries: u32,
-    keys: u32,
-    heads: u32,
-    depth: u32,
-    scale: f32,
-    causal: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// Multi-head attention by tiles of 64 rows and 64 columns, 4x4 scores per invocation in registers
+// (Dao 2023). One workgroup takes one head and one tile of rows; along z, a slice of the head's
+// features, so that no head is too deep for the registers.
 @group(0) @binding(1) var<storage, read> q: array<f32>;
 @group(0) @binding(2) var<storage, read> k: array<f32>;
 @group(0) @binding(3) var<storage, read> v: array<f32>;
 
+// Stands for minus infinity, which a driver may take it that no number is.
 const FAR = -1e30;
 
-// A slab of 16 features of 64 rows: feature by feature, four rows to a vector, and one left free, so that neither
-// writing nor reading meets one bank of memory only. Also 16 rows of 64 features, four features to a vector.
+// A slab of 16 features of 64 rows: feature by feature, four rows to a vector, and one left free,
+// so that neither writing nor reading meets one bank of memory only. Also 16 rows of 64 features,
+// four features to a vector.
 var<workgroup> slab_rows: array<vec4f, 272>;
 var<workgroup> slab_columns: array<vec4f, 272>;
 // A tile of 64 columns by 64 rows, four rows to a vector.
@@ -52,11 +44,13 @@ for (var f0 = 0u; f0 < p.depth; f0 += 16u) {
 }
 #end
 
-// Adds the tile, turned, times 64 features of array X to SUM: the rows of X are the columns of the tile.
+// Adds the tile, turned, times 64 features of array X to SUM: the rows of X are the columns of the
+// tile.
 #define gathered
 for (var j = 0u; j < 64u; j += 16u) {
     workgroupBarrier();
-    slab_rows[t] = quad_${X}(start_${X}, column0 + j + t / 16u, feature0 + ${SLICE}u * 64u + t % 16u * 4u);
+    let feature = feature0 + ${SLICE}u * 64u + t % 16u * 4u;
+    slab_rows[t] = quad_${X}(start_${X}, column0 + j + t / 16u, feature);
     workgroupBarrier();
     for (var c = 0u; c < 16u; c++) {
         let a = tile[(j + c) * 16u + ty];
@@ -68,7 +62,8 @@ for (var j = 0u; j < 64u; j += 16u) {
 }
 #end
 
-// The functions that read array X of LEN tokens; nothing lies beyond its rows and the features of a head.
+// The functions that read array X of LEN tokens; nothing lies beyond its rows and the features of a
+// head.
 #define reader
 fn at_${X}(start: u32, row: u32, f: u32) -> f32 {
     if (row < ${LEN} && f < p.depth) {
@@ -78,7 +73,12 @@ fn at_${X}(start: u32, row: u32, f: u32) -> f32 {
 }
 
 fn quad_${X}(start: u32, row: u32, f: u32) -> vec4f {
-    return vec4f(at_${X}(start, row, f), at_${X}(start, row, f + 1u), at_${X}(start, row, f + 2u), at_${X}(start, row, f + 3u));
+    return vec4f(
+        at_${X}(start, row, f),
+        at_${X}(start, row, f + 1u),
+        at_${X}(start, row, f + 2u),
+        at_${X}(start, row, f + 3u),
+    );
 }
 #end
 

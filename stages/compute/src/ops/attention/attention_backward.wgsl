@@ -1,4 +1,5 @@
-// What both gradients of attention start from: the gradient to the output, and what the forward pass left of each row.
+// What both gradients of attention start from: the gradient to the output, and what the forward
+// pass left of each row.
 @group(0) @binding(4) var<storage, read> dout: array<f32>;
 @group(0) @binding(5) var<storage, read> lse: array<f32>;
 @group(0) @binding(6) var<storage, read> delta: array<f32>;

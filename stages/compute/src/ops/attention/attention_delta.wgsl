@@ -1,10 +1,4 @@
 // For each query, the product of the output with the gradient to it.
-struct Params {
-    rows: u32,
-    depth: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read> out: array<f32>;
 @group(0) @binding(2) var<storage, read> dout: array<f32>;
 @group(0) @binding(3) var<storage, read_write> delta: array<f32>;

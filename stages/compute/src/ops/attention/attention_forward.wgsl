@@ -1,9 +1,11 @@
-// The output of attention and each row's log-sum-exp, in one walk over the keys that never holds all scores.
+// The output of attention and each row's log-sum-exp, in one walk over the keys that never holds
+// all scores.
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
 @group(0) @binding(5) var<storage, read_write> lse: array<f32>;
 
 #define renew
-// Rows' largest score so far, and what the sums before it are worth now.
+// Rows' largest score so far, and what the sums before it are worth now: weights are relative to the
+// largest, so that no exponential overflows.
 workgroupBarrier();
 slab_rows[tx * 16u + ty] = max(max(s0, s1), max(s2, s3));
 workgroupBarrier();
@@ -66,7 +68,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
     for (var i = 0u; i < 4u; i++) {
         let row = row0 + ty * 4u + i;
         if (row < p.queries && tx == 0u && group.z == 0u) {
-            lse[(group.y / p.heads * p.queries + row) * p.heads + group.y % p.heads] = most[i] + log(total[i]);
+            let token = group.y / p.heads * p.queries + row;
+            lse[token * p.heads + group.y % p.heads] = most[i] + log(total[i]);
         }
     }
 #for j ${SLICES}

@@ -1,5 +1,5 @@
-// The gradients of attention to its keys and values, in a walk over the queries; here rows are keys and columns are
-// queries.
+// The gradients of attention to its keys and values, in a walk over the queries; here rows are keys
+// and columns are queries.
 @group(0) @binding(7) var<storage, read_write> dk: array<f32>;
 @group(0) @binding(8) var<storage, read_write> dv: array<f32>;
 

@@ -1,4 +1,5 @@
-// The gradient of attention to its queries, in a second walk over the keys: scores are computed again.
+// The gradient of attention to its queries, in a second walk over the keys: scores are computed
+// again.
 @group(0) @binding(7) var<storage, read_write> dq: array<f32>;
 
 @compute @workgroup_size(256)
@@ -25,7 +26,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 #for r 4
             {
                 let query = row0 + ty * 4u + ${r}u;
-                g[${r}] = score_gradient(group.y, query, weight(group.y, query, key, s${i}[${r}]), d${i}[${r}]);
+                let seen = weight(group.y, query, key, s${i}[${r}]);
+                g[${r}] = score_gradient(group.y, query, seen, d${i}[${r}]);
             }
 #end
             tile[(tx * 4u + ${i}u) * 16u + ty] = g;

@@ -1,9 +1,11 @@
 //! Attention by tiles: no score matrix exists in device memory, forward or backward.
 
 use super::extents::Extents;
-use crate::runtime::gpu::context::{Gpu, Job};
+use crate::runtime::gpu::context::Gpu;
+use crate::runtime::gpu::job::Job;
 use crate::runtime::gpu::kernel::Kernel;
-use crate::runtime::gpu::launch::{bits, folded, one};
+use crate::runtime::gpu::launch::{folded, one};
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
 
 const TILES: &str = include_str!("attention.wgsl");
@@ -12,15 +14,40 @@ const BACKWARD: &str = include_str!("attention_backward.wgsl");
 /// Rows of a tile, and features of a slice.
 const SIDE: usize = 64;
 
-fn words(e: Extents) -> [u32; 6] {
-    [
-        e.queries as u32,
-        e.keys as u32,
-        e.heads as u32,
-        e.depth as u32,
-        bits(e.scale()),
-        u32::from(e.causal),
-    ]
+params! {
+    /// The extents of one attention, as the tiles need them.
+    struct Scores {
+        queries: u32,
+        keys: u32,
+        heads: u32,
+        /// Features of one head.
+        depth: u32,
+        /// What scores are multiplied by.
+        scale: f32,
+        /// 1 if queries see no later key.
+        causal: u32,
+    }
+}
+
+params! {
+    /// Rows of products that are summed, each of `depth` numbers.
+    struct Deltas {
+        rows: u32,
+        depth: u32,
+    }
+}
+
+impl Scores {
+    fn new(e: Extents) -> Scores {
+        Scores {
+            queries: e.queries as u32,
+            keys: e.keys as u32,
+            heads: e.heads as u32,
+            depth: e.depth as u32,
+            scale: e.scale(),
+            causal: e.causal.into(),
+        }
+    }
 }
 
 /// How many slices of a head's features one workgroup sums, `most` at most, and the workgroups for
@@ -57,7 +84,7 @@ pub fn forward(gpu: &Gpu, [q, k, v]: [&Buffer; 3], e: Extents) -> [Buffer; 2] {
     gpu.run(&Job {
         kernel: &kernel,
         arrays: &arrays,
-        words: &words(e),
+        params: Scores::new(e),
         groups,
         operations: 2 * operations(e),
     });
@@ -83,7 +110,10 @@ pub fn backward(
         &kernel,
         &[out, dout],
         rows,
-        &[rows as u32, e.depth as u32],
+        Deltas {
+            rows: rows as u32,
+            depth: e.depth as u32,
+        },
         groups,
         2 * (rows * e.depth) as u64,
     );
@@ -103,7 +133,7 @@ fn queries(gpu: &Gpu, reads: [&Buffer; 6], e: Extents) -> Buffer {
         &kernel,
         &reads,
         len,
-        &words(e),
+        Scores::new(e),
         groups,
         3 * operations(e),
     )
@@ -119,7 +149,7 @@ fn keys(gpu: &Gpu, reads: [&Buffer; 6], e: Extents) -> [Buffer; 2] {
     gpu.run(&Job {
         kernel: &kernel,
         arrays: &arrays,
-        words: &words(e),
+        params: Scores::new(e),
         groups,
         operations: 4 * operations(e),
     });

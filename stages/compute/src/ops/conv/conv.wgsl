@@ -1,9 +1,11 @@
-// A is the weight [O, C KH KW]; B the images as the kernel meets them: row (c, ky, kx), column (image, y, x).
+// A is the weight [O, C KH KW]; B the images as the kernel meets them: row (c, ky, kx), column
+// (image, y, x).
 fn factor_a(row: u32, k: u32) -> f32 {
     return a_at(row * p.a_row + k);
 }
 
-// Where an output pixel's window begins: its image's offset, and the first row and column, which may lie outside.
+// Where an output pixel's window begins: its image's offset, and the first row and column, which
+// may lie outside.
 fn column_place(column: u32) -> vec4i {
     let pixel = column % p.pixels;
     return vec4i(

@@ -1,5 +1,5 @@
-// A is the weight [O, C, KH KW] turned: row c, column (o, ky, kx). B is the gradient: row (o, ky, kx), column (image,
-// y, x) of the input.
+// A is the weight [O, C, KH KW] turned: row c, column (o, ky, kx). B is the gradient: row (o, ky,
+// kx), column (image, y, x) of the input.
 fn factor_a(row: u32, k: u32) -> f32 {
     return a_at(k / (KH * KW) * p.a_depth + row * KH * KW + k % (KH * KW));
 }

@@ -1,4 +1,5 @@
-// A is the gradient: row o, column (image, y, x). B is the images: row (image, y, x), column (c, ky, kx).
+// A is the gradient: row o, column (image, y, x). B is the images: row (image, y, x), column (c,
+// ky, kx).
 fn factor_a(row: u32, k: u32) -> f32 {
     let pixels = p.out_height * p.out_width;
     return a_at((k / pixels * p.rows + row) * pixels + k % pixels);
@@ -21,5 +22,6 @@ fn factor_b(k: u32, place: vec4i) -> f32 {
     if (y < 0 || x < 0 || y >= i32(p.height) || x >= i32(p.width)) {
         return 0.0;
     }
-    return b_at(k / pixels * p.channels * p.height * p.width + u32(place.x) + u32(y) * p.width + u32(x));
+    let image = k / pixels * p.channels * p.height * p.width;
+    return b_at(image + u32(place.x) + u32(y) * p.width + u32(x));
 }

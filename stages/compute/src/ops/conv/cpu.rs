@@ -148,6 +148,7 @@ fn backward_input_by_columns(
         share_rows,
         share_panels: 1,
     };
+    // A task has all taps of its channels: windows overlap, and nobody else adds to a pixel.
     planes.for_each_share(&mut dx, |mut share| {
         let channels = share.rows.clone();
         let image = share.panels.start;
@@ -179,7 +180,7 @@ fn backward_input_by_columns(
     dx
 }
 
-/// The adjoint of [`column_row`] over all pixels.
+/// Adds one row of the column matrix's gradient, that of a tap, to the pixels that it was read from.
 fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
     let [top, _, left, _] = g.conv.pad;
     let stride = g.conv.stride;

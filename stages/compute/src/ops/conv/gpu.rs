@@ -2,7 +2,7 @@
 
 use super::geometry::Geometry;
 use crate::ops::product::finish::Finish;
-use crate::ops::product::gpu::product::{Along, Product};
+use crate::ops::product::gpu::product::{Along, Images, Product};
 use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::factor::Factor;
 use crate::runtime::gpu::pool::Buffer;
@@ -14,23 +14,26 @@ fn product<'a>(
     b: Factor<'a>,
     g: &Geometry,
 ) -> Product<'a> {
-    let [top, _, left, _] = g.conv.pad;
-    let image = [
-        g.channels,
-        g.height,
-        g.width,
-        g.out_height,
-        g.out_width,
-        g.conv.stride,
-        top,
-        left,
-    ];
     Product {
         factors,
         name,
-        image,
+        images: Some(images(g)),
         kernel: g.kernel,
         ..Product::dense(a, b, [0; 3], [0; 4])
+    }
+}
+
+fn images(g: &Geometry) -> Images {
+    let [top, _, left, _] = g.conv.pad;
+    Images {
+        channels: g.channels,
+        height: g.height,
+        width: g.width,
+        out_height: g.out_height,
+        out_width: g.out_width,
+        stride: g.conv.stride,
+        top,
+        left,
     }
 }
 
@@ -71,14 +74,17 @@ pub fn backward_input(gpu: &Gpu, dy: &Buffer, weight: Factor, g: &Geometry) -> B
     let taps = g.kernel[0] * g.kernel[1];
     let pixels = g.height * g.width;
     let factors = include_str!("conv_backward_input.wgsl");
-    let mut product = Product {
+    let product = Product {
+        images: Some(Images {
+            channels: g.outputs,
+            ..images(g)
+        }),
         extents: [g.channels, g.outputs * taps, g.batch * pixels],
         depth_first: [true, false],
         pixels,
         strides: [0, g.channels * taps, 0, 0],
         ..product(factors, "conv_backward_input", weight, dy.into(), g)
     };
-    product.image[0] = g.outputs;
     product.run(gpu)
 }
 

@@ -5,6 +5,8 @@ mod cpu;
 pub(crate) mod geometry;
 pub(crate) mod gpu;
 mod patches;
+#[cfg(test)]
+mod tests;
 mod winograd;
 
 use crate::runtime::array::{Array, nchw, vector};

@@ -4,11 +4,49 @@ use super::function::{Binary, Reduction, Unary};
 use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::each::{Each, MATH};
 use crate::runtime::gpu::kernel::Kernel;
-use crate::runtime::gpu::launch::{bits, folded, one};
+use crate::runtime::gpu::launch::{folded, one};
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
 
 /// Elements that one workgroup reduces.
 const BLOCK: usize = 4096;
+
+params! {
+    /// The constants of a function; what they mean, it knows.
+    struct Constants {
+        a: f32,
+        b: f32,
+    }
+}
+
+params! {
+    /// Planes of so many elements.
+    struct Planes {
+        plane: u32,
+    }
+}
+
+params! {
+    /// Planes of so many elements, which belong to channels.
+    struct Channels {
+        plane: u32,
+        channels: u32,
+    }
+}
+
+params! {
+    /// Rows of two halves of so many elements.
+    struct Halves {
+        half: u32,
+    }
+}
+
+params! {
+    /// What is reduced.
+    struct Length {
+        len: u32,
+    }
+}
 
 /// A function of every element.
 pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
@@ -26,11 +64,10 @@ pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
         Unary::Gelu => ("return x[i] * normal_cdf(x[i]);", [0.0; 2]),
         Unary::QuickGelu => ("return x[i] * sigmoid(1.702 * x[i]);", [0.0; 2]),
     };
-    let words = [("a: f32", bits(a)), ("b: f32", bits(b))];
     Each {
         name: "unary",
         reads: &[("x: f32", x)],
-        words: &words,
+        params: Constants { a, b },
         value,
         functions: MATH,
     }
@@ -47,11 +84,10 @@ pub fn binary(gpu: &Gpu, function: Binary, x: &Buffer, y: &Buffer, len: usize) -
         Binary::QuickGeluSlope => ("return y[i] * quick_gelu_slope(x[i]);", [0.0; 2]),
     };
     let reads = [("x: f32", x), ("y: f32", y)];
-    let words = [("a: f32", bits(a)), ("b: f32", bits(b))];
     Each {
         name: "binary",
         reads: &reads,
-        words: &words,
+        params: Constants { a, b },
         value,
         functions: MATH,
     }
@@ -61,12 +97,14 @@ pub fn binary(gpu: &Gpu, function: Binary, x: &Buffer, y: &Buffer, len: usize) -
 /// Every plane of `plane` elements plus its own number.
 pub fn add_per_plane(gpu: &Gpu, x: &Buffer, numbers: &Buffer, plane: usize, len: usize) -> Buffer {
     let reads = [("x: f32", x), ("numbers: f32", numbers)];
-    let words = [("plane: u32", plane as u32)];
+    let params = Planes {
+        plane: plane as u32,
+    };
     let value = "return x[i] + numbers[i / p.plane];";
     Each {
         name: "add_per_plane",
         reads: &reads,
-        words: &words,
+        params,
         value,
         functions: "",
     }
@@ -82,15 +120,15 @@ pub fn leaky_per_channel(
     len: usize,
 ) -> Buffer {
     let reads = [("x: f32", x), ("slopes: f32", slopes)];
-    let words = [
-        ("plane: u32", plane as u32),
-        ("channels: u32", channels as u32),
-    ];
+    let params = Channels {
+        plane: plane as u32,
+        channels: channels as u32,
+    };
     let value = "return select(slopes[i / p.plane % p.channels] * x[i], x[i], x[i] > 0.0);";
     Each {
         name: "leaky_per_channel",
         reads: &reads,
-        words: &words,
+        params,
         value,
         functions: "",
     }
@@ -99,12 +137,12 @@ pub fn leaky_per_channel(
 
 /// `a gelu(b)` for rows `[a, b]` of `2 * half` elements; `len` results.
 pub fn geglu(gpu: &Gpu, x: &Buffer, half: usize, len: usize) -> Buffer {
-    let words = [("half: u32", half as u32)];
+    let params = Halves { half: half as u32 };
     let value = "let at = i / p.half * 2u * p.half + i % p.half; let b = x[at + p.half]; return x[at] * b * normal_cdf(b);";
     Each {
         name: "geglu",
         reads: &[("x: f32", x)],
-        words: &words,
+        params,
         value,
         functions: MATH,
     }
@@ -114,7 +152,7 @@ pub fn geglu(gpu: &Gpu, x: &Buffer, half: usize, len: usize) -> Buffer {
 /// The gradient of [`geglu`]; `len` is twice the number of `dy`.
 pub fn geglu_backward(gpu: &Gpu, x: &Buffer, dy: &Buffer, half: usize, len: usize) -> Buffer {
     let reads = [("x: f32", x), ("dy: f32", dy)];
-    let words = [("half: u32", half as u32)];
+    let params = Halves { half: half as u32 };
     let value = "let row = i / (2u * p.half); let c = i % (2u * p.half); let d = dy[row * p.half + c % p.half];
     if (c < p.half) {
         let b = x[i + p.half];
@@ -124,7 +162,7 @@ pub fn geglu_backward(gpu: &Gpu, x: &Buffer, dy: &Buffer, half: usize, len: usiz
     Each {
         name: "geglu_backward",
         reads: &reads,
-        words: &words,
+        params,
         value,
         functions: MATH,
     }
@@ -148,7 +186,7 @@ pub fn reduce(gpu: &Gpu, reduction: Reduction, x: &Buffer, len: usize) -> f64 {
         &kernel,
         &[x],
         blocks,
-        &[len as u32],
+        Length { len: len as u32 },
         folded(blocks),
         len as u64,
     );

@@ -5,6 +5,8 @@ mod cpu;
 mod function;
 mod gpu;
 pub mod reduce;
+#[cfg(test)]
+mod tests;
 
 use crate::runtime::array::{Array, matrix, nchw, same_shape};
 use crate::runtime::device::Backend;

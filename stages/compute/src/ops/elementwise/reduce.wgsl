@@ -1,9 +1,5 @@
-// One number per workgroup of 4096 elements, joined in the order of a tree: what is left, the host joins.
-struct Params {
-    len: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// One number per workgroup of 4096 elements, joined in the order of a tree: what is left, the host
+// joins.
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read_write> out: array<f32>;
 

@@ -1,10 +1,11 @@
 //! Group and layer normalisation, forward and backward to the input.
 
 use super::groups::{Activation, Groups};
-use crate::runtime::gpu::context::{Gpu, Job};
+use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::each::MATH;
 use crate::runtime::gpu::kernel::Kernel;
-use crate::runtime::gpu::launch::{bits, folded, one};
+use crate::runtime::gpu::launch::{folded, one};
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
 
 const SUMS: &str = include_str!("norm.wgsl");
@@ -15,10 +16,36 @@ const SLOPE: &str = include_str!("group_slope.wgsl");
 /// Elements of a group that one workgroup takes.
 const CHUNK: usize = 4096;
 
+params! {
+    /// Groups cut into chunks.
+    struct Chunks {
+        /// Elements of a group.
+        size: u32,
+        /// Chunks of a group.
+        chunks: u32,
+        /// Elements of a channel.
+        plane: u32,
+        /// Channels of a group.
+        channels: u32,
+        /// Groups of an image.
+        groups: u32,
+        eps: f32,
+    }
+}
+
+params! {
+    /// Rows of so many elements.
+    struct Rows {
+        width: u32,
+        rows: u32,
+        eps: f32,
+    }
+}
+
 /// A group normalisation being launched: the moments of its chunks, and how they lie.
 struct Launch {
     moments: Buffer,
-    words: [u32; 6],
+    params: Chunks,
     groups: [u32; 3],
     /// Chunks of all groups.
     chunks: usize,
@@ -37,18 +64,23 @@ impl Launch {
             &[SUMS, include_str!("group_moments.wgsl")],
             [1, 1],
         );
-        let words = [size as u32, chunks as u32];
+        let params = Chunks {
+            size: size as u32,
+            chunks: chunks as u32,
+            plane: g.plane as u32,
+            channels: channels as u32,
+            groups: g.groups as u32,
+            eps: g.eps,
+        };
         let moments = one(
             gpu,
             &kernel,
             &[x],
             2 * chunks * count,
-            &words,
+            params,
             groups,
             4 * len as u64,
         );
-        let [plane, channels, images] = [g.plane, channels, g.groups].map(|extent| extent as u32);
-        let words = [words[0], words[1], plane, channels, images, bits(g.eps)];
         let (activate, slope) = match activation {
             Activation::None => ("x", "1.0"),
             Activation::Silu => ("silu(x)", "silu_slope(x)"),
@@ -59,7 +91,7 @@ impl Launch {
         );
         Launch {
             moments,
-            words,
+            params,
             groups,
             chunks: chunks * count,
             head,
@@ -88,7 +120,7 @@ pub fn group(
         &kernel.having(launch.head),
         &reads,
         len,
-        &launch.words,
+        launch.params,
         launch.groups,
         8 * len as u64,
     )
@@ -116,7 +148,7 @@ pub fn group_backward(
         &kernel,
         &reads,
         2 * launch.chunks,
-        &launch.words,
+        launch.params,
         launch.groups,
         12 * len as u64,
     );
@@ -128,7 +160,7 @@ pub fn group_backward(
         &kernel,
         &reads,
         len,
-        &launch.words,
+        launch.params,
         launch.groups,
         14 * len as u64,
     )
@@ -172,14 +204,18 @@ fn layer_kernel(
     ];
     let kernel = Kernel::new("layer_norm", &[SUMS, LAYER], [3, 1]).with(&constants);
     let rows = len / width.max(1);
-    let out = gpu.buffer(len);
-    let [x, gamma, other] = reads;
-    gpu.run(&Job {
-        kernel: &kernel,
-        arrays: &[x, gamma, other, &out],
-        words: &[width as u32, rows as u32, bits(eps)],
-        groups: folded(rows),
-        operations: 10 * len as u64,
-    });
-    out
+    let params = Rows {
+        width: width as u32,
+        rows: rows as u32,
+        eps,
+    };
+    one(
+        gpu,
+        &kernel,
+        &reads,
+        len,
+        params,
+        folded(rows),
+        10 * len as u64,
+    )
 }

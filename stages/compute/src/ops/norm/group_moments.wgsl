@@ -1,11 +1,4 @@
 // The mean, and the sum of squares about it, of a chunk of 4096 elements of a group.
-struct Params {
-    // Elements and chunks of a group.
-    size: u32,
-    chunks: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read_write> out: array<vec2f>;
 
@@ -19,6 +12,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
         sum += x[start + i];
     }
     let mean = sum_all(local, vec2f(sum, 0.0)).x / f32(end - first);
+    // About the mean: what is left of E[x^2] - mean^2 where the mean is large is rounding.
     var square = 0.0;
     for (var i = first + local; i < end; i += 256u) {
         let d = x[start + i] - mean;

@@ -1,17 +1,6 @@
-// A chunk of 4096 elements of a group per workgroup: normalised, scaled, shifted and activated; the sums that the
-// gradient needs of it; or the gradient. The moments of the chunks are joined by each workgroup anew, as Chan, Golub
-// and LeVeque do (1979).
-struct Params {
-    size: u32,
-    chunks: u32,
-    // Elements of a channel, channels of a group, groups of an image.
-    plane: u32,
-    channels: u32,
-    groups: u32,
-    eps: f32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// A chunk of 4096 elements of a group per workgroup: normalised, scaled, shifted and activated; the
+// sums that the gradient needs of it; or the gradient. The moments of the chunks are joined as Chan,
+// Golub and LeVeque do (1979), by each workgroup anew, since they cannot wait for each other.
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read> gamma: array<f32>;
 @group(0) @binding(3) var<storage, read> beta: array<f32>;

@@ -1,4 +1,5 @@
-// The first pass of the group normalisation's gradient: sums over a chunk of what the second takes away.
+// The first pass of the group normalisation's gradient: sums over a chunk of what the second takes
+// away.
 @group(0) @binding(6) var<storage, read_write> out: array<vec2f>;
 
 fn compute(group: vec3u, local: u32, first: u32, end: u32, start: u32, m: vec2f) {

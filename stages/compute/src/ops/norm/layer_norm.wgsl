@@ -1,11 +1,5 @@
-// A row of `width` elements per workgroup, normalised, scaled and shifted; or the gradient of that, with `dy`.
-struct Params {
-    width: u32,
-    rows: u32,
-    eps: f32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// A row of `width` elements per workgroup, normalised, scaled and shifted; or the gradient of that,
+// with `dy`.
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read> gamma: array<f32>;
 // The shift, or the gradient to the output.
@@ -19,6 +13,7 @@ fn moments(start: u32, local: u32) -> vec2f {
         sum += x[start + i];
     }
     let mean = sum_all(local, vec2f(sum, 0.0)).x / count;
+    // About the mean: what is left of E[x^2] - mean^2 where the mean is large is rounding.
     var square = 0.0;
     for (var i = local; i < p.width; i += 256u) {
         let d = x[start + i] - mean;

@@ -4,6 +4,8 @@
 mod cpu;
 mod gpu;
 mod groups;
+#[cfg(test)]
+mod tests;
 
 use crate::runtime::array::{Array, same_shape, vector};
 use crate::runtime::device::Backend;

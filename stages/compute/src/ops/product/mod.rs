@@ -6,3 +6,5 @@ pub mod finish;
 pub mod gpu;
 pub mod linear;
 pub mod matmul;
+#[cfg(test)]
+mod tests;

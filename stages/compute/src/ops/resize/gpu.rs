@@ -3,7 +3,17 @@
 use super::filter::Taps;
 use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::each::Each;
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
+
+params! {
+    /// The middle axis of `[outer, from_len, inner]`, resampled to `to`.
+    struct Axis {
+        from_len: u32,
+        to: u32,
+        inner: u32,
+    }
+}
 
 /// Planes of `[h, w]` resampled both ways; `len` elements in all.
 pub fn separable(
@@ -40,11 +50,11 @@ fn along(gpu: &Gpu, x: &Buffer, [outer, from, inner]: [usize; 3], taps: &Taps) -
         gpu.upload(bytemuck::cast_slice(&windows)),
     ];
     let to = taps.windows.len();
-    let words = [
-        ("from_len: u32", from as u32),
-        ("to: u32", to as u32),
-        ("inner: u32", inner as u32),
-    ];
+    let params = Axis {
+        from_len: from as u32,
+        to: to as u32,
+        inner: inner as u32,
+    };
     let value = "let o = i / p.inner % p.to; var sum = 0.0;
     let start = (i / (p.inner * p.to) * p.from_len + windows[3u * o]) * p.inner + i % p.inner;
     for (var k = 0u; k < windows[3u * o + 2u]; k++) {
@@ -59,7 +69,7 @@ fn along(gpu: &Gpu, x: &Buffer, [outer, from, inner]: [usize; 3], taps: &Taps) -
     Each {
         name: "resize",
         reads: &reads,
-        words: &words,
+        params,
         value,
         functions: "",
     }

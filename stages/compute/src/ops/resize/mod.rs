@@ -5,6 +5,8 @@
 mod cpu;
 mod filter;
 mod gpu;
+#[cfg(test)]
+mod tests;
 
 use crate::runtime::array::{Array, nchw};
 use crate::runtime::device::Backend;

@@ -4,7 +4,68 @@ use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::each::Each;
 use crate::runtime::gpu::kernel::Kernel;
 use crate::runtime::gpu::launch::one;
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
+
+params! {
+    /// Rows of two arrays side by side.
+    struct Pair {
+        left: u32,
+        right: u32,
+    }
+}
+
+params! {
+    /// `count` elements from `first` on of each row.
+    struct Slice {
+        row: u32,
+        first: u32,
+        count: u32,
+    }
+}
+
+params! {
+    /// Matrices.
+    struct Matrices {
+        rows: u32,
+        columns: u32,
+    }
+}
+
+params! {
+    /// Planes `[h, w]`, and how much larger or smaller they become each way.
+    struct Scaled {
+        h: u32,
+        w: u32,
+        factor: u32,
+    }
+}
+
+params! {
+    /// Planes `[h, w]` within planes `[height, width]`.
+    struct Padded {
+        h: u32,
+        w: u32,
+        top: u32,
+        left: u32,
+        height: u32,
+        width: u32,
+    }
+}
+
+params! {
+    /// A table of rows of `depth` elements.
+    struct Table {
+        depth: u32,
+    }
+}
+
+impl Scaled {
+    fn new(h: usize, w: usize, factor: usize) -> Scaled {
+        let [h, w, factor] = [h, w, factor].map(|extent| extent as u32);
+        Scaled { h, w, factor }
+    }
+}
 
 /// Joins `outer` rows of every part; a part is an array with the length of its rows.
 pub fn concat(gpu: &Gpu, parts: &[(&Buffer, usize)], outer: usize) -> Buffer {
@@ -22,7 +83,10 @@ pub fn concat(gpu: &Gpu, parts: &[(&Buffer, usize)], outer: usize) -> Buffer {
 }
 
 fn pair(gpu: &Gpu, [x, y]: [&Buffer; 2], [left, right]: [usize; 2], outer: usize) -> Buffer {
-    let words = [("left: u32", left as u32), ("right: u32", right as u32)];
+    let params = Pair {
+        left: left as u32,
+        right: right as u32,
+    };
     let value = "let row = i / (p.left + p.right); let c = i % (p.left + p.right);
     if (c < p.left) {
         return x[row * p.left + c];
@@ -32,7 +96,7 @@ fn pair(gpu: &Gpu, [x, y]: [&Buffer; 2], [left, right]: [usize; 2], outer: usize
     Each {
         name: "concat",
         reads: &reads,
-        words: &words,
+        params,
         value,
         functions: "",
     }
@@ -47,16 +111,16 @@ pub fn slice(
     row: usize,
     range: std::ops::Range<usize>,
 ) -> Buffer {
-    let words = [
-        ("row: u32", row as u32),
-        ("first: u32", range.start as u32),
-        ("count: u32", range.len() as u32),
-    ];
+    let params = Slice {
+        row: row as u32,
+        first: range.start as u32,
+        count: range.len() as u32,
+    };
     let value = "return x[i / p.count * p.row + p.first + i % p.count];";
     Each {
         name: "slice",
         reads: &[("x: f32", x)],
-        words: &words,
+        params,
         value,
         functions: "",
     }
@@ -76,7 +140,10 @@ pub fn transpose(gpu: &Gpu, x: &Buffer, batch: usize, rows: usize, columns: usiz
         &kernel,
         &[x],
         batch * rows * columns,
-        &[rows as u32, columns as u32],
+        Matrices {
+            rows: rows as u32,
+            columns: columns as u32,
+        },
         groups,
         0,
     )
@@ -84,14 +151,13 @@ pub fn transpose(gpu: &Gpu, x: &Buffer, batch: usize, rows: usize, columns: usiz
 
 /// Every pixel repeated `factor` times both ways; `[planes, h, w]` is the extent of `x`.
 pub fn upsample(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
-    let words = [("w: u32", w as u32), ("factor: u32", factor as u32)];
     let value =
         "let wide = p.w * p.factor; return x[i / (wide * p.factor) * p.w + i % wide / p.factor];";
     let len = planes * h * w * factor * factor;
     Each {
         name: "upsample",
         reads: &[("x: f32", x)],
-        words: &words,
+        params: Scaled::new(h, w, factor),
         value,
         functions: "",
     }
@@ -105,7 +171,6 @@ pub fn upsample_backward(
     [planes, h, w]: [usize; 3],
     factor: usize,
 ) -> Buffer {
-    let words = [("w: u32", w as u32), ("factor: u32", factor as u32)];
     let value = "let wide = p.w * p.factor; var sum = 0.0;
     for (var y = 0u; y < p.factor; y++) {
         for (var x = 0u; x < p.factor; x++) {
@@ -117,7 +182,7 @@ pub fn upsample_backward(
     Each {
         name: "upsample_backward",
         reads: &reads,
-        words: &words,
+        params: Scaled::new(h, w, factor),
         value,
         functions: "",
     }
@@ -127,11 +192,6 @@ pub fn upsample_backward(
 /// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the
 /// result, and the extents of one before.
 pub fn shuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
-    let words = [
-        ("h: u32", h as u32),
-        ("w: u32", w as u32),
-        ("factor: u32", factor as u32),
-    ];
     let value =
         "let column = i % (p.w * p.factor); let y = i / (p.w * p.factor) % (p.h * p.factor);
     let plane = i / (p.w * p.factor) / (p.h * p.factor);
@@ -141,7 +201,7 @@ pub fn shuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize)
     Each {
         name: "shuffle",
         reads: &[("x: f32", x)],
-        words: &words,
+        params: Scaled::new(h, w, factor),
         value,
         functions: "",
     }
@@ -151,11 +211,6 @@ pub fn shuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize)
 /// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one
 /// afterwards.
 pub fn unshuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
-    let words = [
-        ("h: u32", h as u32),
-        ("w: u32", w as u32),
-        ("factor: u32", factor as u32),
-    ];
     let value = "let plane = i / (p.w * p.h); let y = i / p.w % p.h; let f = p.factor;
     let row = (plane / (f * f) * p.h + y) * f + plane / f % f;
     return x[(row * p.w + i % p.w) * f + plane % f];";
@@ -163,7 +218,7 @@ pub fn unshuffle(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], factor: usiz
     Each {
         name: "unshuffle",
         reads: &[("x: f32", x)],
-        words: &words,
+        params: Scaled::new(h, w, factor),
         value,
         functions: "",
     }
@@ -175,14 +230,14 @@ pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usiz
     let [top, bottom, left, right] = pad;
     let height = top + h + bottom;
     let width = left + w + right;
-    let words = [
-        ("h: u32", h as u32),
-        ("w: u32", w as u32),
-        ("top: u32", top as u32),
-        ("left: u32", left as u32),
-        ("height: u32", height as u32),
-        ("width: u32", width as u32),
-    ];
+    let params = Padded {
+        h: h as u32,
+        w: w as u32,
+        top: top as u32,
+        left: left as u32,
+        height: height as u32,
+        width: width as u32,
+    };
     let functions = "fn mirrored(i: u32, before: u32, len: u32) -> u32 {
     let distance = max(i, before) - min(i, before);
     return select(2u * (len - 1u) - distance, distance, i < before || distance < len);
@@ -192,7 +247,7 @@ pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usiz
     Each {
         name: "pad_reflect",
         reads: &[("x: f32", x)],
-        words: &words,
+        params,
         value,
         functions,
     }
@@ -203,12 +258,14 @@ pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usiz
 pub fn gather_rows(gpu: &Gpu, table: &Buffer, depth: usize, ids: &[u32]) -> Buffer {
     let ids_on_device = gpu.upload(bytemuck::cast_slice(ids));
     let reads = [("x: f32", table), ("ids: u32", &ids_on_device)];
-    let words = [("depth: u32", depth as u32)];
+    let params = Table {
+        depth: depth as u32,
+    };
     let value = "return x[ids[i / p.depth] * p.depth + i % p.depth];";
     Each {
         name: "gather_rows",
         reads: &reads,
-        words: &words,
+        params,
         value,
         functions: "",
     }

@@ -2,6 +2,8 @@
 
 mod cpu;
 mod gpu;
+#[cfg(test)]
+mod tests;
 
 use crate::runtime::array::{Array, nchw};
 use crate::runtime::device::Backend;

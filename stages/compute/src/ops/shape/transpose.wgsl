@@ -1,14 +1,9 @@
-// Each of `batch` matrices [rows, columns] as [columns, rows], by tiles of 32x32 that are read and written along their
-// rows.
-struct Params {
-    rows: u32,
-    columns: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// Each of `batch` matrices [rows, columns] as [columns, rows], by tiles of 32x32 that are read and
+// written along their rows.
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read_write> out: array<f32>;
 
+// Rows of 33, so that a column is not in one bank of memory only.
 var<workgroup> tile: array<f32, 1056>;
 
 @compute @workgroup_size(32, 8)

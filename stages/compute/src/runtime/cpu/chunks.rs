@@ -9,7 +9,8 @@ pub const CHUNK: usize = 1 << 14;
 /// Elements that one thread works through sooner than it wakes others.
 const ALONE: usize = 2 * CHUNK;
 
-/// Calls `kernel` with the number and the values of every chunk of `out`.
+/// Calls `kernel` with the number and the values of every chunk of `out`. How many threads there are
+/// changes no chunk, and so no sum over one.
 pub fn fill(out: &mut [f32], chunk: usize, kernel: impl Fn(usize, &mut [f32]) + Sync) {
     if out.len() <= chunk.max(ALONE) {
         out.chunks_mut(chunk)

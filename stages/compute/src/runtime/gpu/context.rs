@@ -1,5 +1,5 @@
-//! An open GPU: its kernels and the commands recorded for it. It knows no operator. Its faults unwind
-//! to [`super::fault::attempt`].
+//! An open GPU: what it is, and what was handed to it. It knows no kernel. Its faults unwind to
+//! [`super::fault::attempt`].
 
 use std::panic::resume_unwind;
 use std::sync::atomic::AtomicU64;
@@ -9,17 +9,15 @@ use std::time::Duration;
 use super::adapter::{self, Found};
 use super::counts::Counts;
 use super::error::GpuError;
-use super::fault::{Fault, lock, too_large, watch};
-use super::kernel::{Kernel, Kernels, Pieces, Pipeline};
-use super::pool::{Buffer, Pool};
-use super::recorder::{Piece, Recorder};
+use super::fault::{Fault, lock, watch};
+use super::pipeline::Pipelines;
+use super::pool::Pool;
+use super::recorder::Recorder;
 use super::tuning::Tuning;
 
 /// How long a device that refused a command has to say that it is lost.
 const LAST_WORDS: Duration = Duration::from_secs(5);
 
-/// The most workgroups along one axis.
-const GROUPS: u32 = 65_535;
 /// The most bytes of one array: kernels count its elements in 31 bits.
 const LARGEST: u64 = 4 << 31;
 /// Pieces of an array begin at multiples of so many bytes, which suits every adapter.
@@ -35,9 +33,9 @@ pub struct Gpu {
     /// The most bytes of one array.
     pub(super) largest: u64,
     /// The most bytes of an array that a kernel sees at one binding.
-    window: u64,
+    pub(super) window: u64,
     /// The most bindings of a kernel.
-    bindings: usize,
+    pub(super) bindings: usize,
     tuning: Mutex<Tuning>,
     /// The most bytes that all arrays may take together; only tests set any.
     pub(super) memory: AtomicU64,
@@ -48,23 +46,9 @@ pub struct Gpu {
 
 /// What operators of several threads share.
 pub(super) struct Work {
-    kernels: Kernels,
+    pub(super) pipelines: Pipelines,
     pub(super) recorder: Recorder,
     pub(super) counts: Counts,
-}
-
-/// One use of a kernel.
-pub struct Job<'a> {
-    /// What to run.
-    pub kernel: &'a Kernel,
-    /// What it reads, then what it writes.
-    pub arrays: &'a [&'a Buffer],
-    /// Its parameters; floats by their bits.
-    pub words: &'a [u32],
-    /// How many workgroups along each axis.
-    pub groups: [u32; 3],
-    /// Floating-point operations.
-    pub operations: u64,
 }
 
 impl Gpu {
@@ -97,7 +81,7 @@ impl Gpu {
         let pool = Arc::default();
         watch(&device, &fault, &pool);
         let work = Work {
-            kernels: Kernels::default(),
+            pipelines: Pipelines::default(),
             recorder: Recorder::new(&device),
             counts: Counts::default(),
         };
@@ -147,7 +131,7 @@ impl Gpu {
     pub fn counts(&self) -> Counts {
         let work = lock(&self.work);
         Counts {
-            pipelines: work.kernels.count(),
+            pipelines: work.pipelines.count(),
             ..work.counts
         }
     }
@@ -166,7 +150,8 @@ impl Gpu {
         resume_unwind(Box::new(first))
     }
 
-    fn check(&self) {
+    /// Stops whatever runs on a device that has told of a fault.
+    pub(super) fn check(&self) {
         let fault = lock(&self.fault).clone();
         if let Some(error) = fault {
             self.fail(error);
@@ -176,84 +161,6 @@ impl Gpu {
     /// Takes the device away, as the reset of a driver does.
     pub(crate) fn lose(&self) {
         self.device.destroy();
-    }
-
-    /// Records a job. It runs when a batch is full, or when values are read.
-    pub fn run(&self, job: &Job) {
-        self.start(job);
-        self.account(
-            job.operations,
-            job.arrays.iter().map(|array| array.bytes()).sum(),
-        );
-    }
-
-    /// Adds to what was done: operations, and bytes through device memory.
-    pub fn account(&self, operations: u64, bytes: u64) {
-        let mut work = lock(&self.work);
-        work.counts.operations += operations;
-        work.counts.bytes += bytes;
-    }
-
-    /// Records a job that touches a part of its arrays which only the device knows: whoever learns
-    /// of it tells [`Gpu::account`].
-    pub fn start(&self, job: &Job) {
-        self.check();
-        assert!(
-            job.groups.iter().all(|&count| count <= GROUPS),
-            "{}: {:?} workgroups",
-            job.kernel.name,
-            job.groups
-        );
-        if job.groups.contains(&0) {
-            return;
-        }
-        let mut work = lock(&self.work);
-        if work.recorder.is_full() {
-            self.hand_over(&mut work);
-        }
-        let pieces: Vec<Piece> = job
-            .arrays
-            .iter()
-            .flat_map(|array| self.pieces(array))
-            .collect();
-        let pipeline = self.pipeline(&mut work.kernels, job, pieces.len());
-        work.recorder
-            .dispatch(&self.device, &pipeline, &pieces, job.words, job.groups);
-        work.counts.dispatches += 1;
-    }
-
-    /// An array as kernels see it.
-    fn pieces<'b>(&self, array: &'b Buffer) -> impl Iterator<Item = Piece<'b>> + use<'b> {
-        let window = self.window;
-        let all = array.bytes();
-        let piece = move |offset| Piece {
-            buffer: array.raw(),
-            offset,
-            bytes: window.min(all - offset),
-        };
-        (0..all).step_by(window as usize).map(piece)
-    }
-
-    /// The pipeline of a job whose arrays lie in so many pieces in all.
-    fn pipeline(&self, kernels: &mut Kernels, job: &Job, pieces: usize) -> Pipeline {
-        let counts = job
-            .arrays
-            .iter()
-            .map(|array| array.bytes().div_ceil(self.window) as u32)
-            .collect();
-        let counts = Pieces {
-            counts,
-            window: self.window,
-        };
-        let pipeline = if pieces > self.bindings {
-            None
-        } else {
-            kernels.get(&self.device, job.kernel, &counts)
-        };
-        pipeline.unwrap_or_else(|| {
-            let asked: u64 = job.arrays.iter().map(|array| array.bytes()).sum();
-            too_large(asked, self.window.saturating_mul(self.bindings as u64))
-        })
     }
 
     pub(super) fn hand_over(&self, work: &mut Work) -> Option<wgpu::SubmissionIndex> {

@@ -1,18 +1,24 @@
-//! Kernels as text, and as pipelines, each compiled once. It knows how kernels see their arrays:
-//! parameters at binding 0, then what they read, then what they write, in that order.
+//! Kernels as text. It knows how kernels see their arrays: parameters at binding 0, then what they
+//! read, then what they write, in that order.
 
-use std::collections::BTreeMap;
+use std::marker::PhantomData;
 
+use super::params::Params;
 use super::split::split;
 use super::template::expand;
 
-/// What decides the text of a kernel.
+/// A kernel whose parameters are a `P`.
 #[derive(Clone, Debug)]
-pub struct Kernel {
-    /// Its name: stands for `templates`.
+pub struct Kernel<P> {
+    source: Source,
+    parameters: PhantomData<fn(P)>,
+}
+
+/// What decides the text of a kernel, and so tells it from others.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Source {
+    /// Its name, for messages.
     pub name: &'static str,
-    /// The templates that it is made of, one after the other.
-    pub templates: &'static [&'static str],
     /// Extents that are known when it is compiled.
     pub constants: Vec<(&'static str, u32)>,
     /// WGSL in front of the templates: the functions that they leave open.
@@ -21,47 +27,74 @@ pub struct Kernel {
     pub arrays: [usize; 2],
     /// Whether it names numbers of 16 bits, which not every adapter's kernels can.
     pub halves: bool,
+    /// The fields of its parameters.
+    pub fields: Vec<&'static str>,
+    /// The templates that it is made of, one after the other.
+    pub templates: &'static [&'static str],
 }
 
-impl Kernel {
-    /// A kernel without constants or functions of its own.
+impl<P: Params> Kernel<P> {
+    /// A kernel without constants or functions of its own, which reads and writes so many arrays.
     pub fn new(
         name: &'static str,
         templates: &'static [&'static str],
         arrays: [usize; 2],
-    ) -> Kernel {
+    ) -> Kernel<P> {
         Kernel {
-            name,
-            templates,
-            constants: Vec::new(),
-            head: String::new(),
-            arrays,
-            halves: false,
+            source: Source {
+                name,
+                constants: Vec::new(),
+                head: String::new(),
+                arrays,
+                halves: false,
+                fields: vec![P::FIELDS],
+                templates,
+            },
+            parameters: PhantomData,
         }
     }
 
     /// The same with extents that are known when it is compiled.
-    pub fn with(self, constants: &[(&'static str, u32)]) -> Kernel {
-        Kernel {
-            constants: constants.to_vec(),
-            ..self
-        }
+    pub fn with(mut self, constants: &[(&'static str, u32)]) -> Kernel<P> {
+        self.source.constants = constants.to_vec();
+        self
     }
 
     /// The same with functions that the templates leave open.
-    pub fn having(self, head: String) -> Kernel {
-        Kernel { head, ..self }
+    pub fn having(mut self, head: String) -> Kernel<P> {
+        self.source.head = head;
+        self
     }
 
+    /// The same, which may name numbers of 16 bits.
+    pub fn naming_halves(mut self, halves: bool) -> Kernel<P> {
+        self.source.halves = halves;
+        self
+    }
+
+    /// The same, whose first parameter is how many results there are.
+    pub(super) fn knowing_length(mut self) -> Kernel<P> {
+        self.source.fields.insert(0, "    len: u32,\n");
+        self
+    }
+
+    /// What decides its text.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+}
+
+impl Source {
     /// Its text for arrays that lie in so many pieces each; `None` if one cannot lie in pieces.
-    fn text(&self, pieces: &Pieces) -> Option<String> {
+    pub fn text(&self, pieces: &Pieces) -> Option<String> {
         let constants: String = self
             .constants
             .iter()
             .map(|(name, value)| format!("const {name} = {value}u;\n"))
             .collect();
         let text = format!(
-            "{constants}{}\n{}",
+            "struct Params {{\n{}}}\n@group(0) @binding(0) var<uniform> p: Params;\n{constants}{}\n{}",
+            self.fields.concat(),
             self.head,
             expand(&self.templates.join("\n"), &self.constants)
         );
@@ -78,7 +111,7 @@ impl Kernel {
     }
 
     /// How many pieces it reads and writes.
-    fn bindings(&self, pieces: &Pieces) -> [usize; 2] {
+    pub fn bindings(&self, pieces: &Pieces) -> [usize; 2] {
         let (read, written) = pieces.counts.split_at(self.arrays[0]);
         [read, written].map(|counts| counts.iter().sum::<u32>() as usize)
     }
@@ -98,131 +131,4 @@ impl Pieces {
     pub fn are_whole(&self) -> bool {
         self.counts.iter().all(|&count| count == 1)
     }
-}
-
-/// What tells kernels apart.
-type Identity = (&'static str, Vec<(&'static str, u32)>, String, Vec<u32>);
-
-/// The layouts that kernels of equally many arrays share.
-struct Layout {
-    group: wgpu::BindGroupLayout,
-    pipeline: wgpu::PipelineLayout,
-}
-
-/// A kernel that can be started.
-#[derive(Clone)]
-pub struct Pipeline {
-    /// The code.
-    pub code: wgpu::ComputePipeline,
-    /// How its arrays are bound.
-    pub group: wgpu::BindGroupLayout,
-}
-
-/// All kernels of one device.
-#[derive(Default)]
-pub struct Kernels {
-    layouts: BTreeMap<[usize; 2], Layout>,
-    pipelines: BTreeMap<Identity, Pipeline>,
-}
-
-impl Kernels {
-    /// The pipeline of `kernel`, compiled at the first call; `None` if its arrays cannot lie in
-    /// such pieces.
-    pub fn get(
-        &mut self,
-        device: &wgpu::Device,
-        kernel: &Kernel,
-        pieces: &Pieces,
-    ) -> Option<Pipeline> {
-        let identity = (
-            kernel.name,
-            kernel.constants.clone(),
-            kernel.head.clone(),
-            pieces.counts.clone(),
-        );
-        if let Some(pipeline) = self.pipelines.get(&identity) {
-            return Some(pipeline.clone());
-        }
-        let text = kernel.text(pieces)?;
-        let bindings = kernel.bindings(pieces);
-        let layout = self
-            .layouts
-            .entry(bindings)
-            .or_insert_with(|| layout(device, bindings));
-        let code = compile(device, kernel.name, text, &layout.pipeline);
-        let pipeline = Pipeline {
-            code,
-            group: layout.group.clone(),
-        };
-        self.pipelines.insert(identity, pipeline.clone());
-        Some(pipeline)
-    }
-
-    /// How many were compiled.
-    pub fn count(&self) -> u64 {
-        self.pipelines.len() as u64
-    }
-}
-
-fn compile(
-    device: &wgpu::Device,
-    name: &'static str,
-    text: String,
-    layout: &wgpu::PipelineLayout,
-) -> wgpu::ComputePipeline {
-    let source = wgpu::ShaderSource::Wgsl(text.into());
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(name),
-        source,
-    });
-    // Every kernel writes the memory that its workgroup shares before it reads it.
-    let options = wgpu::PipelineCompilationOptions {
-        zero_initialize_workgroup_memory: false,
-        ..Default::default()
-    };
-    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(name),
-        layout: Some(layout),
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: options,
-        cache: None,
-    })
-}
-
-fn layout(device: &wgpu::Device, [read, written]: [usize; 2]) -> Layout {
-    let entry = |binding: usize, kind, has_dynamic_offset| wgpu::BindGroupLayoutEntry {
-        binding: binding as u32,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer {
-            ty: kind,
-            has_dynamic_offset,
-            min_binding_size: None,
-        },
-        count: None,
-    };
-    let array = |at| {
-        entry(
-            1 + at,
-            wgpu::BufferBindingType::Storage {
-                read_only: at < read,
-            },
-            false,
-        )
-    };
-    let parameters = entry(0, wgpu::BufferBindingType::Uniform, true);
-    let entries: Vec<_> = std::iter::once(parameters)
-        .chain((0..read + written).map(array))
-        .collect();
-    let group = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &entries,
-    });
-    let descriptor = wgpu::PipelineLayoutDescriptor {
-        label: None,
-        bind_group_layouts: &[Some(&group)],
-        immediate_size: 0,
-    };
-    let pipeline = device.create_pipeline_layout(&descriptor);
-    Layout { group, pipeline }
 }

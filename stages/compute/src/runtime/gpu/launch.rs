@@ -1,7 +1,9 @@
 //! How operators start kernels: what most of them have in common. It knows no operator.
 
-use super::context::{Gpu, Job};
+use super::context::Gpu;
+use super::job::Job;
 use super::kernel::Kernel;
+use super::params::Params;
 use super::pool::Buffer;
 
 /// Workgroups for `count` pieces of work, folded into two axes where one has not room enough.
@@ -14,29 +16,23 @@ pub fn folded(count: usize) -> [u32; 3] {
     ]
 }
 
-/// The bits of a float as a parameter.
-pub fn bits(value: f32) -> u32 {
-    value.to_bits()
-}
-
 /// Runs a kernel that writes one new array of `len` numbers.
-pub fn one(
+pub fn one<P: Params>(
     gpu: &Gpu,
-    kernel: &Kernel,
+    kernel: &Kernel<P>,
     reads: &[&Buffer],
     len: usize,
-    words: &[u32],
+    params: P,
     groups: [u32; 3],
     operations: u64,
 ) -> Buffer {
     let out = gpu.buffer(len);
     let arrays: Vec<&Buffer> = reads.iter().copied().chain([&out]).collect();
-    let groups = if len == 0 { [0; 3] } else { groups };
     gpu.run(&Job {
         kernel,
         arrays: &arrays,
-        words,
-        groups,
+        params,
+        groups: if len == 0 { [0; 3] } else { groups },
         operations,
     });
     out

@@ -3,9 +3,9 @@
 //!
 //! A kernel is WGSL expanded from templates (`*.wgsl`) for a class of shapes and compiled once.
 //! Commands are recorded and handed over in batches, in their order; values come back only where an
-//! operator gives a number to the host. Every sum has a fixed order and no kernel of this crate uses
-//! atomics: the same adapter and driver give the same bits. Other crates bring kernels of their own
-//! ([`crate::kernels`]).
+//! operator gives a number to the host. Every sum has a fixed order and no kernel of this crate
+//! uses atomics: the same adapter and driver give the same bits. Other crates bring kernels of
+//! their own ([`crate::kernels`]).
 
 pub mod adapter;
 pub mod context;
@@ -14,9 +14,12 @@ pub mod each;
 pub mod error;
 pub mod factor;
 pub mod fault;
+pub mod job;
 pub mod kernel;
 pub mod launch;
 pub mod memory;
+pub mod params;
+mod pipeline;
 pub mod pool;
 mod recorder;
 mod split;

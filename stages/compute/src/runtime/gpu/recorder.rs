@@ -1,7 +1,7 @@
 //! Commands that wait to be handed over together. It knows passes, parameters and copies, not what
 //! kernels compute.
 
-use super::kernel::Pipeline;
+use super::pipeline::Pipeline;
 
 /// Bytes between the parameters of two commands: the alignment that every adapter takes.
 const SLOT: usize = 256;
@@ -42,7 +42,7 @@ pub struct Recorder {
     pass: Option<wgpu::ComputePass<'static>>,
     encoder: Option<wgpu::CommandEncoder>,
     /// The parameters of each command, a slot each.
-    words: Vec<u8>,
+    slots: Vec<u8>,
     parameters: wgpu::Buffer,
 }
 
@@ -58,14 +58,14 @@ impl Recorder {
         Recorder {
             pass: None,
             encoder: None,
-            words: Vec::new(),
+            slots: Vec::new(),
             parameters,
         }
     }
 
     /// Whether no further command fits.
     pub fn is_full(&self) -> bool {
-        self.words.len() >= SLOT * BATCH
+        self.slots.len() >= SLOT * BATCH
     }
 
     /// Records one kernel over `groups` workgroups; `pieces` of its arrays are in the order of its
@@ -75,17 +75,16 @@ impl Recorder {
         device: &wgpu::Device,
         pipeline: &Pipeline,
         pieces: &[Piece],
-        words: &[u32],
+        params: &[u8],
         groups: [u32; 3],
     ) {
-        let offset = self.words.len();
+        let offset = self.slots.len();
         assert!(
-            words.len() * 4 <= SLOT,
-            "a kernel has at most {} parameters",
-            SLOT / 4
+            params.len() <= SLOT,
+            "a kernel's parameters have at most {SLOT} bytes"
         );
-        self.words.extend_from_slice(bytemuck::cast_slice(words));
-        self.words.resize(offset + SLOT, 0);
+        self.slots.extend_from_slice(params);
+        self.slots.resize(offset + SLOT, 0);
         let group = bind(device, pipeline, &self.parameters, pieces);
         let encoder = self
             .encoder
@@ -119,9 +118,9 @@ impl Recorder {
     pub fn submit(&mut self, queue: &wgpu::Queue) -> Option<wgpu::SubmissionIndex> {
         self.pass = None;
         let encoder = self.encoder.take()?;
-        if !self.words.is_empty() {
-            queue.write_buffer(&self.parameters, 0, &self.words);
-            self.words.clear();
+        if !self.slots.is_empty() {
+            queue.write_buffer(&self.parameters, 0, &self.slots);
+            self.slots.clear();
         }
         Some(queue.submit([encoder.finish()]))
     }

@@ -7,7 +7,7 @@
 //! #use name A=q B=k      those lines, with ${A} = q and ${B} = k
 //! ```
 //!
-//! A count may be a `${name}` too. Loops over registers are written out this way: a variable per
+//! A count may be a `${name}` too: one that is 0 or 1 leaves lines out or in. Loops over registers are written out this way: a variable per
 //! register stays in one.
 
 use std::collections::BTreeMap;

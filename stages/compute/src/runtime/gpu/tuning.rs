@@ -1,8 +1,8 @@
-//! The tile that an open GPU takes for every kind of products, as text too. It knows no clock and no
-//! file.
+//! The tile that an open GPU takes for every kind of products, as text too. It knows no clock and
+//! no file.
 //!
-//! All tiles sum along the depth in one order, so that a choice changes how long a product takes and
-//! no bit of it.
+//! All tiles sum along the depth in one order, so that a choice changes how long a product takes
+//! and no bit of it.
 
 use std::fmt;
 

@@ -1,18 +1,12 @@
-// Joins the parts of the gradient to the networks' weights in their order and takes a step down. Writes the matrices
-// both ways round.
-struct Params {
-    parts: u32,
-    rate: f32,
-    l2: f32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// Joins the parts of the gradient to the networks' weights in their order and takes a step down.
+// Writes the matrices both ways round.
 @group(0) @binding(1) var<storage, read> parts: array<f32>;
 @group(0) @binding(2) var<storage, read> stats: array<u32>;
 @group(0) @binding(3) var<storage, read_write> weights: array<f32>;
 @group(0) @binding(4) var<storage, read_write> moments: array<f32>;
 
-// Where a weight at `i` of its matrix of INPUTS rows and OUTPUTS columns lies in the matrix turned over.
+// Where a weight at `i` of its matrix of INPUTS rows and OUTPUTS columns lies in the matrix turned
+// over.
 fn turned(i: u32, inputs: u32, outputs: u32) -> u32 {
     return i % outputs * inputs + i / outputs;
 }

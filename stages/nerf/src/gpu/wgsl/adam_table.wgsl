@@ -1,12 +1,6 @@
-// A step down for the hash entries that have a gradient; the others rest. Each counts its own steps, and the table that
-// look-ups read holds the values rounded to halves. Moments have 16 bits each, as on the CPU. Clears the gradient.
-struct Params {
-    entries: u32,
-    rate: f32,
-    corrected: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// A step down for the hash entries that have a gradient; the others rest. Each counts its own
+// steps, and the table that look-ups read holds the values rounded to halves. Moments have 16 bits
+// each, as on the CPU. Clears the gradient.
 @group(0) @binding(1) var<storage, read> stats: array<u32>;
 @group(0) @binding(2) var<storage, read> corrections: array<f32>;
 @group(0) @binding(3) var<storage, read_write> d_table: array<vec4u>;

@@ -1,7 +1,8 @@
-// From the gradients to raw densities and colours to those of the networks and the hash table. The activations of 16
-// samples are worked out again, stay in the workgroup, and are replaced by their gradients layer by layer. The gradient
-// to the weights is summed in registers over all samples of the workgroup and left for `adam_network` to join; that to
-// the table is added up in 64-bit fixed point, of which a unit is 2^-52, so that the order does not matter.
+// From the gradients to raw densities and colours to those of the networks and the hash table. The
+// activations of 16 samples are worked out again, stay in the workgroup, and are replaced by their
+// gradients layer by layer. The gradient to the weights is summed in registers over all samples of
+// the workgroup and left for `adam_network` to join; that to the table is added up in 64-bit fixed
+// point, of which a unit is 2^-52, so that the order does not matter.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> samples: array<vec4u>;
 @group(0) @binding(3) var<storage, read> d_raw: array<vec4f>;
@@ -34,9 +35,9 @@ fn add(at: u32, value: f32) {
     }
 }
 
-// One layer backward, in place: INPUTS rows from FROM on become their own gradient, from that to OUTPUTS rows from TO
-// on. TURNED is where the matrix lies as [outputs, inputs], EACH how many of its elements an invocation sums, FUNCTION
-// what is made of a row and its gradient.
+// One layer backward, in place: INPUTS rows from FROM on become their own gradient, from that to
+// OUTPUTS rows from TO on. TURNED is where the matrix lies as [outputs, inputs], EACH how many of
+// its elements an invocation sums, FUNCTION what is made of a row and its gradient.
 #define layer_backward
 {
     let n = t % ${OUTPUTS}u;

@@ -1,5 +1,5 @@
-// Sets of cells, a bit each, with the number of members before every word; no kernel by itself. Needs `members` and
-// `before`.
+// Sets of cells, a bit each, with the number of members before every word; no kernel by itself.
+// Needs `members` and `before`.
 
 // Member number `rank`, in their order.
 fn member(rank: u32) -> u32 {

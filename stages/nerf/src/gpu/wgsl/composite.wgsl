@@ -1,4 +1,5 @@
-// What each ray sees: emission and absorption from front to back. Notes every sample's weight with it.
+// What each ray sees: emission and absorption from front to back. Notes every sample's weight with
+// it.
 @group(0) @binding(1) var<storage, read> before: array<u32>;
 @group(0) @binding(2) var<storage, read> raw: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> samples: array<vec4u>;

@@ -1,5 +1,6 @@
-// Compares pixels with the photos, and takes the gradient back along each ray to raw densities and colours. `pixels`
-// holds of each: the colour it should have and the weight of its view; the background and the number of its rays.
+// Compares pixels with the photos, and takes the gradient back along each ray to raw densities and
+// colours. `pixels` holds of each: the colour it should have and the weight of its view; the
+// background and the number of its rays.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> before: array<u32>;
 @group(0) @binding(3) var<storage, read> samples: array<vec4u>;
@@ -7,7 +8,8 @@
 @group(0) @binding(5) var<storage, read> views: array<vec4f>;
 @group(0) @binding(6) var<storage, read> pixels: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> d_raw: array<vec4f>;
-// The loss with the view's weight, and the squared error without, summed over the channels of a pixel.
+// The loss with the view's weight, and the squared error without, summed over the channels of a
+// pixel.
 @group(0) @binding(8) var<storage, read_write> losses: array<vec2f>;
 
 struct Gradient {
@@ -19,7 +21,8 @@ fn sum_of(x: vec3f) -> f32 {
     return x.x + x.y + x.z;
 }
 
-// The gradient to what a ray sees. A pixel is the mean of its rays, of which `at` is the number of this one.
+// The gradient to what a ray sees. A pixel is the mean of its rays, of which `at` is the number of
+// this one.
 fn compare(ray: u32, pixel: u32, at: u32) -> Gradient {
     let wanted = pixels[2u * pixel];
     let background = pixels[2u * pixel + 1u].xyz;
@@ -81,7 +84,8 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         let by_weight = sum_of(d.rgb * color) + p.distortion * per_ray * 2.0 * (distance + weight * ds / 3.0);
         d_raw[i] = vec4f(by_weight, d.rgb * weight * color * (1.0 - color));
     }
-    // By density, from the back: both the transmittance and the sum over what lies behind are gathered on the way.
+    // By density, from the back: both the transmittance and the sum over what lies behind are
+    // gathered on the way.
     var transmittance = views[2u * ray].w;
     var behind = transmittance * d.transmittance;
     for (var i = end; i > first; i--) {

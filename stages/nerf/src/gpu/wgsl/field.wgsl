@@ -1,8 +1,10 @@
-// The hash grid and the layers of the networks; no kernel by itself. Needs `levels`, `table` (a pair of halves per
-// entry) and `weights` (all matrices as [inputs, outputs], then all again as [outputs, inputs]).
+// The hash grid and the layers of the networks; no kernel by itself. Needs `levels`, `table` (a
+// pair of halves per entry) and `weights` (all matrices as [inputs, outputs], then all again as
+// [outputs, inputs]).
 //
-// A tile holds rows of features by quads of samples: number quad * ROWS + row. An invocation computes one column of a
-// layer for every (SIZE / columns)-th quad, so that neighbours read neighbouring weights and the same activations.
+// A tile holds rows of features by quads of samples: number quad * ROWS + row. An invocation
+// computes one column of a layer for every (SIZE / columns)-th quad, so that neighbours read
+// neighbouring weights and the same activations.
 struct Level {
     scale: f32,
     nx: u32,
@@ -89,8 +91,8 @@ for (var e = t; e < 2u * QUADS * ENCODING; e += 256u) {
 workgroupBarrier();
 #end
 
-// INPUTS rows from FROM on times the matrix at AT of the weights, through FUNCTION, to OUTPUTS rows from TO on; EACH
-// quads per invocation.
+// INPUTS rows from FROM on times the matrix at AT of the weights, through FUNCTION, to OUTPUTS rows
+// from TO on; EACH quads per invocation.
 #define layer
 {
     let n = t % ${OUTPUTS}u;

@@ -1,5 +1,5 @@
-// Writes the samples of each ray that are seen, one ray behind the other: distance, length and ray. Before the first
-// stands how many there are.
+// Writes the samples of each ray that are seen, one ray behind the other: distance, length and ray.
+// Before the first stands how many there are.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> bits: array<u32>;
 @group(0) @binding(3) var<storage, read> seen: array<u32>;

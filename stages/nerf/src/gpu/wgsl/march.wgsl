@@ -1,4 +1,5 @@
-// Steps along rays, over empty cells; no kernel by itself. Needs `rays` and `bits`, the occupied cells.
+// Steps along rays, over empty cells; no kernel by itself. Needs `rays` and `bits`, the occupied
+// cells.
 struct Step {
     middle: f32,
     // 0 past the ray's end.

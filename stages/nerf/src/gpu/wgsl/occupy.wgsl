@@ -1,9 +1,4 @@
 // The bits of the cells that are occupied, a word per invocation.
-struct Params {
-    cells: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read> threshold: array<f32>;
 @group(0) @binding(3) var<storage, read_write> bits: array<u32>;

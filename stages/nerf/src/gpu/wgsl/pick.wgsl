@@ -1,14 +1,4 @@
 // Marks as many members of a set of cells, drawn at random, as an eighth of them.
-struct Params {
-    words: u32,
-    step: u32,
-    // Tells the draws from different sets apart.
-    part: u32,
-    key_low: u32,
-    key_high: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read> members: array<u32>;
 @group(0) @binding(2) var<storage, read> before: array<u32>;
 @group(0) @binding(3) var<storage, read_write> marked: array<atomic<u32>>;

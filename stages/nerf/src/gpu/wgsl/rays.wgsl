@@ -1,5 +1,5 @@
-// Rays; no kernel by itself. Needs `rays`, of which each has four vectors: origin and start, direction and end, jitter
-// and more, direction in the world.
+// Rays; no kernel by itself. Needs `rays`, of which each has four vectors: origin and start,
+// direction and end, jitter and more, direction in the world.
 fn stride(t: f32) -> f32 {
     return max(max(t * p.cone, p.shortest), t * 1e-6);
 }

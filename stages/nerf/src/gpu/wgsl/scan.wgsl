@@ -1,10 +1,5 @@
-// Sums of all counts before each, and at the end the sum of all. One workgroup, each invocation a stretch of its own.
-struct Params {
-    len: u32,
-    first: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// Sums of all counts before each, and at the end the sum of all. One workgroup, each invocation a
+// stretch of its own.
 @group(0) @binding(1) var<storage, read> x: array<u32>;
 @group(0) @binding(2) var<storage, read_write> before: array<u32>;
 

@@ -1,5 +1,5 @@
-// Raw densities and colours of all samples: look-ups and both networks, 64 samples at a time. The workgroups take
-// turns.
+// Raw densities and colours of all samples: look-ups and both networks, 64 samples at a time. The
+// workgroups take turns.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> samples: array<vec4u>;
 @group(0) @binding(3) var<storage, read> levels: array<Level>;

@@ -1,10 +1,5 @@
-// What a batch came to: the loss and the squared error, and how many samples were seen and looked at. One workgroup.
-struct Params {
-    rays: u32,
-    pixels: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// What a batch came to: the loss and the squared error, and how many samples were seen and looked
+// at. One workgroup.
 @group(0) @binding(1) var<storage, read> losses: array<vec2f>;
 @group(0) @binding(2) var<storage, read> seen: array<u32>;
 @group(0) @binding(3) var<storage, read> looked: array<u32>;

@@ -1,20 +1,5 @@
-// Looks at a random point in each cell of a set, 64 at a time, and folds the optical depth of the shortest step there
-// into the grid.
-struct Params {
-    words: u32,
-    levels: u32,
-    // The step of the random numbers.
-    step: u32,
-    key_low: u32,
-    key_high: u32,
-    decay: f32,
-    shortest: f32,
-    resolution: f32,
-    size_x: u32,
-    size_y: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// Looks at a random point in each cell of a set, 64 at a time, and folds the optical depth of the
+// shortest step there into the grid.
 @group(0) @binding(1) var<storage, read> members: array<u32>;
 @group(0) @binding(2) var<storage, read> before: array<u32>;
 @group(0) @binding(3) var<storage, read> levels: array<Level>;

@@ -1,9 +1,5 @@
-// From which optical depth on a cell is occupied: 0.01, or half the mean over the cells that are seen. One workgroup.
-struct Params {
-    cells: u32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// From which optical depth on a cell is occupied: 0.01, or half the mean over the cells that are
+// seen. One workgroup.
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read_write> threshold: array<f32>;
 

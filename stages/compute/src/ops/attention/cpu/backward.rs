@@ -1,4 +1,5 @@
-//! The gradients of attention: tiles of scores are computed again, one range of keys after the other.
+//! The gradients of attention: tiles of scores are computed again, one range of keys after the
+//! other.
 
 use rayon::prelude::*;
 
@@ -44,6 +45,7 @@ pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffe
             )
         })
         .collect();
+    // In the order of the ranges, not that in which they end.
     let [mut dq, mut dk, mut dv] = inputs.map(|x| Buffer::zeros(x.len()));
     for (task, share) in shares.iter().enumerate() {
         let image = task / ranges / e.heads;

@@ -1,5 +1,5 @@
-//! The attended values: what a block of queries has gathered is rescaled as larger scores are met, so
-//! that no score is needed twice.
+//! The attended values: what a block of queries has gathered is rescaled as larger scores are met,
+//! so that no score is needed twice.
 
 use super::head::{BLOCKS, KEYS, QUERIES};
 use crate::ops::attention::extents::Extents;
@@ -142,6 +142,8 @@ impl Running {
                 hidden.fill(0.0);
                 let max = self.max[row].max(lanes::max(seen) * scale);
                 let sum = lanes::change_and_sum(seen, |score| exp(score * scale - max));
+                // Before anything was seen, both maxima may be minus infinity, whose difference is no
+                // number.
                 let shrink = if self.sum[row] > 0.0 {
                     exp(self.max[row] - max)
                 } else {

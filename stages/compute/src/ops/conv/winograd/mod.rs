@@ -14,6 +14,8 @@ mod kernels;
 mod panel;
 mod quads;
 pub mod task;
+#[cfg(test)]
+mod tests;
 mod transform;
 pub mod weights;
 

@@ -90,7 +90,8 @@ pub fn begin(share: &mut Share, start: Start) -> Old {
     Old::Keep
 }
 
-/// Writes the product to a share of the result, on the calling thread.
+/// Writes the product to a share of the result, on the calling thread. A share sums the whole depth:
+/// cut between tasks, the order of a sum would be that in which they end.
 pub fn add_product(
     share: &mut Share,
     left: &impl Left,
@@ -106,6 +107,7 @@ pub fn add_product(
         let steps = first..depth.min(first + DEPTH);
         let old = if first == 0 { old } else { Old::Keep };
         let panels = &mut panels[..share.panels.len() * steps.len() * COLUMNS];
+        // Packed once, a panel is read by every tile of rows below.
         for start in steps.clone().step_by(right.grain()) {
             let grain = start..steps.end.min(start + right.grain());
             for (panel, packed) in share

@@ -11,7 +11,8 @@ use crate::runtime::cpu::vector::Dots;
 use crate::runtime::cpu::vector::{Lanes, Pairs, Vector};
 use crate::runtime::format::Precision;
 
-/// Rows of the largest tile.
+/// Rows of the largest tile: two vectors of AVX-512 for each are 24 sums, which leave registers for
+/// two vectors of the panel and one number of the left factor.
 pub const ROWS: usize = 12;
 /// Columns of a tile, and of a packed panel.
 pub const COLUMNS: usize = 32;

@@ -4,7 +4,7 @@
 use crate::ops::product::finish::Finish;
 use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::each::Each;
-use crate::runtime::gpu::launch::bits;
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
 
 /// What is added to the sums, and what becomes of them then.
@@ -21,6 +21,16 @@ pub struct Bias<'a> {
     pub numbers: &'a Buffer,
     pub inner: usize,
     pub count: usize,
+}
+
+params! {
+    /// The parts of a cut depth, and what follows their sum.
+    struct Parts {
+        parts: u32,
+        bias_inner: u32,
+        bias_count: u32,
+        slope: f32,
+    }
 }
 
 const BIASED: &str = "fn start(i: u32) -> f32 {
@@ -53,20 +63,21 @@ impl<'a> Epilogue<'a> {
     }
 
     /// How outputs find their bias.
-    pub fn bias_at(&self) -> [usize; 2] {
-        self.bias.map_or([1, 1], |bias| [bias.inner, bias.count])
+    pub fn bias_at(&self) -> [u32; 2] {
+        let places = |bias: Bias| [bias.inner, bias.count].map(|extent| extent as u32);
+        self.bias.map_or([1, 1], places)
     }
 
-    /// The bits of the finish's slope; without one, any.
-    pub fn slope(&self) -> u32 {
+    /// The finish's slope; without one, any.
+    pub fn slope(&self) -> f32 {
         match self.finish {
-            Finish::Leaky(slope) => bits(slope),
-            _ => 0,
+            Finish::Leaky(slope) => slope,
+            _ => 0.0,
         }
     }
 
-    /// The functions `start`, which gives what is added to sum `i`, and `finish`; and the arrays that
-    /// they read, declared from binding `first` on.
+    /// The functions `start`, which gives what is added to sum `i`, and `finish`; and the arrays
+    /// that they read, declared from binding `first` on.
     pub fn functions(&self, first: usize) -> String {
         let declared = |(at, name)| {
             let binding = first + at;
@@ -92,15 +103,16 @@ impl<'a> Epilogue<'a> {
         }
     }
 
-    /// Sums the parts of the depth in their order, adds the bias and finishes.
+    /// Sums the parts of the depth, adds the bias and finishes. A kernel of its own keeps the parts in
+    /// their order, which atomic additions would not.
     pub fn join(&self, gpu: &Gpu, parts: &Buffer, count: usize, len: usize) -> Buffer {
-        let [inner, biases] = self.bias_at();
-        let words = [
-            ("parts: u32", count as u32),
-            ("inner: u32", inner as u32),
-            ("count: u32", biases as u32),
-            ("slope: f32", self.slope()),
-        ];
+        let [bias_inner, bias_count] = self.bias_at();
+        let params = Parts {
+            parts: count as u32,
+            bias_inner,
+            bias_count,
+            slope: self.slope(),
+        };
         let mut reads = vec![("x: f32", parts)];
         let mut value = String::from(
             "var sum = 0.0;
@@ -111,14 +123,14 @@ impl<'a> Epilogue<'a> {
         );
         if let Some(bias) = self.bias {
             reads.push(("bias: f32", bias.numbers));
-            value += "    sum += bias[i / p.inner % p.count];\n";
+            value += "    sum += bias[i / p.bias_inner % p.bias_count];\n";
         }
         reads.extend(self.added().map(|added| ("added: f32", added)));
         value += &format!("    return {};", self.finished("sum"));
         Each {
             name: "join",
             reads: &reads,
-            words: &words,
+            params,
             value: &value,
             functions: "",
         }

@@ -1,5 +1,5 @@
-//! Matrix products on a GPU: one template of [tiles](tiling), whose factors and [epilogue] are written
-//! for each product.
+//! Matrix products on a GPU: one template of [tiles](tiling), whose factors and [epilogue] are
+//! written for each product.
 
 mod epilogue;
 pub mod linear;

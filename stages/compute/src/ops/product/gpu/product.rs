@@ -10,11 +10,44 @@ use crate::runtime::gpu::context::Gpu;
 use crate::runtime::gpu::factor::Factor;
 use crate::runtime::gpu::kernel::Kernel;
 use crate::runtime::gpu::launch::one;
+use crate::runtime::gpu::params::params;
 use crate::runtime::gpu::pool::Buffer;
 use crate::runtime::gpu::tile::Tile;
 use crate::runtime::gpu::tuning::Class;
 
 const PRODUCT: &str = include_str!("product.wgsl");
+
+params! {
+    /// What the template and the snippets of factors are told of a product.
+    struct Extents {
+        rows: u32,
+        columns: u32,
+        depth: u32,
+        /// The part of the depth that one workgroup along z sums.
+        chunk: u32,
+        /// Columns of one image; all of them where there are no images.
+        pixels: u32,
+        /// The bias of output i is number (i / bias_inner) % bias_count.
+        bias_inner: u32,
+        bias_count: u32,
+        /// Strides of dense factors.
+        a_row: u32,
+        a_depth: u32,
+        b_depth: u32,
+        b_column: u32,
+        /// The images of a convolution.
+        channels: u32,
+        height: u32,
+        width: u32,
+        out_height: u32,
+        out_width: u32,
+        stride: u32,
+        top: u32,
+        left: u32,
+        /// What results below 0 are multiplied by, where that is the finish.
+        slope: f32,
+    }
+}
 
 /// One product `[rows, depth] x [depth, columns]`, its factors read as a snippet of WGSL says.
 pub struct Product<'a> {
@@ -38,10 +71,25 @@ pub struct Product<'a> {
     pub pixels: usize,
     /// Strides of dense factors: `a` by row and depth, `b` by depth and column.
     pub strides: [usize; 4],
-    /// Channels, height, width, output height and width, stride, top and left of a convolution.
-    pub image: [usize; 8],
+    /// The images of a convolution.
+    pub images: Option<Images>,
     /// Height and width of a convolution's kernel.
     pub kernel: [usize; 2],
+}
+
+/// What a convolution reads, pixel by pixel.
+#[derive(Clone, Copy, Default)]
+pub struct Images {
+    /// Those that are read.
+    pub channels: usize,
+    pub height: usize,
+    pub width: usize,
+    pub out_height: usize,
+    pub out_width: usize,
+    pub stride: usize,
+    /// Zeros above and left of the image.
+    pub top: usize,
+    pub left: usize,
 }
 
 /// What has a bias of its own.
@@ -70,7 +118,7 @@ impl<'a> Product<'a> {
             depth_first: [strides[1] == 1, strides[2] == 1 && strides[3] != 1],
             pixels: extents[2],
             strides,
-            image: [0; 8],
+            images: None,
             kernel: [1; 2],
         }
     }
@@ -80,7 +128,7 @@ impl<'a> Product<'a> {
         let [rows, _, columns] = self.extents;
         let tile = match choose(rows, columns) {
             Choice::Thin(tile) => tile,
-            Choice::Tuned { many } => gpu.tuning().tile(Class::of(self.image[0] == 0, many)),
+            Choice::Tuned { many } => gpu.tuning().tile(Class::of(self.images.is_none(), many)),
         };
         self.run_in(gpu, tile)
     }
@@ -109,7 +157,7 @@ impl<'a> Product<'a> {
             &self.kernel(tiling.tile, epilogue, gpu.has_halves()),
             &reads,
             tiling.parts * rows * columns,
-            &self.words(tiling.chunk, epilogue),
+            self.params(tiling.chunk, epilogue),
             [across, down, tiling.parts].map(|count| count as u32),
             2 * (rows * depth * columns) as u64,
         )
@@ -134,7 +182,7 @@ impl<'a> Product<'a> {
         }
     }
 
-    fn kernel(&self, tile: Tile, epilogue: &Epilogue, halves: bool) -> Kernel {
+    fn kernel(&self, tile: Tile, epilogue: &Epilogue, halves: bool) -> Kernel<Extents> {
         let reads = 2 + epilogue.reads().len();
         let halves_of = |factor: Factor| halves && factor.format == Format::F16;
         let head = [
@@ -143,13 +191,10 @@ impl<'a> Product<'a> {
             epilogue.functions(3),
             self.factors.into(),
         ];
-        let kernel = Kernel::new(self.name, &[PRODUCT], [reads, 1])
+        Kernel::new(self.name, &[PRODUCT], [reads, 1])
             .with(&self.constants(tile, reads))
-            .having(head.concat());
-        Kernel {
-            halves: halves_of(self.a) || halves_of(self.b),
-            ..kernel
-        }
+            .having(head.concat())
+            .naming_halves(halves_of(self.a) || halves_of(self.b))
     }
 
     fn constants(&self, tile: Tile, reads: usize) -> Vec<(&'static str, u32)> {
@@ -167,16 +212,32 @@ impl<'a> Product<'a> {
         constants
     }
 
-    fn words(&self, chunk: usize, epilogue: &Epilogue) -> Vec<u32> {
-        let [rows, depth, columns] = self.extents;
-        let [inner, count] = epilogue.bias_at();
-        let words = [rows, columns, depth, chunk, self.pixels, inner, count];
-        words
-            .iter()
-            .chain(&self.strides)
-            .chain(&self.image)
-            .map(|&word| word as u32)
-            .chain([epilogue.slope()])
-            .collect()
+    fn params(&self, chunk: usize, epilogue: &Epilogue) -> Extents {
+        let [rows, depth, columns] = self.extents.map(|extent| extent as u32);
+        let [bias_inner, bias_count] = epilogue.bias_at();
+        let [a_row, a_depth, b_depth, b_column] = self.strides.map(|stride| stride as u32);
+        let images = self.images.unwrap_or_default();
+        Extents {
+            rows,
+            columns,
+            depth,
+            chunk: chunk as u32,
+            pixels: self.pixels as u32,
+            bias_inner,
+            bias_count,
+            a_row,
+            a_depth,
+            b_depth,
+            b_column,
+            channels: images.channels as u32,
+            height: images.height as u32,
+            width: images.width as u32,
+            out_height: images.out_height as u32,
+            out_width: images.out_width as u32,
+            stride: images.stride as u32,
+            top: images.top as u32,
+            left: images.left as u32,
+            slope: epilogue.slope(),
+        }
     }
 }

@@ -1,37 +1,10 @@
-// out = finish(A B + bias), a tile of TM rows and TN columns per workgroup, RM by RN sums per invocation, in registers. Slabs
-// of TK of the depth go through workgroup memory. What A and B are, the functions factor_a, column and factor_b say:
-// nothing is unfolded in memory.
-struct Params {
-    rows: u32,
-    columns: u32,
-    depth: u32,
-    // The part of the depth that one workgroup along z sums.
-    chunk: u32,
-    // Columns of one image; all of them where there are no images.
-    pixels: u32,
-    // The bias of output i is number (i / bias_inner) % bias_count.
-    bias_inner: u32,
-    bias_count: u32,
-    a_row: u32,
-    a_depth: u32,
-    b_depth: u32,
-    b_column: u32,
-    channels: u32,
-    height: u32,
-    width: u32,
-    out_height: u32,
-    out_width: u32,
-    stride: u32,
-    top: u32,
-    left: u32,
-    // What results below 0 are multiplied by, where that is the finish.
-    slope: f32,
-}
-
-@group(0) @binding(0) var<uniform> p: Params;
+// out = finish(A B + bias), a tile of TM rows and TN columns per workgroup, RM by RN sums per
+// invocation, in registers. Slabs of TK of the depth go through workgroup memory. What A and B are,
+// the functions factor_a, column and factor_b say: nothing is unfolded in memory.
 @group(0) @binding(${OUT}) var<storage, read_write> out: array<f32>;
 
-// Rows of vectors with one left free, so that neither writing nor reading meets one bank of memory only.
+// Rows of vectors with one left free, so that neither writing nor reading meets one bank of memory
+// only.
 var<workgroup> tile_a: array<quad_a, ${A_TILE}>;
 var<workgroup> tile_b: array<quad_b, ${B_TILE}>;
 

@@ -2,8 +2,9 @@
 
 use crate::runtime::format::Format;
 
-/// The declaration of a factor at a binding, the function `{name}_at`, and what four numbers of it are
-/// in the memory that a workgroup shares: halves stay halves there, where kernels can name them.
+/// The declaration of a factor at a binding, the function `{name}_at`, and what four numbers of it
+/// are in the memory that a workgroup shares: halves stay halves there, where kernels can name
+/// them.
 pub fn reader(name: &str, binding: usize, format: Format, halves: bool) -> String {
     let (element, quad, value) = match format {
         Format::F32 => ("f32", "vec4f", format!("{name}[i]")),

@@ -36,8 +36,8 @@ pub struct Tiling {
 }
 
 impl Tiling {
-    /// Of a product of so many rows, depth and columns in tiles of one's choice. The depth is cut as
-    /// the [usual] tile has it, whichever is chosen: so that all give the same bits.
+    /// Of a product of so many rows, depth and columns in tiles of one's choice. The depth is cut
+    /// as the [usual] tile has it, whichever is chosen: so that all give the same bits.
     pub fn new([rows, depth, columns]: [usize; 3], tile: Tile) -> Tiling {
         let usual = usual(rows, columns);
         let enough = usual.count(rows, columns).iter().product::<usize>();

@@ -1,16 +1,21 @@
-//! All tests again with narrower vectors than the processor's widest.
+//! All tests on the CPU again, with narrower vectors than the processor's widest.
 
 use std::process::Command;
 
-use compute::Device;
+use crate::Device;
 
 /// Runs this program's other tests in a process limited to `level`.
 fn passes_at(level: &str) {
     let program = std::env::current_exe().expect("the path of this program");
-    let skipped = ["--skip", "every_test_passes", "--skip", "memory::"];
+    let skipped = [
+        "every_test_passes",
+        "on_a_gpu",
+        "runtime::gpu",
+        "ops::tuning",
+    ];
     let output = Command::new(program)
         .env("COMPUTE_SIMD", level)
-        .args(skipped)
+        .args(skipped.map(|name| format!("--skip={name}")))
         .output()
         .expect("it runs");
     assert!(

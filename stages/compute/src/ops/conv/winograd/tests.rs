@@ -1,12 +1,12 @@
-//! Convolutions large enough for Winograd's filtering, against sums in `f64`.
+//! Convolutions large enough for the filtering, against sums in `f64`.
 
-use compute::activation::leaky_relu;
-use compute::conv::{Conv, Finish, conv2d, conv2d_backward_input, conv2d_finished};
-use compute::elementwise::add;
-use compute::{Array, Device, Rng, Weight};
 use proptest::prelude::*;
 
-use crate::common::{assert_adjoint, dot};
+use crate::activation::leaky_relu;
+use crate::check::{self, assert_adjoint, assert_same_bits, dot, pattern};
+use crate::conv::{Conv, Finish, conv2d, conv2d_backward_input, conv2d_finished};
+use crate::elementwise::add;
+use crate::{Array, Weight};
 
 /// The 3x3 convolution's output (`image`, `channel`, `y`, `x`), summed in `f64`.
 fn exact(
@@ -38,7 +38,7 @@ fn exact(
 /// Independent numbers. `pattern`'s are not: at some widths the channels' products cancel, and an
 /// error relative to what is left of them says little.
 fn normals(salt: u64, shape: &[usize]) -> Array {
-    Rng::new(salt, "winograd").normals(0, shape, &Device::cpu())
+    check::normals("winograd", salt, shape)
 }
 
 /// The norm of the error over the norm of the result, over every `step`-th output.
@@ -77,7 +77,8 @@ proptest! {
         let conv = Conv { stride: 1, pad };
         let y = conv2d(&x, &weight, None, conv);
         let dy = normals(3, y.shape());
-        assert_adjoint("input", &y, &dy, dot(&x, &conv2d_backward_input(&dy, &weight, conv, [h, w])));
+        let dx = conv2d_backward_input(&dy, &weight, conv, [h, w]);
+        assert_adjoint("input", &y, &dy, dot(&x, &dx));
     }
 
     /// Whether filtered or not, by bands or by outputs, and of whatever size.
@@ -127,10 +128,10 @@ fn a_pixel_does_not_know_how_large_its_image_is() {
         let x = normals(1, &[1, c, 64, 76]);
         let weight = normals(2, &[o, c, 3, 3]);
         let whole = conv2d(&x, &weight, None, Conv::padded(1));
-        let part = compute::shape::crop(&x, 8, 16, 36, 40);
+        let part = crate::shape::crop(&x, 8, 16, 36, 40);
         let part = conv2d(&part, &weight, None, Conv::padded(1));
         // Beyond the edges, where one sees padding and the other does not.
-        let inside = |y: &Array, top, left| compute::shape::crop(y, top, left, 28, 32).to_vec();
+        let inside = |y: &Array, top, left| crate::shape::crop(y, top, left, 28, 32).to_vec();
         assert_eq!(inside(&part, 4, 4), inside(&whole, 12, 20), "{c} to {o}");
     }
 }
@@ -144,4 +145,28 @@ fn many_channels_lose_less_than_two_digits() {
         error < 2.5e-6,
         "an error of {error}, where plain sums have about 2e-7"
     );
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    // By bands of several images and of one; by outputs, for want of tiles and for their channels.
+    for shape in [
+        [2, 64, 47, 33],
+        [1, 48, 256, 16],
+        [4, 96, 8, 8],
+        [1, 140, 40, 36],
+    ] {
+        let x = pattern(1, &shape);
+        let w = pattern(2, &[70, shape[1], 3, 3]);
+        let conv = Conv::padded(1);
+        let dy = pattern(3, conv2d(&x, &w, None, conv).shape());
+        assert_same_bits(&format!("conv {shape:?}"), || {
+            let kept = Weight::from(&w).keeping_transforms();
+            vec![
+                conv2d(&x, &w, None, conv),
+                conv2d_finished(&x, &kept, None, conv, Finish::Add(&dy)),
+                conv2d_backward_input(&dy, &w, conv, [shape[2], shape[3]]),
+            ]
+        });
+    }
 }

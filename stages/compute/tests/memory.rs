@@ -4,8 +4,7 @@
 use std::process::Command;
 
 use compute::attention::{attention, attention_backward};
-
-use crate::common::pattern;
+use compute::{Device, Rng};
 
 /// Set in the process that measures itself.
 const TOKENS: &str = "ATTENTION_TOKENS";
@@ -21,7 +20,9 @@ fn measures_itself() {
     else {
         return;
     };
-    let [q, k, v, dout] = [1, 2, 3, 4].map(|salt| pattern(salt, &[1, tokens, DEPTH]));
+    let rng = Rng::new(1, "memory");
+    let [q, k, v, dout] =
+        [1, 2, 3, 4].map(|step| rng.normals(step, &[1, tokens, DEPTH], &Device::cpu()));
     let attended = attention(&q, &k, &v, 1, false);
     attention_backward(&q, &k, &v, &attended, 1, false, &dout);
     let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells");
@@ -35,7 +36,7 @@ fn measures_itself() {
 /// The peak of a process that attends over so many tokens, in KiB.
 fn peak(tokens: usize) -> usize {
     let program = std::env::current_exe().expect("the path of this program");
-    let arguments = ["--exact", "memory::measures_itself", "--nocapture"];
+    let arguments = ["--exact", "measures_itself", "--nocapture"];
     let output = Command::new(program)
         .env(TOKENS, tokens.to_string())
         .args(arguments)

@@ -1,4 +1,4 @@
-"""Writes golden.json: what PyTorch and Pillow answer to the inputs that tests/golden.rs makes by the same formula.
+"""Writes golden.json: what PyTorch and Pillow answer to the inputs that src/check.rs makes by the same formula.
 
 Needs torch, numpy and pillow. Run: python generate.py
 """
