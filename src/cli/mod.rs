@@ -29,6 +29,7 @@ mod store;
 mod tuning;
 mod upsample;
 mod verify;
+mod view;
 mod whence;
 
 use clap::{Parser, Subcommand};
@@ -66,6 +67,8 @@ enum Command {
     Metrics(metrics::Metrics),
     /// Write the comparison of the last run's arms as one HTML file
     Report(report::Report),
+    /// Look at a field in a browser on this machine, beside another one and its photos
+    View(view::View),
     /// Write a pipeline down as jobs for Snakemake or Slurm, or results for other programs
     #[command(subcommand)]
     Export(export::Export),
@@ -102,6 +105,7 @@ impl Cli {
             Command::Kinds(kinds) => kinds.run(self.json),
             Command::Metrics(metrics) => metrics.run(self.json),
             Command::Report(report) => report.run(),
+            Command::View(view) => view.run(self.json),
             Command::Export(export) => export.run(self.json),
             Command::Diff(diff) => diff.run(self.json),
             Command::Verify(verify) => verify.run(self.json),

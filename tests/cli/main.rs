@@ -28,4 +28,7 @@ mod standing;
 mod trust;
 mod tutorial;
 mod upsample;
+mod view;
+mod view_pictures;
+mod viewer;
 mod whole;

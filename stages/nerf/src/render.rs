@@ -9,6 +9,7 @@ use crate::pool::Pool;
 use crate::samples::Samples;
 use formats::Camera;
 use rayon::prelude::*;
+use std::convert::Infallible;
 use std::ops::Range;
 
 /// Pixels one task renders at a time; fixed, so that images do not depend on the number of threads.
@@ -62,29 +63,35 @@ pub struct Rendered {
 
 /// Renders what a camera sees. Another size of the same view is [`Camera::scaled`].
 pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Rendered {
+    let Ok(rendered) = try_render::<Infallible>(field, camera, options, &|| Ok(()));
+    rendered
+}
+
+/// The same, unless `may_go_on`, which is asked before every few hundred pixels, says why not.
+pub fn try_render<E: Send>(
+    field: &Field,
+    camera: &Camera,
+    options: &RenderOptions,
+    may_go_on: &(impl Fn() -> Result<(), E> + Sync),
+) -> Result<Rendered, E> {
     let pixels = camera.width as usize * camera.height as usize;
     let scratch = Pool::default();
+    let chunk = |chunk: usize| {
+        may_go_on()?;
+        let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
+        let rays = segments(field, camera, options, range);
+        Ok(scratch.lend(|glance: &mut Glance| {
+            let pixels = glance.pixels(field, rays, camera, options);
+            (pixels, glance.samples.t.len())
+        }))
+    };
     let chunks: Vec<(Vec<Pixel>, usize)> = (0..pixels.div_ceil(PIXELS))
         .into_par_iter()
-        .map(|chunk| {
-            let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
-            scratch.lend(|glance: &mut Glance| {
-                let pixels = glance.pixels(
-                    field,
-                    segments(field, camera, options, range),
-                    camera,
-                    options,
-                );
-                (pixels, glance.samples.t.len())
-            })
-        })
-        .collect();
+        .map(chunk)
+        .collect::<Result<_, E>>()?;
     let samples = chunks.iter().map(|(_, samples)| samples).sum();
-    image(
-        camera,
-        chunks.iter().flat_map(|(pixels, _)| pixels),
-        samples,
-    )
+    let pixels = chunks.iter().flat_map(|(pixels, _)| pixels);
+    Ok(image(camera, pixels, samples))
 }
 
 /// The image that pixels make up.
@@ -222,4 +229,29 @@ fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &Rende
         pixel.depth / pixel.opacity
     };
     pixel
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tests::{BOUNDS, small};
+    use glam::{DMat4, DVec3};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn rendering_ends_where_it_may_not_go_on() {
+        let field = Field::new(&small(), BOUNDS, 7);
+        let pose = DMat4::from_translation(DVec3::new(1.0, 0.5, 5.0));
+        let camera = Camera::centered((64, 48), 60.0, pose, [0.5, 4.0]);
+        let options = RenderOptions::default();
+        let asked = AtomicUsize::new(0);
+        let thrice = || match asked.fetch_add(1, Ordering::SeqCst) {
+            0..3 => Ok(()),
+            _ => Err("enough"),
+        };
+        let ended = try_render(&field, &camera, &options, &thrice);
+        assert_eq!(ended, Err("enough"));
+        let whole = try_render::<Infallible>(&field, &camera, &options, &|| Ok(()));
+        assert_eq!(whole, Ok(render(&field, &camera, &options)));
+    }
 }

@@ -82,7 +82,10 @@ pub fn circle(cameras: &[Camera], frames: u32) -> Vec<Camera> {
 /// The direction that the cameras' sides are at right angles to, as photographers hold them: better
 /// than the mean of their own upward directions, which leans to where more of them stand. Of the
 /// directions that serve, the nearest to that mean.
-fn upwards(cameras: &[Camera]) -> DVec3 {
+///
+/// # Panics
+/// If there are no cameras.
+pub fn upwards(cameras: &[Camera]) -> DVec3 {
     const STEPS: usize = 64;
     let mean = cameras
         .iter()
@@ -112,6 +115,16 @@ fn upwards(cameras: &[Camera]) -> DVec3 {
 /// If there are no cameras.
 pub fn path_from_file(path: &Path, cameras: &[Camera]) -> Result<Vec<Camera>, SceneError> {
     transforms::cameras_of_file(path, &with_all_depths(cameras))
+}
+
+/// The text of a file from which [`path_from_file`] reads these cameras, to the last bit.
+pub fn path_text(cameras: &[Camera]) -> String {
+    let frames: Vec<serde_json::Value> = cameras
+        .iter()
+        .enumerate()
+        .map(|(i, camera)| transforms::frame(&format!("frame_{i:04}"), camera))
+        .collect();
+    format!("{:#}\n", serde_json::json!({ "frames": frames }))
 }
 
 /// A digest over a file for [`path_from_file`], which is read to see whether it can be flown.
@@ -217,6 +230,16 @@ mod tests {
                 "the table is in view: {seen:?}"
             );
         }
+    }
+
+    #[test]
+    fn a_path_is_read_as_it_was_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("path.json");
+        let mut cameras = ring();
+        cameras[1].distortion.k1 = 0.01;
+        std::fs::write(&path, path_text(&cameras)).unwrap();
+        assert_eq!(path_from_file(&path, &ring()).unwrap(), cameras);
     }
 
     #[test]

@@ -14,7 +14,10 @@ const GUESS: [f64; 2] = [0.1, 3.0];
 
 /// A camera-to-world matrix from its rows, after checking that it is a rotation and a translation.
 /// A uniform scale, as some tools leave in the rotation, is taken out.
-pub(crate) fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
+///
+/// # Errors
+/// What is wrong with the matrix, after its name.
+pub fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
     if rows.as_flattened().iter().any(|value| !value.is_finite()) {
         return Err("holds a number that is not finite".into());
     }
@@ -139,7 +142,7 @@ pub(crate) fn guess_depths(cameras: &[Camera]) -> [f64; 2] {
 
 /// The point with the least squared distance to all view axes; for parallel axes, some point on
 /// them.
-pub(crate) fn focus(cameras: &[Camera]) -> DVec3 {
+pub fn focus(cameras: &[Camera]) -> DVec3 {
     let mut matrix = DMat3::ZERO;
     let mut right = DVec3::ZERO;
     for camera in cameras {

@@ -9,6 +9,7 @@ use crate::render::{Pixel, RenderOptions, Rendered, averages, image, segments};
 use compute::Device;
 use formats::Camera;
 use rayon::prelude::*;
+use std::convert::Infallible;
 
 /// Rays that come back from the device together.
 const ROUND: usize = 1 << 18;
@@ -31,20 +32,32 @@ impl<'f> Renderer<'f> {
 
     /// Renders what a camera sees; see [`crate::render`].
     pub fn render(&self, camera: &Camera, options: &RenderOptions) -> Rendered {
+        let Ok(rendered) = self.try_render::<Infallible>(camera, options, &|| Ok(()));
+        rendered
+    }
+
+    /// The same, unless `may_go_on`, which is asked now and then, says why not.
+    pub fn try_render<E: Send>(
+        &self,
+        camera: &Camera,
+        options: &RenderOptions,
+        may_go_on: &(impl Fn() -> Result<(), E> + Sync),
+    ) -> Result<Rendered, E> {
         let Some(resident) = &self.resident else {
-            return crate::render(self.field, camera, options);
+            return crate::render::try_render(self.field, camera, options, may_go_on);
         };
         let all = camera.width as usize * camera.height as usize;
         let round = (ROUND / options.rays_per_pixel()).max(1);
         let mut pixels: Vec<Pixel> = Vec::with_capacity(all);
         let mut samples: usize = 0;
         for first in (0..all).step_by(round) {
+            may_go_on()?;
             let segments = segments(self.field, camera, options, first..all.min(first + round));
             let (seen, count) = see(resident, &segments);
             pixels.extend(averages(&seen, &segments, camera, options));
             samples += count;
         }
-        image(camera, pixels.iter(), samples)
+        Ok(image(camera, pixels.iter(), samples))
     }
 }
 

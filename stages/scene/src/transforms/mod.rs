@@ -26,6 +26,7 @@ use formats::{Bounds, Camera};
 use lens::Lens;
 use page::{Frame, Page};
 
+pub(crate) use write::frame;
 pub use write::write_transforms;
 
 /// What to do where photos are not found.

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use formats::{Bounds, rows};
+use formats::{Bounds, Camera, rows};
 use image::{GrayImage, Luma, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
@@ -34,7 +34,10 @@ pub fn write_transforms(
             write_photo(&images.join(format!("{}.png", photo.name)), photo)?;
             write_mask(&folder.join(mask_path(split, photo)), photo)?;
         }
-        let frames: Vec<Value> = photos.iter().map(|photo| frame(split, photo)).collect();
+        let frames: Vec<Value> = photos
+            .iter()
+            .map(|photo| photo_frame(split, photo))
+            .collect();
         let angle = photos
             .first()
             .map(|photo| 2.0 * (0.5 * f64::from(photo.camera.width) / photo.camera.fl_x).atan());
@@ -46,18 +49,23 @@ pub fn write_transforms(
     Ok(())
 }
 
-fn frame(split: &str, photo: &Photo) -> Value {
-    let camera = &photo.camera;
+fn photo_frame(split: &str, photo: &Photo) -> Value {
+    let mut frame = frame(&format!("./{split}/{}", photo.name), &photo.camera);
+    if photo.mask.is_some() {
+        frame["mask_path"] = json!(mask_path(split, photo));
+    }
+    frame
+}
+
+/// A frame that tells all of a camera.
+pub(crate) fn frame(file_path: &str, camera: &Camera) -> Value {
     let mut frame = json!({
-        "file_path": format!("./{split}/{}", photo.name),
+        "file_path": file_path,
         "transform_matrix": rows::of(&camera.camera_to_world),
         "w": camera.width, "h": camera.height,
         "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
         "near": camera.near, "far": camera.far,
     });
-    if photo.mask.is_some() {
-        frame["mask_path"] = json!(mask_path(split, photo));
-    }
     let bent = camera.distortion;
     for (name, value) in [
         ("k1", bent.k1),

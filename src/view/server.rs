@@ -1,0 +1,191 @@
+//! The page and what it asks for, by HTTP. Renders nothing itself.
+
+use std::convert::Infallible;
+use std::future::IntoFuture;
+use std::io::ErrorKind;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::pin::pin;
+use std::sync::Arc;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::http::StatusCode;
+use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::{get, post};
+use axum::{Router, middleware};
+use compute::Device;
+use futures_util::future::{BoxFuture, Either, FutureExt, select};
+use futures_util::stream;
+use serde::de::DeserializeOwned;
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::sync::{mpsc, oneshot};
+
+use super::guard::{self, Guard};
+use super::look::{self, Look};
+use super::newest::Newest;
+use super::page;
+use super::painter::{MOST_FRAMES, Order, Painter};
+use super::picture::{self, Format};
+use super::subject::Subject;
+
+/// The largest body of a request: a long path.
+const MOST_BYTES: usize = 4 << 20;
+/// Threads that serve; rendering has its own.
+const SERVING: usize = 2;
+
+/// A server that listens, and the page's address.
+pub struct Server {
+    runtime: Runtime,
+    listener: TcpListener,
+    guard: Arc<Guard>,
+    /// Ends when the user interrupts the program.
+    interrupted: BoxFuture<'static, std::io::Result<()>>,
+}
+
+/// What all handlers share.
+struct Site {
+    subject: Arc<Subject>,
+    orders: Arc<Newest<Order>>,
+}
+
+impl Server {
+    /// Listens on this machine's loopback, on any free port where `port` is 0.
+    ///
+    /// # Errors
+    /// A port that is taken, or a system that has no threads or random numbers to give.
+    pub fn new(port: u16) -> std::io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(SERVING)
+            .enable_all()
+            .build()?;
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        let listener = runtime.block_on(TcpListener::bind(address))?;
+        let guard = Guard::new(listener.local_addr()?).map_err(std::io::Error::other)?;
+        let mut interrupted = tokio::signal::ctrl_c().boxed();
+        // It listens from its first poll on, and whoever reads the address may interrupt at once.
+        let ended = runtime.block_on(async { (&mut interrupted).now_or_never() });
+        if let Some(ended) = ended {
+            return Err(ended.err().unwrap_or(ErrorKind::Interrupted.into()));
+        }
+        Ok(Self {
+            runtime,
+            listener,
+            guard: Arc::new(guard),
+            interrupted,
+        })
+    }
+
+    /// The page's address, token and all.
+    pub fn url(&self) -> String {
+        self.guard.url()
+    }
+
+    /// Serves until the user interrupts it.
+    ///
+    /// # Errors
+    /// A system that gives no more connections.
+    pub fn run(self, subject: Subject, device: Device) -> std::io::Result<()> {
+        let subject = Arc::new(subject);
+        let orders = Arc::new(Newest::default());
+        let (at_work, over) = oneshot::channel::<Infallible>();
+        let painter = std::thread::spawn({
+            let subject = subject.clone();
+            let orders = orders.clone();
+            move || {
+                Painter::new(&subject, &device).work(&orders);
+                drop(at_work);
+            }
+        });
+        let site = Arc::new(Site {
+            subject,
+            orders: orders.clone(),
+        });
+        let service = axum::serve(self.listener, router(site, self.guard));
+        let served = self.runtime.block_on(async {
+            let serving = pin!(service.into_future());
+            // A painter that ends before it is told to has a bug, which is raised below.
+            match select(serving, select(self.interrupted, over)).await {
+                Either::Left((served, _)) => served,
+                Either::Right(_) => Ok(()),
+            }
+        });
+        orders.close();
+        if let Err(bug) = painter.join() {
+            std::panic::resume_unwind(bug);
+        }
+        self.runtime.shutdown_background();
+        served
+    }
+}
+
+fn router(site: Arc<Site>, guard: Arc<Guard>) -> Router {
+    Router::new()
+        .route("/{token}/", get(html))
+        .route("/{token}/look", post(look))
+        .route("/{token}/path", post(path))
+        .route("/{token}/photo/{number}", get(photo))
+        .layer(DefaultBodyLimit::max(MOST_BYTES))
+        .layer(middleware::from_fn_with_state(guard, guard::watch))
+        .with_state(site)
+}
+
+async fn html(State(site): State<Arc<Site>>) -> Result<Response, StatusCode> {
+    let nonce = guard::random_word().map_err(|_| StatusCode::INTERNAL_SERVER_ERROR)?;
+    let (html, policy) = page::page(&site.subject.card(), &nonce);
+    Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(html)).into_response())
+}
+
+/// Frames, one behind the other, as they are rendered.
+async fn look(State(site): State<Arc<Site>>, body: Bytes) -> Result<Response, Problem> {
+    let look: Look = read(&body)?;
+    let camera = look.camera(&site.subject).map_err(Problem)?;
+    let (reply, frames) = mpsc::channel(MOST_FRAMES);
+    site.orders.put(Order {
+        look,
+        camera,
+        reply,
+    });
+    let frames = stream::unfold(frames, |mut frames| async move {
+        let frame = frames.recv().await?;
+        Some((Ok::<_, Infallible>(frame), frames))
+    });
+    let kind = [(CONTENT_TYPE, "application/octet-stream")];
+    Ok((kind, Body::from_stream(frames)).into_response())
+}
+
+/// A file that `Render(path: File)` reads.
+async fn path(State(site): State<Arc<Site>>, body: Bytes) -> Result<Response, Problem> {
+    let path: look::Path = read(&body)?;
+    let cameras = path.cameras(&site.subject).map_err(Problem)?;
+    let kind = [(CONTENT_TYPE, "application/json")];
+    Ok((kind, scene::path_text(&cameras)).into_response())
+}
+
+async fn photo(
+    State(site): State<Arc<Site>>,
+    Path((_, number)): Path<(String, usize)>,
+) -> Result<Response, StatusCode> {
+    let encode = move || {
+        let view = site.subject.photos.get(number)?;
+        let size = [view.camera.width, view.camera.height];
+        picture::encode(&picture::photo(view), size, Format::Png).ok()
+    };
+    let encoded = tokio::task::spawn_blocking(encode).await;
+    let file = encoded.ok().flatten().ok_or(StatusCode::NOT_FOUND)?;
+    Ok(([(CONTENT_TYPE, Format::Png.mime())], file).into_response())
+}
+
+/// A request that asks for what there is not.
+struct Problem(String);
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        (StatusCode::BAD_REQUEST, self.0).into_response()
+    }
+}
+
+fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+    serde_json::from_slice(body).map_err(|error| Problem(error.to_string()))
+}
