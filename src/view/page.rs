@@ -28,3 +28,22 @@ pub fn page(card: &Value, nonce: &str) -> (String, String) {
     );
     (html, policy)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::page;
+    use serde_json::json;
+
+    #[test]
+    fn no_name_gets_out_of_the_card() {
+        let card = json!({"fields": ["</script><script>alert(1)</script>/*SCRIPT*/"]});
+        let (html, policy) = page(&card, "n0nce");
+        assert_eq!(
+            html.matches("</script>").count(),
+            2,
+            "the card's and the script's"
+        );
+        assert_eq!(html.matches("<script nonce=\"n0nce\"").count(), 2);
+        assert!(policy.contains("script-src 'nonce-n0nce';"));
+    }
+}

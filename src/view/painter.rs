@@ -174,3 +174,49 @@ fn frame(
     frame.extend(file);
     Some(frame)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::look::{Pane, Show, Stand};
+    use super::*;
+
+    fn order(panes: usize) -> Order {
+        let pane = Pane {
+            field: 0,
+            show: Show::Color,
+        };
+        let look = Look {
+            stand: Stand::Photo(0),
+            width: 640,
+            panes: vec![pane; panes],
+            moving: true,
+        };
+        Order {
+            look,
+            camera: Camera::centered((640, 480), 600.0, Default::default(), [1.0, 2.0]),
+            reply: tokio::sync::mpsc::channel(MOST_FRAMES).0,
+        }
+    }
+
+    #[test]
+    fn the_first_picture_is_as_fine_as_speed_allows() {
+        for (rays_per_second, panes, part) in [
+            (1e9, 1, 1),
+            (1e6, 1, 2),
+            (1e6, 2, 4),
+            (1e5, 1, 8),
+            (1.0, 1, 8),
+        ] {
+            let painter = Painter {
+                renderers: Vec::new(),
+                rays_per_second,
+            };
+            let first = LEVELS[painter.first_level(&order(panes))];
+            assert_eq!(
+                (first.part, first.rays),
+                (part, 1),
+                "{rays_per_second} {panes}"
+            );
+        }
+    }
+}

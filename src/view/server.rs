@@ -6,6 +6,7 @@ use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::pin::pin;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
@@ -87,36 +88,46 @@ impl Server {
     /// # Errors
     /// A system that gives no more connections.
     pub fn run(self, subject: Subject, device: Device) -> std::io::Result<()> {
-        let subject = Arc::new(subject);
-        let orders = Arc::new(Newest::default());
-        let (at_work, over) = oneshot::channel::<Infallible>();
-        let painter = std::thread::spawn({
-            let subject = subject.clone();
-            let orders = orders.clone();
-            move || {
-                Painter::new(&subject, &device).work(&orders);
-                drop(at_work);
-            }
-        });
+        let Self {
+            runtime,
+            listener,
+            guard,
+            interrupted,
+        } = self;
         let site = Arc::new(Site {
-            subject,
-            orders: orders.clone(),
+            subject: Arc::new(subject),
+            orders: Arc::default(),
         });
-        let service = axum::serve(self.listener, router(site, self.guard));
-        let served = self.runtime.block_on(async {
+        let (painter, over) = site.painter(device);
+        let service = axum::serve(listener, router(site.clone(), guard));
+        let served = runtime.block_on(async {
             let serving = pin!(service.into_future());
             // A painter that ends before it is told to has a bug, which is raised below.
-            match select(serving, select(self.interrupted, over)).await {
+            match select(serving, select(interrupted, over)).await {
                 Either::Left((served, _)) => served,
                 Either::Right(_) => Ok(()),
             }
         });
-        orders.close();
+        site.orders.close();
         if let Err(bug) = painter.join() {
             std::panic::resume_unwind(bug);
         }
-        self.runtime.shutdown_background();
+        runtime.shutdown_background();
         served
+    }
+}
+
+impl Site {
+    /// A thread that renders what is ordered, and what ends when it does.
+    fn painter(&self, device: Device) -> (JoinHandle<()>, oneshot::Receiver<Infallible>) {
+        let subject = self.subject.clone();
+        let orders = self.orders.clone();
+        let (at_work, over) = oneshot::channel();
+        let painter = std::thread::spawn(move || {
+            Painter::new(&subject, &device).work(&orders);
+            drop(at_work);
+        });
+        (painter, over)
     }
 }
 
