@@ -71,7 +71,7 @@ impl<'s> Lineage<'s> {
 
     /// The field of a result.
     pub fn field(&self, output: &Output) -> Result<Told, StoreError> {
-        self.read(output, |folder| Told::read(folder))
+        self.read(output, Told::read)
     }
 
     /// The field that the training of another began with, as far back as the store has it.

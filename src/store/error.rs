@@ -51,6 +51,12 @@ impl StoreError {
         use io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
         matches!(self, Self::Io { error, .. } if matches!(error.kind(), PermissionDenied | ReadOnlyFilesystem))
     }
+
+    /// Whether somebody else may have removed or written something at the same moment.
+    pub fn is_of_a_race(&self) -> bool {
+        use io::ErrorKind::{AlreadyExists, DirectoryNotEmpty, NotFound};
+        matches!(self, Self::Io { error, .. } if matches!(error.kind(), AlreadyExists | DirectoryNotEmpty | NotFound))
+    }
 }
 
 /// Says what was tried on which file when it fails.

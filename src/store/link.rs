@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
@@ -15,13 +15,30 @@ use super::index::Kind;
 use super::result::{Output, StoredFile};
 use super::signature::Signature;
 
+/// How often to begin anew to show a folder that another process is about to show, too.
+const MOST_ATTEMPTS: u64 = 32;
+
 impl Store {
     /// Shows an artifact as a folder. What is there and as it should be is left alone; anything
     /// else there is removed.
     pub fn show(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
-        if self.shows(output, folder) {
-            return Ok(());
+        for attempt in 0.. {
+            if self.shows(output, folder) {
+                break;
+            }
+            match self.place(output, folder) {
+                // Another process shows the same here, and each clears away what the other has.
+                Err(error) if error.is_of_a_race() && attempt < MOST_ATTEMPTS => {
+                    let turn = u64::from(std::process::id()) % 8;
+                    std::thread::sleep(Duration::from_millis(attempt + turn));
+                }
+                other => return other,
+            }
         }
+        Ok(())
+    }
+
+    fn place(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
         self.clear(folder)?;
         for file in &output.files {
             let path = folder.join(&file.path);

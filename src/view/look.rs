@@ -127,7 +127,7 @@ impl Stand {
                 camera_to_world: scene::rigid(pose).map_err(|fault| format!("the pose {fault}"))?,
                 near: subject.range[0],
                 far: subject.range[1],
-                ..of_photo(*like)?.clone()
+                ..*of_photo(*like)?
             }),
         }
     }

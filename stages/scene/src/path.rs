@@ -143,7 +143,7 @@ fn along(cameras: &[Camera], frames: u32, place: impl Fn(f64) -> glam::DMat4) ->
     let like = with_all_depths(cameras);
     let camera = |frame| Camera {
         camera_to_world: place(f64::from(frame) / f64::from(frames)),
-        ..like.clone()
+        ..like
     };
     (0..frames).map(camera).collect()
 }
@@ -159,7 +159,7 @@ fn with_all_depths(cameras: &[Camera]) -> Camera {
         near,
         far,
         distortion: Default::default(),
-        ..cameras[0].clone()
+        ..cameras[0]
     }
 }
 

@@ -158,6 +158,6 @@ fn camera(model: &Model, image: &Image) -> Result<Camera, String> {
     let lens = lens.ok_or_else(|| format!("its camera {} is not among the cameras", image.lens))?;
     Ok(Camera {
         camera_to_world: image.camera_to_world.clone()?,
-        ..lens.clone()
+        ..*lens
     })
 }
