@@ -90,7 +90,7 @@ def fly_around(page, shoot):
     changes("orbiting", lambda: drag((0.7, 0.5), (0.85, 0.4)))
     assert page.input_value("#photo") == "", "it stands at no photo any more"
     shoot("orbit")
-    changes("the wheel", lambda: page.mouse.wheel(0, 300))
+    changes("the wheel", lambda: page.mouse.wheel(0, 1000))
     changes("moving aside", lambda: drag((0.7, 0.5), (0.65, 0.55), "right"))
     changes("cameras", lambda: page.keyboard.press("v"))
     shoot("cameras")
