@@ -30,6 +30,8 @@ pub struct Photos<'a> {
     pub origin: &'a Origin,
     /// Width and height of each.
     pub sizes: &'a [(u32, u32)],
+    /// How many of them their source itself sets aside for testing.
+    pub set_aside: usize,
 }
 
 impl Photos<'_> {
@@ -84,29 +86,42 @@ impl Photos<'_> {
         }
     }
 
+    /// How many photos are not trained on: a source that sets some aside has the last word.
+    fn held_out(&self, purpose: Purpose) -> usize {
+        match (self.set_aside, purpose) {
+            (0, Purpose::Enlarge) => 1,
+            (0, Purpose::Judge) => self.sizes.len().div_ceil(8),
+            (set_aside, _) => set_aside,
+        }
+    }
+
+    /// What stands above the pipeline: what it does with these photos.
     fn head(&self, purpose: Purpose, size: Option<(u32, u32)>) -> String {
         let count = self.sizes.len();
-        let (width, height) = size.or(self.common()).unwrap_or((0, 0));
-        let read = match (width, size) {
-            (0, _) => "The photos differ in size, and are read as they are.".to_owned(),
-            (_, None) => format!("The photos are read as they are, {width}x{height}."),
-            _ => format!(
-                "The photos are read at {width}x{height}; `size` says so, and can be larger."
+        let read = match (size, self.common()) {
+            (Some((width, height)), _) => {
+                format!("They are read at {width}x{height}; `size` says so, and can be larger.")
+            }
+            (None, Some((width, height))) => {
+                format!("They are read as they are, {width}x{height}.")
+            }
+            (None, None) => "They differ in size, and are read as they are.".to_owned(),
+        };
+        let held_out = self.held_out(purpose);
+        let trained_on = count.saturating_sub(held_out);
+        let does = match purpose {
+            Purpose::Enlarge => format!(
+                "// The field is trained on {trained_on} of them, and rendered from their cameras at four times that size:\n\
+                 // EXR files in out/{0}/views/images, PNG files in out/{0}/pictures/color.",
+                self.name
+            ),
+            Purpose::Judge => format!(
+                "// The field is trained on {trained_on} of them, made four times smaller. From the cameras of the other {held_out}\n\
+                 // it is rendered at full size, and compared with them."
             ),
         };
-        let purpose = match purpose {
-            Purpose::Enlarge => {
-                "// The field is rendered at four times that size from every camera: EXR files under\n\
-                 // out/NAME/views/images, PNG files under out/NAME/pictures/color.\n"
-            }
-            Purpose::Judge => {
-                "// The field is trained on them four times smaller. Every eighth is held out, and what the\n\
-                 // field shows there is compared with it.\n"
-            }
-        };
-        let purpose = purpose.replace("NAME", self.name);
         format!(
-            "// The main job with {count} photos. {read}\n{purpose}\
+            "// The main job with {count} photos. {read}\n{does}\n\
              // Only differences from the defaults stand here; `srnerf-dag explain STAGE` prints every parameter.\n"
         )
     }
@@ -162,6 +177,7 @@ mod tests {
             name: "shoes",
             origin: &shoes(),
             sizes,
+            set_aside: 0,
         };
         photos.pipeline(purpose)
     }
@@ -193,7 +209,10 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("downscale: 1"), "{text}");
-        assert!(text.contains("3 photos"), "{text}");
+        assert!(
+            text.contains("3 photos") && text.contains("trained on 2"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -203,6 +222,7 @@ mod tests {
                 name: "shoes",
                 origin: &shoes(),
                 sizes: &[size; 2],
+                set_aside: 0,
             };
             photos.reading_size(purpose)
         };

@@ -40,6 +40,7 @@ impl Init {
             name: &name,
             origin: &origin,
             sizes: &sizes,
+            set_aside: survey.counts().1,
         };
         let file = self.output.clone().unwrap_or(format!("{name}.ron").into());
         write_new(&file, &photos.pipeline(purpose))?;

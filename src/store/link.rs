@@ -22,20 +22,21 @@ impl Store {
     /// Shows an artifact as a folder. What is there and as it should be is left alone; anything
     /// else there is removed.
     pub fn show(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
-        for attempt in 0.. {
+        for attempt in 0..MOST_ATTEMPTS {
             if self.shows(output, folder) {
-                break;
+                return Ok(());
             }
             match self.place(output, folder) {
-                // Another process shows the same here, and each clears away what the other has.
-                Err(error) if error.is_of_a_race() && attempt < MOST_ATTEMPTS => {
+                // Another process shows the same here, and each clears away what the other has:
+                // they wait for different times, so that one of them comes to its end.
+                Err(error) if error.is_of_a_race() => {
                     let turn = u64::from(std::process::id()) % 8;
                     std::thread::sleep(Duration::from_millis(attempt + turn));
                 }
                 other => return other,
             }
         }
-        Ok(())
+        self.place(output, folder)
     }
 
     fn place(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {

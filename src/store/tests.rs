@@ -318,6 +318,28 @@ fn people_see_what_the_store_has_and_nothing_of_theirs_is_removed() {
 }
 
 #[test]
+fn several_at_once_show_one_result_in_one_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(&folder.path().join("store")).unwrap();
+    let view = View::new(&folder.path().join("out"), "p");
+    let record = commit(&store, key("1"), 1.0, "s");
+    let shown = view.output("s", "m");
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                for _ in 0..50 {
+                    // Whoever finds the folder wrong clears it, while others fill it.
+                    let _ = fs::remove_dir_all(&shown);
+                    view.show(&store, "s", &record).unwrap();
+                }
+            });
+        }
+    });
+    view.show(&store, "s", &record).unwrap();
+    assert_eq!(Metrics::read(&shown).unwrap(), metrics(1.0));
+}
+
+#[test]
 fn runs_come_newest_first() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();

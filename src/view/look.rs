@@ -122,7 +122,7 @@ impl Stand {
             camera.ok_or_else(|| format!("there is no photo {number}"))
         };
         match self {
-            Self::Photo(number) => of_photo(*number).cloned(),
+            Self::Photo(number) => of_photo(*number).copied(),
             Self::Free { like, pose } => Ok(Camera {
                 camera_to_world: scene::rigid(pose).map_err(|fault| format!("the pose {fault}"))?,
                 near: subject.range[0],

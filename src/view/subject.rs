@@ -1,7 +1,7 @@
 //! What is looked at: fields, and the photos that they were made from. Knows nothing of browsers.
 
 use artifacts_schema::View;
-use formats::Camera;
+use formats::{Camera, rows};
 use glam::DVec3;
 use nerf::Field;
 use serde_json::{Value, json};
@@ -81,11 +81,10 @@ impl Subject {
 
 /// What a page has to know of a camera: its frustum is drawn, and it is the first of a flight.
 fn camera_card(camera: &Camera) -> Value {
-    let rows = camera.camera_to_world.transpose().to_cols_array_2d();
     json!({
         "w": camera.width, "h": camera.height,
         "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
-        "near": camera.near, "pose": rows[..3],
+        "near": camera.near, "pose": rows::of(&camera.camera_to_world)[..3],
     })
 }
 
