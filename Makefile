@@ -27,8 +27,8 @@ test-full: setup vulkan
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/tests/reference/compare.py $(TARGET)/release/srnerf-dag --count 20 --full
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/upsampler/tests/reference/networks.py compare $(TARGET)/release/srnerf-dag --count 40 --ncnn $$($(TOOLS)/bin/python tests/upsampler/packages.py)
 
-# The program among others: under Snakemake, on moto's S3 server, with the networks of two packages, and its report and view
-# in a Chromium; all from PyPI in an environment of their own, but for Chromium, which is Debian's.
+# The program among others: under Snakemake, on moto's S3 server, with the networks of two packages, its report and view in a
+# Chromium, and a COLMAP that finds poses; all from PyPI in an environment of their own, but for Chromium, which is Debian's.
 TARGET = $${CARGO_TARGET_DIR:-target}
 TOOLS ?= $(TARGET)/tools
 .PHONY: test-tools
@@ -45,6 +45,10 @@ test-tools: setup
 	$(TOOLS)/bin/pip install --quiet playwright
 	tests/report/report.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	tests/view/view.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
+	$(TOOLS)/bin/pip install --quiet pycolmap
+	@if [ -n "$$SRNERF_TEST_DATA" ]; then \
+		tests/import/real.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python $$SRNERF_TEST_DATA/llff/fern; \
+	else echo 'SRNERF_TEST_DATA is not set: COLMAP is not tried'; fi
 
 # The kernels of operators, networks and field under Khronos' validation layer, whose findings are failures.
 VALIDATED = VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_LAYER_SETTINGS_PATH='$(CURDIR)/stages/compute/tests/gpu' \

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use miette::Diagnostic;
 
+use crate::import::ImportError;
 use crate::pipeline::graph::{UnknownArm, UnknownStage};
 use crate::pipeline::problem::Problem;
 use crate::plan::SourceError;
@@ -62,6 +63,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(help("docs/inputs.md says what is read of each layout"))]
     Photos(#[from] scene::SceneError),
+    /// Poses for photos that have none.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Import(#[from] ImportError),
     /// A diffusion model, or a file of tensors for it.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
@@ -159,6 +164,7 @@ impl Error {
     pub fn code(&self) -> u8 {
         match self {
             Self::Failed(_) => FAILED,
+            Self::Import(error) => error.exit_code(),
             Self::Usage { .. } | Self::UnknownStage(_) | Self::UnknownArm(_) | Self::Address(_) => {
                 USAGE
             }

@@ -11,6 +11,7 @@ mod experiment;
 mod explain;
 mod export;
 mod extension;
+mod import;
 mod init;
 mod key;
 mod kinds;

@@ -16,13 +16,13 @@ use crate::init::{Photos, Purpose};
 #[derive(Args)]
 pub struct Init {
     /// A folder of photos with poses (COLMAP, transforms.json, LLFF), or a transforms.json
-    photos: PathBuf,
+    pub(super) photos: PathBuf,
     /// Where to write the pipeline, by default a file named after the folder
     #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
+    pub(super) output: Option<PathBuf>,
     /// Make the photos four times smaller first, and compare held-out views with them
     #[arg(long)]
-    judge: bool,
+    pub(super) judge: bool,
 }
 
 impl Init {
@@ -67,16 +67,18 @@ impl Init {
         Ok(reader.survey()?)
     }
 
-    /// What a pipeline of these photos is called: the folder's name, as far as names allow.
+    /// What a pipeline of these photos is called: as its file, or the folder, as far as names allow.
     fn name(&self) -> String {
         let path = self.photos.canonicalize().unwrap_or(self.photos.clone());
         let folder = match path.is_file() {
             true => path.parent().unwrap_or(&path),
             false => &path,
         };
-        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        let file = self.output.as_deref().and_then(Path::file_stem);
+        let name = file.or(folder.file_name()).unwrap_or_default();
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         let name: String = name
+            .to_string_lossy()
             .chars()
             .map(|c| if allowed(c) { c } else { '_' })
             .collect();
@@ -94,8 +96,10 @@ impl Init {
         };
         Error::usage(
             message,
-            "COLMAP finds where photos were taken: colmap automatic_reconstructor --workspace_path FOLDER \
-             --image_path FOLDER/images; then give FOLDER. docs/inputs.md tells which layouts are read",
+            format!(
+                "`srnerf-dag import {folder}` has COLMAP find where photos were taken; docs/inputs.md tells which \
+                 layouts with poses are read"
+            ),
         )
     }
 }

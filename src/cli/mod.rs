@@ -8,6 +8,7 @@ mod export;
 mod export_ply;
 mod export_transforms;
 mod gc;
+mod import;
 mod init;
 mod inspect;
 mod kinds;
@@ -51,6 +52,8 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Find where photos were taken, with COLMAP, and write a pipeline for them
+    Import(import::Import),
     /// Look at a folder of posed photos, and write a pipeline for them
     Init(init::Init),
     /// Run a pipeline: compute what the store does not have
@@ -97,6 +100,7 @@ impl Cli {
     /// Does what was asked, and says what went wrong.
     pub fn run(self) -> u8 {
         let done = match self.command {
+            Command::Import(import) => import.run(self.json),
             Command::Init(init) => init.run(self.json),
             Command::Run(run) => run.run(self.json),
             Command::Plan(plan) => plan.run(self.json),

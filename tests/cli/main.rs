@@ -12,6 +12,7 @@ mod export;
 mod golden;
 mod gpu;
 mod hub;
+mod import;
 mod init;
 mod kinds;
 mod mistakes;

@@ -25,7 +25,7 @@ mod reader;
 mod source_files;
 mod transforms;
 
-pub use colmap::Colmap;
+pub use colmap::{Colmap, Registered};
 pub use downscale::{Reduction, downscale};
 pub use error::SceneError;
 pub use llff::Llff;

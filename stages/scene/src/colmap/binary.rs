@@ -142,14 +142,19 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
     records(bytes, POINT, |cursor| {
         cursor.bytes(8)?;
         let position = cursor.reals()?;
-        // Its colour and its reprojection error.
-        cursor.bytes(3 + 8)?;
+        // Its colour.
+        cursor.bytes(3)?;
+        let [error] = cursor.reals()?;
         let length = cursor.count(TRACK)?;
         let track = cursor.bytes(length * TRACK)?.chunks_exact(TRACK);
         let seen_in = track
             .map(|step| u32::from_le_bytes([step[0], step[1], step[2], step[3]]))
             .collect();
-        model.points.push(Point { position, seen_in });
+        model.points.push(Point {
+            position,
+            error,
+            seen_in,
+        });
         Ok(())
     })
 }

@@ -50,6 +50,33 @@ impl Colmap {
     pub fn is_in(folder: &Path) -> bool {
         files::are_in(folder)
     }
+
+    /// How good the reconstruction in a folder is, by its own account. Looks for no photos.
+    ///
+    /// # Errors
+    /// No reconstruction, or one whose files are damaged.
+    pub fn registered(folder: &Path) -> Result<Registered, SceneError> {
+        let model = files::read(folder)?.model;
+        let errors = model.points.iter().map(|point| point.error);
+        let measured: Vec<f64> = errors.filter(|error| *error >= 0.0).collect();
+        let mean = measured.iter().sum::<f64>() / measured.len() as f64;
+        Ok(Registered {
+            photos: model.images.len(),
+            points: model.points.len(),
+            error: (!measured.is_empty()).then_some(mean),
+        })
+    }
+}
+
+/// What a reconstruction has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Registered {
+    /// Photos whose poses are known.
+    pub photos: usize,
+    /// Sparse points.
+    pub points: usize,
+    /// Their mean reprojection error in pixels, where it was measured.
+    pub error: Option<f64>,
 }
 
 impl Reader for Colmap {

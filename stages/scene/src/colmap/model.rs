@@ -46,6 +46,9 @@ pub(super) struct Image {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Point {
     pub(super) position: [f64; 3],
+    /// Mean distance in pixels between where photos show it and where it should be; below zero
+    /// where nobody has measured it.
+    pub(super) error: f64,
     pub(super) seen_in: Vec<u32>,
 }
 

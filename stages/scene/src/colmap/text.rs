@@ -149,7 +149,7 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
     records(bytes, |mut words, _| {
         words.word("POINT3D_ID")?;
         let position = words.reals("X Y Z")?;
-        let _: [f64; 4] = words.reals("R G B ERROR")?;
+        let [_, _, _, error] = words.reals("R G B ERROR")?;
         let mut seen_in = Vec::new();
         while let Some(image) = words.0.next() {
             seen_in.push(
@@ -159,7 +159,11 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
             );
             words.word("POINT2D_IDX")?;
         }
-        model.points.push(Point { position, seen_in });
+        model.points.push(Point {
+            position,
+            error,
+            seen_in,
+        });
         Ok(())
     })
 }

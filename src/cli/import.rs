@@ -1,0 +1,165 @@
+//! `import`: poses for photos that have none, and a pipeline for them. Leaves the work to COLMAP.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::init::Init;
+use super::output::tell;
+use crate::error::Error;
+use crate::import::{self, Imported, Places, Progress, Tool};
+
+/// Options of `import`.
+#[derive(Args)]
+pub struct Import {
+    /// A folder of photos, or a video
+    photos: PathBuf,
+    /// The folder to make, with links to the photos and their poses; by default named after them
+    #[arg(short, long, value_name = "FOLDER")]
+    output: Option<PathBuf>,
+    /// Make the photos four times smaller first, and compare held-out views with them
+    #[arg(long)]
+    judge: bool,
+    /// COLMAP's program, if it is not on the PATH
+    #[arg(long, value_name = "PROGRAM", conflicts_with = "python")]
+    colmap: Option<PathBuf>,
+    /// A Python that has pycolmap
+    #[arg(long, value_name = "PROGRAM")]
+    python: Option<PathBuf>,
+    /// COLMAP's name of the lens model
+    #[arg(long, value_name = "MODEL", default_value = "OPENCV")]
+    lens: String,
+    /// Frames of a video that are taken, for each second
+    #[arg(long, value_name = "NUMBER", default_value_t = 2.0)]
+    rate: f64,
+    /// The smallest part of the photos that must find a pose
+    #[arg(long, value_name = "PART", default_value_t = 0.6)]
+    least: f64,
+}
+
+impl Import {
+    /// Finds poses, says how good they are, and writes the pipeline.
+    pub fn run(self, json: bool) -> Result<(), Error> {
+        let name = self.name();
+        let folder = self
+            .output
+            .clone()
+            .unwrap_or(format!("{name}_posed").into());
+        let pipeline = PathBuf::from(format!("{name}.ron"));
+        self.check(&[&folder, &pipeline])?;
+        let tool = Tool::find(&Places {
+            colmap: self.colmap.clone(),
+            python: self.python.clone(),
+        })?;
+        let mut steps = Steps::new(json);
+        steps.say(&format!("poses by {}", tool.name()));
+        let import = import::Import {
+            photos: self.photos,
+            folder: folder.clone(),
+            lens: self.lens,
+            rate: self.rate,
+            least: self.least,
+        };
+        let imported = import.run(&tool, &mut steps)?;
+        steps.end();
+        steps.say(&told(&imported, &folder));
+        let init = Init {
+            photos: folder,
+            output: Some(pipeline),
+            judge: self.judge,
+        };
+        init.run(json)
+    }
+
+    /// The photos' own name.
+    fn name(&self) -> String {
+        let path = self.photos.canonicalize().unwrap_or(self.photos.clone());
+        let name = match path.is_dir() {
+            true => path.file_name(),
+            false => path.file_stem(),
+        };
+        name.unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    /// What can be known to be wrong before hours of work.
+    fn check(&self, made: &[&Path]) -> Result<(), Error> {
+        if !self.photos.exists() {
+            let message = format!("there is no {}", self.photos.display());
+            return Err(Error::usage(message, "give a folder of photos, or a video"));
+        }
+        for (value, name) in [(self.rate, "--rate"), (self.least, "--least")] {
+            if !(value > 0.0 && value.is_finite()) {
+                let message = format!("{name} is {value}");
+                return Err(Error::usage(message, "give a number above 0"));
+            }
+        }
+        match made.iter().find(|path| path.exists()) {
+            Some(path) => Err(Error::usage(
+                format!("{} is there already", path.display()),
+                "move it away, or choose another folder: --output FOLDER",
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// How good the poses are.
+fn told(imported: &Imported, folder: &Path) -> String {
+    let Imported { photos, registered } = imported;
+    let error = registered.error.map_or(String::new(), |error| {
+        format!(", mean reprojection error {error:.2} pixels")
+    });
+    format!(
+        "{} of {photos} photos have a pose, {} points{error}\nwrote {}",
+        registered.photos,
+        registered.points,
+        folder.display()
+    )
+}
+
+/// Steps on standard error: bars on a terminal, else a line for each.
+struct Steps {
+    bar: ProgressBar,
+    silent: bool,
+}
+
+impl Steps {
+    fn new(silent: bool) -> Self {
+        Self {
+            bar: ProgressBar::hidden(),
+            silent,
+        }
+    }
+
+    fn say(&self, line: &str) {
+        if !self.silent {
+            tell(&line);
+        }
+    }
+
+    fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Progress for Steps {
+    fn begin(&mut self, what: &'static str) {
+        self.end();
+        if self.silent {
+            return;
+        }
+        if !std::io::stderr().is_terminal() {
+            return tell(&what);
+        }
+        let style = ProgressStyle::with_template("{prefix:24} {wide_bar} {pos}/{len} {elapsed}");
+        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+        self.bar = ProgressBar::new(0).with_style(style).with_prefix(what);
+    }
+
+    fn at(&mut self, done: u64, all: u64) {
+        self.bar.set_length(all);
+        self.bar.set_position(done);
+    }
+}
