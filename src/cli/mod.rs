@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand. Knows how to print, and leaves deciding to others.
 
+mod completions;
 mod device;
 mod diff;
 mod doctor;
@@ -33,7 +34,7 @@ mod verify;
 mod view;
 mod whence;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::error::{EXIT_CODES, Error, OK};
 use output::print;
@@ -92,6 +93,10 @@ enum Command {
     Store(store::Store),
     /// Get or check a diffusion model, or ask one of its networks
     Model(model::Model),
+    /// Print what a shell has to know to complete commands and options
+    Completions(completions::Completions),
+    /// Write manual pages
+    Man(completions::Man),
     /// Say which GPUs there are, which one would be used, and whether it computes right
     Doctor(doctor::Doctor),
 }
@@ -119,6 +124,11 @@ impl Cli {
             Command::Unpin(unpin) => unpin.run(),
             Command::Store(store) => store.run(self.json),
             Command::Model(model) => model.run(self.json),
+            Command::Completions(completions) => {
+                completions.run(Self::command());
+                Ok(())
+            }
+            Command::Man(man) => man.run(Self::command()),
             Command::Doctor(doctor) => doctor.run(self.json),
         };
         match done.and_then(|()| output::complete()) {

@@ -4,6 +4,7 @@
 
 mod arms;
 mod checkpoint;
+mod completions;
 mod concurrent;
 mod damage;
 mod damage_store;

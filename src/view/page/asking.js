@@ -6,9 +6,11 @@ let again = "";
 const shown = { pictures: [], head: null };
 const times = { begun: 0, frames: [] };
 
+// The screen's own pixels that the picture covers, within reason.
+const covered = () => Math.min(1600, Math.round(main.clientWidth * Math.min(2, devicePixelRatio || 1)));
 const size = () => {
   const { w, h } = card.cameras[camera.like];
-  const wide = Number(element("size").value) || Math.min(1600, Math.round(main.clientWidth * Math.min(2, devicePixelRatio || 1)));
+  const wide = Number(element("size").value) || covered();
   return [Math.max(8, wide), Math.max(1, Math.round(wide * h / w))];
 };
 const panes = () => [state.a, ...(isField(state.b) ? [Number(state.b)] : [])].map((field) => ({ field, show: state.show }));

@@ -20,7 +20,10 @@ function draw() {
   waiting = true;
   requestAnimationFrame(() => {
     waiting = false;
-    const [width, height] = size();
+    const [wide, high] = size();
+    // Lines and labels are sharp on small pictures, too.
+    const width = Math.max(wide, covered());
+    const height = Math.round(width * high / wide);
     if (main.width !== width || main.height !== height) {
       main.width = width;
       main.height = height;
