@@ -8,7 +8,7 @@ use std::path::Path;
 
 use artifacts_schema::Provenance;
 use exr::prelude::{AttributeValue, FlatSamples, read_all_flat_layers_from_file};
-use safetensors::{Dtype, SafeTensors};
+use formats::{FileBytes, TensorFile};
 use serde_json::{Value, json};
 
 use crate::progress::figure;
@@ -139,27 +139,28 @@ fn read_exr(path: &Path) -> Result<Content, String> {
 }
 
 fn read_safetensors(path: &Path) -> Result<Content, String> {
-    let bytes = read_whole(path)?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| error.to_string())?;
-    let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
+    let file = tensors(path)?;
     let mut content = Content::default();
-    for (name, tensor) in tensors.tensors() {
-        let range = (tensor.dtype() == Dtype::F32)
-            .then(|| range(floats(tensor.data()).into_iter()))
-            .flatten();
+    for name in file.names() {
+        let entry = file.entry(name).map_err(|error| error.to_string())?;
+        let values = file.tensor(name).ok();
         content.arrays.push(Array {
-            name,
-            shape: tensor.shape().to_vec(),
-            kind: format!("{:?}", tensor.dtype()),
-            range,
+            name: name.to_owned(),
+            shape: entry.shape().to_vec(),
+            kind: entry.dtype(),
+            range: values.and_then(|tensor| range(tensor.values.into_iter())),
         });
     }
-    content.arrays.sort_by(|a, b| a.name.cmp(&b.name));
-    let metadata = header.metadata().iter().flatten();
+    let metadata = file.metadata().iter();
     content.facts = metadata
         .map(|(name, text)| (name.clone(), text_value(text)))
         .collect();
     Ok(content)
+}
+
+fn tensors(path: &Path) -> Result<TensorFile, String> {
+    let file = FileBytes::in_memory(path.display().to_string(), read_whole(path)?);
+    TensorFile::new(file).map_err(|error| error.to_string())
 }
 
 fn read_json(path: &Path) -> Result<Content, String> {
@@ -203,14 +204,12 @@ pub fn values(path: &Path) -> Result<BTreeMap<String, Values>, String> {
                 .collect())
         }
         Some("safetensors" | "latent") => {
-            let bytes = read_whole(path)?;
-            let tensors = SafeTensors::deserialize(&bytes).map_err(|error| error.to_string())?;
-            let single = tensors
-                .tensors()
-                .into_iter()
-                .filter(|(_, tensor)| tensor.dtype() == Dtype::F32);
-            Ok(single
-                .map(|(name, tensor)| (name, Values::Single(floats(tensor.data()))))
+            let file = tensors(path)?;
+            let single = |name: &str| Some((name.to_owned(), file.tensor(name).ok()?.values));
+            Ok(file
+                .names()
+                .filter_map(single)
+                .map(|(name, values)| (name, Values::Single(values)))
                 .collect())
         }
         Some("json") => {
@@ -250,13 +249,6 @@ fn collect_numbers(path: &str, value: &Value, numbers: &mut BTreeMap<String, Val
         }
         _ => {}
     }
-}
-
-fn floats(bytes: &[u8]) -> Vec<f32> {
-    bytes
-        .chunks_exact(4)
-        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-        .collect()
 }
 
 /// Where a file of ours says that it comes from; `None` if it says nothing, or is none of ours.

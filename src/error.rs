@@ -70,6 +70,9 @@ pub enum Error {
     /// A diffusion model, or a file of tensors for it.
     #[error(transparent)]
     Model(#[from] diffusion::ModelError),
+    /// Results that no file of tensors can hold.
+    #[error(transparent)]
+    Tensors(#[from] formats::tensor_file::WriteError),
     /// An upsampler.
     #[error(transparent)]
     Upsampler(#[from] upsampler::UpsamplerError),
@@ -174,6 +177,7 @@ impl Error {
             | Self::Source(_)
             | Self::Photos(_)
             | Self::Model(_)
+            | Self::Tensors(_)
             | Self::Upsampler(_) => PIPELINE,
             Self::NoInput { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } | Self::Output(_) => STORE,

@@ -1,9 +1,8 @@
-//! What all codecs share: JSON in one form only (sorted keys, shortest numbers that read back
-//! exactly), cameras and boxes that it can hold, and names that are safe as file names.
+//! What all codecs share: JSON in one form only, cameras and boxes that it can hold, and names that are safe as file names.
 
 use std::path::Path;
 
-use formats::{Bounds, Camera, bounds};
+use formats::{Bounds, Camera, bounds, json};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -14,35 +13,24 @@ use crate::error::SchemaError;
 /// a reader's allocations.
 pub const LARGEST_COMPRESSION_RATIO: u64 = 1032;
 
+/// What has no form in JSON.
+fn no_json(error: serde_json::Error) -> SchemaError {
+    SchemaError::content("JSON", error)
+}
+
 /// The one JSON value of `content`, keys sorted.
 pub fn value(content: &impl Serialize) -> Result<Value, SchemaError> {
-    let mut value =
-        serde_json::to_value(content).map_err(|error| SchemaError::content("JSON", error))?;
-    value.sort_all_objects();
-    Ok(value)
+    json::value(content).map_err(no_json)
 }
 
 /// The one JSON text of `content`, on one line, in ASCII.
 pub fn line(content: &impl Serialize) -> Result<String, SchemaError> {
-    let mut line = String::new();
-    for character in value(content)?.to_string().chars() {
-        // Only strings hold other characters, and there an escape means the same.
-        match character.is_ascii() {
-            true => line.push(character),
-            false => line.extend(
-                character
-                    .encode_utf16(&mut [0; 2])
-                    .iter()
-                    .map(|unit| format!("\\u{unit:04x}")),
-            ),
-        }
-    }
-    Ok(line)
+    json::line(content).map_err(no_json)
 }
 
 /// The one JSON text of `content`, indented for people.
 pub fn page(content: &impl Serialize) -> Result<String, SchemaError> {
-    Ok(format!("{:#}\n", value(content)?))
+    json::page(content).map_err(no_json)
 }
 
 /// Reads a JSON file. Errors name its line and column.

@@ -7,11 +7,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use formats::{Bounds, Camera, Distortion, rows};
+use formats::{Bounds, Camera, Distortion, Tensor, rows};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::artifact::ArtifactKind;
-use crate::tensor::Tensor;
 
 /// A 256-bit BLAKE3 digest; as text, 64 lower-case hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

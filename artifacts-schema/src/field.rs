@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use formats::Bounds;
+use formats::{Bounds, Tensor};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -14,8 +14,7 @@ use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
-use crate::tensor::Tensor;
-use crate::tensor_file::{self, METADATA_KEY, TensorFile};
+use crate::tensors::{self, METADATA_KEY};
 
 const FILE: &str = "field.safetensors";
 
@@ -52,21 +51,15 @@ impl Artifact for Field {
             ("format", "pt".to_owned()),
             (METADATA_KEY, canonical::line(&metadata)?),
         ]);
-        tensor_file::write(
-            folder,
-            FILE,
-            &tensor_file::by_name(&self.tensors),
-            &metadata,
-        )
+        tensors::write(folder, FILE, tensors::by_name(&self.tensors), &metadata)
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        let path = folder.join(FILE);
-        let file = TensorFile::read(&path)?;
-        let FieldMetadata { config, bounds, .. } = file.header(&path)?;
+        let file = tensors::open(&folder.join(FILE))?;
+        let FieldMetadata { config, bounds, .. } = tensors::header(&file)?;
         Ok(Self {
             config,
-            tensors: file.tensors,
+            tensors: tensors::all(&file)?,
             bounds,
         })
     }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use formats::{Bounds, Camera};
+use formats::{Bounds, Camera, Tensor};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -13,8 +13,7 @@ use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
-use crate::tensor::Tensor;
-use crate::tensor_file::{self, METADATA_KEY, TensorFile};
+use crate::tensors::{self, METADATA_KEY};
 
 /// Latent images of posed views.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,25 +112,24 @@ impl Latents {
                 .collect(),
             provenance: provenance.clone(),
         };
-        let tensors = self
-            .views
-            .iter()
-            .map(|view| (view.name.as_str(), &view.tensor))
-            .collect();
+        let tensors = self.views.iter();
+        let tensors = tensors.map(|view| (view.name.as_str(), &view.tensor));
         let metadata = BTreeMap::from([
             ("format", "pt".to_owned()),
             (METADATA_KEY, canonical::line(&metadata)?),
         ]);
-        tensor_file::write(folder, file, &tensors, &metadata)
+        tensors::write(folder, file, tensors, &metadata)
     }
 
     fn read_file(folder: &Path, file: &str) -> Result<Self, SchemaError> {
         let path = folder.join(file);
-        let mut tensors = TensorFile::read(&path)?;
-        let metadata: LatentsMetadata = tensors.header(&path)?;
+        let tensors = tensors::open(&path)?;
+        let metadata: LatentsMetadata = tensors::header(&tensors)?;
+        let unknown = |name: &&str| !metadata.views.contains_key(*name);
+        let unknown = tensors.names().find(unknown).map(str::to_owned);
         let mut views = Vec::new();
         for (name, LatentViewMetadata { size, camera }) in metadata.views {
-            let tensor = tensors.take(&path, &name)?;
+            let tensor = tensors.tensor(&name)?;
             let place = format!("tensor {name:?}");
             canonical::check_camera(&camera, &place).map_err(|error| error.in_file(&path))?;
             check_rank(&tensor, &place).map_err(|error| error.in_file(&path))?;
@@ -142,7 +140,9 @@ impl Latents {
                 tensor,
             });
         }
-        tensors.finish(&path)?;
+        if let Some(name) = unknown {
+            return Err(tensors.wrong(&name, "is not in the metadata").into());
+        }
         Ok(Self {
             vae: metadata.vae,
             scaling_factor: metadata.scaling_factor,

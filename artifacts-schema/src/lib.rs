@@ -18,8 +18,7 @@ pub mod metrics;
 mod openexr;
 pub mod provenance;
 pub mod schemas;
-pub mod tensor;
-mod tensor_file;
+mod tensors;
 mod transforms;
 
 pub use artifact::{Artifact, ArtifactKind, semantic_digest};
@@ -34,4 +33,3 @@ pub use log::Log;
 pub use lora::Lora;
 pub use metrics::{Metrics, Row};
 pub use provenance::Provenance;
-pub use tensor::Tensor;

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use formats::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -15,8 +16,7 @@ use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
-use crate::tensor::Tensor;
-use crate::tensor_file::{self, METADATA_KEY, TensorFile};
+use crate::tensors::{self, METADATA_KEY};
 
 const WEIGHTS_FILE: &str = "pytorch_lora_weights.safetensors";
 const CAMERA_FILE: &str = "camera_embedding.safetensors";
@@ -118,34 +118,34 @@ impl Artifact for Lora {
             ("format", "pt".to_owned()),
             (METADATA_KEY, canonical::line(&ours)?),
         ]);
-        tensor_file::write(
+        tensors::write(
             folder,
             CAMERA_FILE,
-            &tensor_file::by_name(&self.camera),
+            tensors::by_name(&self.camera),
             &metadata,
         )?;
         metadata.insert(
             "lora_adapter_metadata",
             format!("{:#}", canonical::value(&self.adapter_metadata())?),
         );
-        tensor_file::write(
+        tensors::write(
             folder,
             WEIGHTS_FILE,
-            &tensor_file::by_name(&self.tensors),
+            tensors::by_name(&self.tensors),
             &metadata,
         )
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let path = folder.join(WEIGHTS_FILE);
-        let weights = TensorFile::read(&path)?;
-        let LoraMetadata { rank, alpha, .. } = weights.header(&path)?;
-        let camera = TensorFile::read(&folder.join(CAMERA_FILE))?.tensors;
+        let weights = tensors::open(&path)?;
+        let LoraMetadata { rank, alpha, .. } = tensors::header(&weights)?;
+        let camera = tensors::open(&folder.join(CAMERA_FILE))?;
         let lora = Self {
             rank,
             alpha,
-            tensors: weights.tensors,
-            camera,
+            tensors: tensors::all(&weights)?,
+            camera: tensors::all(&camera)?,
         };
         lora.check().map_err(|error| error.in_file(&path))?;
         Ok(lora)

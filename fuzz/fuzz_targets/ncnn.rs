@@ -4,11 +4,12 @@
 
 use compute::Device;
 use libfuzzer_sys::fuzz_target;
-use upsampler::{SourceFile, Upsampler};
+use formats::FileBytes;
+use upsampler::Upsampler;
 
 fuzz_target!(|bytes: &[u8]| {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
-    let graph = SourceFile::in_memory("fuzz.param", bytes[..end].to_vec());
-    let weights = SourceFile::in_memory("fuzz.bin", bytes.get(end + 1..).unwrap_or_default().to_vec());
+    let graph = FileBytes::in_memory("fuzz.param", bytes[..end].to_vec());
+    let weights = FileBytes::in_memory("fuzz.bin", bytes.get(end + 1..).unwrap_or_default().to_vec());
     let _ = Upsampler::from_ncnn(&graph, &weights, &Device::cpu());
 });

@@ -2,13 +2,13 @@
 #![no_main]
 
 use compute::Device;
-use diffusion::{ModelFile, TensorFile};
+use formats::{FileBytes, TensorFile};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
-    let Ok(file) = TensorFile::new(ModelFile::in_memory("fuzz.safetensors", bytes.to_vec())) else { return };
+    let Ok(file) = TensorFile::new(FileBytes::in_memory("fuzz.safetensors", bytes.to_vec())) else { return };
     for name in file.names() {
-        let _ = file.real(name, &Device::cpu());
+        let _ = diffusion::array(&file, name, &Device::cpu());
         let _ = file.whole(name);
     }
 });

@@ -55,7 +55,7 @@ impl Check {
         let mut digests = Vec::new();
         for file in source.files()? {
             digests.push((
-                file.path().to_owned(),
+                file.name().to_owned(),
                 file.len() as u64,
                 hex(&Sha256::digest(&file[..])),
             ));

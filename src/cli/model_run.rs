@@ -8,8 +8,9 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use compute::device::attempt;
 use compute::{Counts, Device, Precision};
-use diffusion::TensorFile;
+use diffusion::ModelError;
 use diffusion::call::{Asked, Call, Outputs, Part, to_safetensors};
+use formats::{FileBytes, TensorFile};
 use serde_json::json;
 use upsampler::Options;
 
@@ -79,6 +80,11 @@ enum PartName {
     VaeDecode,
     Text,
     Upsample,
+}
+
+/// The tensors of a file, which stays mapped.
+fn open(path: &Path) -> Result<TensorFile, ModelError> {
+    Ok(TensorFile::new(FileBytes::map(path)?)?)
 }
 
 impl From<PrecisionName> for Precision {
@@ -167,7 +173,7 @@ impl Run {
         let call = self.question(device)?;
         let before = device.counts();
         let outputs = call.gradients().unwrap_or_else(|| call.forward());
-        let bytes = to_safetensors(&outputs);
+        let bytes = to_safetensors(&outputs)?;
         let counts = device
             .counts()
             .zip(before)
@@ -212,7 +218,7 @@ impl Run {
             tile: self.tile as usize,
             ensemble: self.ensemble,
         };
-        Enlargement::new(&self.model, &TensorFile::open(input)?, options, device)
+        Enlargement::new(&self.model, &open(input)?, options, device)
     }
 
     fn call(&self, part: Part, device: &Device) -> Result<Call, Error> {
@@ -236,13 +242,7 @@ impl Run {
                     kept: self.keep.saturating_mul(1 << 20),
                     precision: self.precision.into(),
                 };
-                Ok(Call::new(
-                    &source,
-                    part,
-                    &TensorFile::open(input)?,
-                    &asked,
-                    device,
-                )?)
+                Ok(Call::new(&source, part, &open(input)?, &asked, device)?)
             }
             (None, None) => Err(Error::usage(
                 "there is nothing to ask about",

@@ -4,8 +4,9 @@
 use std::path::Path;
 
 use compute::{Array, Device};
-use diffusion::TensorFile;
+use diffusion::ModelError;
 use diffusion::call::{Output, Outputs};
+use formats::TensorFile;
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use upsampler::{Options, Upsampler, UpsamplerSource};
@@ -38,7 +39,7 @@ impl Enlargement {
         device: &Device,
     ) -> Result<Self, Error> {
         let network = Upsampler::load(&source(model), device)?;
-        let images = inputs.real("sample", device)?;
+        let images = diffusion::array(inputs, "sample", device)?;
         if matches!(*images.shape(), [n, 3, h, w] if n * h * w > 0) {
             return Ok(Self {
                 network,
@@ -47,12 +48,7 @@ impl Enlargement {
             });
         }
         let problem = format!("has the shape {:?}; expected [*, 3, *, *]", images.shape());
-        Err(diffusion::ModelError::Tensor {
-            file: inputs.name().to_owned(),
-            tensor: "sample".to_owned(),
-            problem,
-        }
-        .into())
+        Err(ModelError::from(inputs.wrong("sample", problem)).into())
     }
 
     /// The images, enlarged, as `sample`.
@@ -74,13 +70,7 @@ pub fn check(model: &Path, json: bool) -> Result<(), Error> {
     let files: Vec<_> = source
         .files()?
         .iter()
-        .map(|f| {
-            (
-                f.name.clone(),
-                f.content().len() as u64,
-                sha256(f.content()),
-            )
-        })
+        .map(|f| (f.name().to_owned(), f.len() as u64, sha256(f)))
         .collect();
     let digest = hex(&source.digest()?);
     if json {

@@ -126,10 +126,7 @@ fn view(latent: &LatentView, low: &ImageSet, device: &Device) -> Result<ViewLate
 }
 
 /// The latents with other tensors.
-fn with_tensors(
-    latents: &Latents,
-    tensors: impl Iterator<Item = artifacts_schema::Tensor>,
-) -> Latents {
+fn with_tensors(latents: &Latents, tensors: impl Iterator<Item = formats::Tensor>) -> Latents {
     let views = latents
         .views
         .iter()

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use artifacts_schema::{
     Artifact, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
-    Provenance, Residuals, Row, SchemaError, Tensor, View,
+    Provenance, Residuals, Row, SchemaError, View,
 };
-use formats::{Camera, Distortion, rows};
+use formats::{Camera, Distortion, Tensor, rows};
 use serde_json::json;
 
 /// Numbers that no short text holds, the same on every machine.

@@ -12,8 +12,8 @@
 //! A frozen weight may stay in 16 bits, in memory or in a mapped file: [`linear::linear`],
 //! [`linear::linear_backward_input`], [`conv::conv2d`], [`conv::conv2d_backward_input`] and
 //! [`shape::gather_rows`] take `impl Into<Weight>`, that is `&Array`, `&Weight` or either by value.
-//! [`Weight::from_bytes`] makes one of bytes that it shares, [`Weight::first_not_finite`] finds bad
-//! numbers without widening all of them at once, and [`Weight::with_precision`] has it multiplied
+//! [`Weight::from_bytes`] makes one of bytes that it shares, [`Weight::stored`] refuses bad numbers
+//! without widening all of them at once, and [`Weight::with_precision`] has it multiplied
 //! in bf16.
 //!
 //! On a GPU ([`Device::gpu`]) operators record commands and return at once; [`Array::to_vec`] and
@@ -42,4 +42,5 @@ pub use ops::{adam, attention, conv, elementwise, norm, resize, shape};
 pub use runtime::array::{self, Array};
 pub use runtime::device::{self, Counts, Device, GpuError};
 pub use runtime::rng::{self, Rng};
+pub use runtime::stored::StoredFault;
 pub use runtime::weight::{self, Format, Precision, Weight};

@@ -2,10 +2,12 @@
 //!
 //! Knows nothing of pipelines; paths are as the caller gave them.
 
+use formats::{FileError, TensorError};
+
 /// Why a model could not be loaded or does not fit what is asked of it.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// A file or folder that is missing or cannot be read.
+    /// A file or folder that cannot be used.
     #[error("{file}: {problem}")]
     File {
         /// The file.
@@ -23,17 +25,13 @@ pub enum ModelError {
         /// What is wrong: "is \"swish\"; supported is \"silu\"".
         problem: String,
     },
+    /// A file that is not there, or cannot be read.
+    #[error(transparent)]
+    Unread(#[from] FileError),
     /// A tensor that is missing, of another shape or of another type than the configuration asks
     /// for.
-    #[error("{file}: tensor `{tensor}` {problem}")]
-    Tensor {
-        /// The weight file.
-        file: String,
-        /// The tensor's name in the file.
-        tensor: String,
-        /// What is wrong: "has the shape [4, 3]; the configuration asks for [4, 4]".
-        problem: String,
-    },
+    #[error(transparent)]
+    Tensor(#[from] TensorError),
 }
 
 impl ModelError {
@@ -56,10 +54,6 @@ impl ModelError {
 
     /// A tensor that cannot be used, and why.
     pub(crate) fn tensor(file: &str, tensor: &str, problem: impl Into<String>) -> Self {
-        Self::Tensor {
-            file: file.to_owned(),
-            tensor: tensor.to_owned(),
-            problem: problem.into(),
-        }
+        TensorError::tensor(file, tensor, problem.into()).into()
     }
 }

@@ -5,11 +5,11 @@
 use std::collections::BTreeMap;
 
 use compute::Device;
+use formats::TensorFile;
 
 use crate::error::ModelError;
 use crate::prior::Prior;
 use crate::source::ModelSource;
-use crate::tensor_file::TensorFile;
 use crate::weights;
 
 /// One network of a model.

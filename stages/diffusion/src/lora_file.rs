@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use compute::{Array, Device};
+use formats::{FileBytes, TensorFile};
 use serde_json::{Map, Value};
 
 use crate::error::ModelError;
 use crate::lora::LoraNetwork;
-use crate::source::ModelFile;
-use crate::tensor_file::TensorFile;
 use crate::unet::Unet;
+use crate::weights;
 
 /// Where diffusers keeps the adapter's options, and the file in which PEFT does.
 const METADATA: &str = "lora_adapter_metadata";
@@ -47,15 +47,17 @@ impl LoraFile {
     /// Reads the LoRA at `path` for `unet`. Fails where a tensor is none of its attentions' or an
     /// option is not supported.
     pub fn read(path: &Path, unet: &Unet, device: &Device) -> Result<Self, ModelError> {
-        let file = TensorFile::open(path)?;
+        let file = TensorFile::new(FileBytes::map(path)?)?;
         let mut names = BTreeMap::new();
         let mut adapters = BTreeMap::new();
         for stored in file.names() {
             let name = canonical(stored)
                 .ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
-            adapters.insert(name.clone(), file.real(stored, device)?);
+            adapters.insert(name.clone(), weights::array(&file, stored, device)?);
             if let Some(other) = names.insert(name, stored.to_owned()) {
-                return Err(file.wrong(stored, format!("is the same layer's matrix as `{other}`")));
+                return Err(file
+                    .wrong(stored, format!("is the same layer's matrix as `{other}`"))
+                    .into());
             }
         }
         let scales = Options::of(&file, path)?.scales(&adapters);
@@ -98,10 +100,10 @@ impl Options {
             serde_json::from_slice::<Map<String, Value>>(text)
                 .map_err(|e| ModelError::file(name, format!("is not a JSON object: {e}")))
         };
-        let fields = match file.metadata(METADATA) {
+        let fields = match file.metadata().get(METADATA) {
             Some(text) => parse(&format!("{}: {METADATA}", file.name()), text.as_bytes())?,
             None if beside.is_file() => {
-                parse(&beside.display().to_string(), &ModelFile::open(&beside)?)?
+                parse(&beside.display().to_string(), &FileBytes::map(&beside)?)?
             }
             None => Map::new(),
         };

@@ -1,13 +1,14 @@
 //! All networks of one latent upscaler, read from one source.
 
 use compute::{Array, Device, Precision};
+use formats::FileBytes;
 use serde::Deserialize;
 use serde_json::json;
 
 use crate::config::{self, TextConfig, UnetConfig, VaeConfig};
 use crate::error::ModelError;
 use crate::schedule::{Schedule, SchedulerConfig};
-use crate::source::{ModelFile, ModelSource};
+use crate::source::ModelSource;
 use crate::text_encoder::TextEncoder;
 use crate::tokenizer::Tokenizer;
 use crate::unet::Unet;
@@ -92,10 +93,10 @@ impl Prior {
     }
 }
 
-fn schedule(file: &ModelFile) -> Result<Schedule, ModelError> {
+fn schedule(file: &FileBytes) -> Result<Schedule, ModelError> {
     let fixed = json!({ "rescale_betas_zero_snr": false, "trained_betas": null });
     let config: SchedulerConfig = config::parse(file, &fixed, &[])?;
-    Schedule::new(&config, &file.name)
+    Schedule::new(&config, file.name())
 }
 
 fn max_noise_level(source: &ModelSource) -> Result<u32, ModelError> {
@@ -108,7 +109,7 @@ fn max_noise_level(source: &ModelSource) -> Result<u32, ModelError> {
 
 /// The UNet takes latents and a colour image, gives latents, and looks at the text's states.
 fn check_widths(
-    file: &ModelFile,
+    file: &FileBytes,
     unet: &UnetConfig,
     vae: &VaeConfig,
     text: &TextConfig,
@@ -138,7 +139,7 @@ fn check_widths(
     }
     match pairs.iter().find(|(_, is, needed, _)| is != needed) {
         Some((field, is, needed, what)) => Err(ModelError::field(
-            &file.name,
+            file.name(),
             *field,
             format!("is {is}; {what} ask for {needed}"),
         )),

@@ -3,12 +3,9 @@
 //! Hands out named bytes. Knows which files a model is made of, not what stands in them.
 
 use std::collections::BTreeSet;
-use std::fs::File;
-use std::io::ErrorKind;
-use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use memmap2::Mmap;
+use formats::{FileBytes, FileError};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -81,57 +78,6 @@ pub enum ModelSource {
     Folder(PathBuf),
 }
 
-/// One file of a model.
-pub struct ModelFile {
-    /// How messages name it.
-    pub(crate) name: String,
-    bytes: Bytes,
-}
-
-enum Bytes {
-    Static(&'static [u8]),
-    Owned(Vec<u8>),
-    Mapped(Mmap),
-}
-
-impl Deref for ModelFile {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        match &self.bytes {
-            Bytes::Static(bytes) => bytes,
-            Bytes::Owned(bytes) => bytes,
-            Bytes::Mapped(map) => map,
-        }
-    }
-}
-
-impl ModelFile {
-    /// A file in memory, which messages call `name`.
-    pub fn in_memory(name: &str, bytes: Vec<u8>) -> Self {
-        Self {
-            name: name.to_owned(),
-            bytes: Bytes::Owned(bytes),
-        }
-    }
-
-    /// The file's path, as messages give it.
-    pub fn path(&self) -> &str {
-        &self.name
-    }
-
-    /// The file at `path`.
-    pub fn open(path: &Path) -> Result<Self, ModelError> {
-        map(path)?.ok_or_else(|| ModelError::file(path.display().to_string(), "is missing"))
-    }
-}
-
-impl AsRef<[u8]> for ModelFile {
-    fn as_ref(&self) -> &[u8] {
-        self
-    }
-}
-
 /// The list of a sharded network's files.
 #[derive(Deserialize)]
 struct Index {
@@ -198,7 +144,7 @@ impl ModelSource {
     }
 
     /// All files that decide what the model computes.
-    pub fn files(&self) -> Result<Vec<ModelFile>, ModelError> {
+    pub fn files(&self) -> Result<Vec<FileBytes>, ModelError> {
         let mut files = Vec::new();
         for name in DESCRIPTIONS.iter().chain(self.tokenizer()?) {
             files.extend(self.find(name)?);
@@ -215,23 +161,18 @@ impl ModelSource {
     }
 
     /// The file of this name; `None` where there is none.
-    pub(crate) fn find(&self, name: &str) -> Result<Option<ModelFile>, ModelError> {
+    pub(crate) fn find(&self, name: &str) -> Result<Option<FileBytes>, ModelError> {
         match self {
-            Self::Embedded => {
-                Ok(EMBEDDED
-                    .iter()
-                    .find(|(known, _)| *known == name)
-                    .map(|(_, bytes)| ModelFile {
-                        name: format!("tiny-x4/{name}"),
-                        bytes: Bytes::Static(bytes),
-                    }))
-            }
+            Self::Embedded => Ok(EMBEDDED
+                .iter()
+                .find(|(known, _)| *known == name)
+                .map(|(_, bytes)| FileBytes::embedded(format!("tiny-x4/{name}"), bytes))),
             Self::Folder(folder) => map(&folder.join(name)),
         }
     }
 
     /// The file of this name, which must be there.
-    pub(crate) fn file(&self, name: &str) -> Result<ModelFile, ModelError> {
+    pub(crate) fn file(&self, name: &str) -> Result<FileBytes, ModelError> {
         let hint = "is missing; a model is a folder as diffusers saves it, with unet/, vae/, text_encoder/, tokenizer/ and scheduler/";
         self.find(name)?
             .ok_or_else(|| ModelError::file(self.display(name), hint))
@@ -239,7 +180,7 @@ impl ModelSource {
 
     /// The weight file whose name is `stem` and one of the endings that we read, or the shards of
     /// it.
-    pub(crate) fn weights(&self, stem: &str) -> Result<Vec<ModelFile>, ModelError> {
+    pub(crate) fn weights(&self, stem: &str) -> Result<Vec<FileBytes>, ModelError> {
         for ending in WHOLE {
             if let Some(file) = self.find(&format!("{stem}{ending}"))? {
                 return Ok(vec![file]);
@@ -265,7 +206,7 @@ impl ModelSource {
     }
 
     /// The files that `index` lists, sorted; they lie beside it.
-    fn shards(&self, stem: &str, index: &ModelFile) -> Result<Vec<ModelFile>, ModelError> {
+    fn shards(&self, stem: &str, index: &FileBytes) -> Result<Vec<FileBytes>, ModelError> {
         let Index { weight_map } = config::parse(index, &json!({}), &[])?;
         let names: BTreeSet<&String> = weight_map.values().collect();
         let folder = stem.rsplit_once('/').map_or("", |(folder, _)| folder);
@@ -273,7 +214,7 @@ impl ModelSource {
         if let Some(name) = names.iter().find(|name| !plain(name)) {
             let problem =
                 format!("names {name:?}; a shard is a .safetensors file beside its index");
-            return Err(ModelError::field(&index.name, "weight_map", problem));
+            return Err(ModelError::field(index.name(), "weight_map", problem));
         }
         names
             .iter()
@@ -296,25 +237,12 @@ fn absorb(hasher: &mut blake3::Hasher, name: &str, bytes: &[u8]) {
     }
 }
 
-#[allow(unsafe_code)]
-fn map(path: &Path) -> Result<Option<ModelFile>, ModelError> {
-    let name = path.display().to_string();
-    let unreadable = |e: std::io::Error| ModelError::file(&name, format!("cannot be read: {e}"));
-    let file = match File::open(path) {
-        Ok(file) => file,
-        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(unreadable(e)),
-    };
-    if !file.metadata().map_err(unreadable)?.is_file() {
-        return Err(ModelError::file(&name, "is not a file"));
+fn map(path: &Path) -> Result<Option<FileBytes>, ModelError> {
+    match FileBytes::map(path) {
+        Ok(file) => Ok(Some(file)),
+        Err(FileError::Missing { .. }) => Ok(None),
+        Err(error) => Err(error.into()),
     }
-    // SAFETY: the map is read-only and private to this process; model files are not rewritten while
-    // they are loaded.
-    let map = unsafe { Mmap::map(&file) }.map_err(unreadable)?;
-    Ok(Some(ModelFile {
-        name,
-        bytes: Bytes::Mapped(map),
-    }))
 }
 
 #[cfg(test)]

@@ -125,10 +125,10 @@ impl Tokenizer {
                 Some(file) => file,
                 None => source.file("tokenizer/vocab.json")?,
             };
-            return Ok((file.name.clone(), tokenizer_json::read(&file)?));
+            return Ok((file.name().to_owned(), tokenizer_json::read(&file)?));
         };
         let vocabulary = serde_json::from_slice(&file).map_err(|e| {
-            ModelError::file(&file.name, format!("is not a JSON object of ids: {e}"))
+            ModelError::file(file.name(), format!("is not a JSON object of ids: {e}"))
         })?;
         let merges = source.file("tokenizer/merges.txt")?;
         let merges = String::from_utf8_lossy(&merges)
@@ -136,7 +136,7 @@ impl Tokenizer {
             .filter(|line| !line.starts_with("#version") && line.contains(' '))
             .map(|pair| pair.trim_end().to_owned())
             .collect();
-        Ok((file.name.clone(), Tables { vocabulary, merges }))
+        Ok((file.name().to_owned(), Tables { vocabulary, merges }))
     }
 
     fn new(tables: Tables, names: &[String; 4], length: usize) -> Result<Self, String> {

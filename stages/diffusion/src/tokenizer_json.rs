@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use formats::FileBytes;
 use serde::Deserialize;
 
 use crate::error::ModelError;
-use crate::source::ModelFile;
 
 /// Words and the pairs that are merged to them.
 pub(crate) struct Tables {
@@ -44,18 +44,18 @@ struct Added {
 }
 
 /// Reads the tables of a file. An error names it and says what was expected.
-pub(crate) fn read(file: &ModelFile) -> Result<Tables, ModelError> {
+pub(crate) fn read(file: &FileBytes) -> Result<Tables, ModelError> {
     let page: Page = serde_json::from_slice(file).map_err(|error| {
         let problem = format!(
             "is not a tokenizer's file with `model.vocab` and `model.merges` ({error}); save the tokenizer again with \
              `save_pretrained(folder)`"
         );
-        ModelError::file(&file.name, problem)
+        ModelError::file(file.name(), problem)
     })?;
     if let Some(kind) = page.model.kind.filter(|kind| kind != "BPE") {
         let problem =
             format!("is a {kind} tokenizer; expected byte-pair encoding, `BPE`, as CLIP has it");
-        return Err(ModelError::file(&file.name, problem));
+        return Err(ModelError::file(file.name(), problem));
     }
     let mut vocabulary = page.model.vocab;
     vocabulary.extend(

@@ -7,10 +7,9 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use compute::{Array, Device, Precision, Weight};
+use formats::{FileBytes, TensorError, TensorFile};
 
 use crate::error::ModelError;
-use crate::source::ModelFile;
-use crate::tensor_file::TensorFile;
 
 /// Open weights.
 pub(crate) struct Weights {
@@ -31,7 +30,7 @@ const WIDENED: usize = 64 << 20;
 impl Weights {
     /// Reads the headers of `files`. Fails where a header and its file do not fit together, and
     /// where two hold one tensor.
-    pub fn open(files: Vec<ModelFile>, device: &Device) -> Result<Self, ModelError> {
+    pub fn open(files: Vec<FileBytes>, device: &Device) -> Result<Self, ModelError> {
         let files = files
             .into_iter()
             .map(TensorFile::new)
@@ -40,7 +39,9 @@ impl Weights {
         for (i, file) in files.iter().enumerate() {
             for name in file.names() {
                 if let Some((other, _)) = places.insert(name.to_owned(), (i, name.to_owned())) {
-                    return Err(file.wrong(name, format!("is also in {}", files[other].name())));
+                    return Err(file
+                        .wrong(name, format!("is also in {}", files[other].name()))
+                        .into());
                 }
             }
         }
@@ -88,7 +89,9 @@ impl Weights {
         {
             Some(name) => {
                 let (file, name) = &self.places[name];
-                Err(self.files[*file].wrong(name, "belongs to no layer of the configuration"))
+                Err(self.files[*file]
+                    .wrong(name, "belongs to no layer of the configuration")
+                    .into())
             }
             None => Ok(()),
         }
@@ -104,15 +107,13 @@ impl Weights {
             ));
         };
         let file = &self.files[*file];
-        let extents = file
-            .shape(stored)
-            .map_or(&[][..], |stored| without_pixels(stored, shape));
+        let extents = without_pixels(file.entry(stored)?.shape(), shape);
         if extents != shape {
             let problem =
                 format!("has the shape {extents:?}; the configuration asks for {shape:?}");
-            return Err(file.wrong(stored, problem));
+            return Err(file.wrong(stored, problem).into());
         }
-        let weight = file.weight(stored, &self.device)?.reshape(shape);
+        let weight = stored_weight(file, stored, &self.device)?.reshape(shape);
         self.unread.borrow_mut().remove(name);
         let weight = if self.widen {
             weight.to_array().into()
@@ -123,8 +124,26 @@ impl Weights {
     }
 }
 
+/// The tensor of this name as it lies in the file, which stays mapped. Fails where there is none,
+/// where it holds other numbers than F32, F16 or BF16, and where one of them is not finite.
+fn stored_weight(file: &TensorFile, name: &str, device: &Device) -> Result<Weight, TensorError> {
+    let entry = file.entry(name)?;
+    let (shape, dtype) = (entry.shape(), entry.dtype());
+    Weight::stored(device, shape, &dtype, file.file().shared(), entry.bytes())
+        .map_err(|fault| file.wrong(name, fault))
+}
+
+/// The real numbers of this name in an array of their own.
+pub fn array(file: &TensorFile, name: &str, device: &Device) -> Result<Array, ModelError> {
+    Ok(stored_weight(file, name, device)?.to_array())
+}
+
+fn size(file: &TensorFile) -> usize {
+    file.file().len()
+}
+
 fn are_widened(files: &[TensorFile]) -> bool {
-    files.iter().map(TensorFile::bytes).sum::<usize>() < WIDENED
+    files.iter().map(size).sum::<usize>() < WIDENED
 }
 
 /// The bytes of memory that the weights of `files` take once they are read.
@@ -137,7 +156,7 @@ pub(crate) fn memory(files: &[TensorFile]) -> usize {
                 .map(|(_, count)| count)
                 .sum::<usize>()
         }
-        false => files.iter().map(TensorFile::bytes).sum(),
+        false => files.iter().map(size).sum(),
     }
 }
 

@@ -1,14 +1,22 @@
-//! What a camera, a lens and a scene box are, in memory and in every file that holds one.
+//! Every format that we read or write: what a camera, a lens, a scene box and a tensor are, in
+//! memory and in every file that holds one.
 //!
-//! The lowest floor beside `compute`: artifacts, readers of scenes and the field all take these
+//! The lowest floor beside `compute`: artifacts, readers of scenes and the networks all take these
 //! types, so that nothing is converted between them. Knows no stages and no artifacts.
 
 pub mod bounds;
 pub mod camera;
 pub mod color;
 mod distortion;
+mod file_bytes;
+pub mod json;
 pub mod rows;
+mod tensor;
+pub mod tensor_file;
 
 pub use bounds::Bounds;
 pub use camera::{Camera, CameraError, Ray};
 pub use distortion::Distortion;
+pub use file_bytes::{FileBytes, FileError, SharedBytes};
+pub use tensor::{Tensor, TensorView, Values};
+pub use tensor_file::{TensorError, TensorFile};

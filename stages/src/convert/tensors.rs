@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use artifacts_schema::{self as disk, LatentView, Latents, Tensor};
+use artifacts_schema::{self as disk, LatentView, Latents};
 use compute::{Array, Device};
 use diffusion::optimize::LoraParameters;
+use formats::Tensor;
 use nerf::{Field, FieldConfig};
 
 use crate::error::StageError;

@@ -2,10 +2,12 @@
 //!
 //! Knows nothing of pipelines; paths are as the caller gave them.
 
+use formats::{FileError, TensorError};
+
 /// Why a file is no upsampler that can be used here.
 #[derive(Debug, thiserror::Error)]
 pub enum UpsamplerError {
-    /// A file that is missing, cannot be read, or is something else.
+    /// A file that is something else than is wanted.
     #[error("{file}: {problem}")]
     File {
         /// The file.
@@ -13,16 +15,12 @@ pub enum UpsamplerError {
         /// What is wrong with it, and how to mend it.
         problem: String,
     },
+    /// A file that is not there, or cannot be read.
+    #[error(transparent)]
+    Unread(#[from] FileError),
     /// A tensor that is missing, of another shape or type, or of no network that is known here.
-    #[error("{file}: tensor `{tensor}` {problem}")]
-    Tensor {
-        /// The weight file.
-        file: String,
-        /// The tensor's name in the file.
-        tensor: String,
-        /// What is wrong: "has the shape [4, 3]; expected is [4, 4]".
-        problem: String,
-    },
+    #[error(transparent)]
+    Tensor(#[from] TensorError),
     /// A layer of an ncnn graph that cannot be used.
     #[error("{file}: line {line}: layer {layer} {problem}")]
     Layer {
@@ -41,14 +39,6 @@ impl UpsamplerError {
     pub(crate) fn file(file: &str, problem: impl Into<String>) -> Self {
         Self::File {
             file: file.to_owned(),
-            problem: problem.into(),
-        }
-    }
-
-    pub(crate) fn tensor(file: &str, tensor: &str, problem: impl Into<String>) -> Self {
-        Self::Tensor {
-            file: file.to_owned(),
-            tensor: tensor.to_owned(),
             problem: problem.into(),
         }
     }

@@ -22,5 +22,5 @@ mod tiles;
 mod upsampler;
 
 pub use error::UpsamplerError;
-pub use source::{EMBEDDED_NAME, SourceFile, UpsamplerSource};
+pub use source::{EMBEDDED_NAME, UpsamplerSource};
 pub use upsampler::{Inventory, Options, Upsampler};

@@ -2,7 +2,8 @@
 //! knows which files belong together, not what stands in them.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+
+use formats::{FileBytes, FileError};
 
 use crate::error::UpsamplerError;
 
@@ -22,40 +23,11 @@ pub enum UpsamplerSource {
     File(PathBuf),
 }
 
-/// One file of an upsampler.
-#[derive(Clone)]
-pub struct SourceFile {
-    /// How messages name it.
-    pub name: String,
-    /// What it holds.
-    pub bytes: Arc<dyn AsRef<[u8]> + Send + Sync>,
-}
-
-impl SourceFile {
-    /// A file in memory, which messages call `name`.
-    pub fn in_memory(name: &str, bytes: Vec<u8>) -> Self {
-        Self {
-            name: name.to_owned(),
-            bytes: Arc::new(bytes),
-        }
-    }
-
-    /// What it holds.
-    pub fn content(&self) -> &[u8] {
-        (*self.bytes).as_ref()
-    }
-
-    fn read(path: &Path) -> Result<Self, UpsamplerError> {
-        let name = path.display().to_string();
-        match std::fs::read(path) {
-            Ok(bytes) => Ok(Self::in_memory(&name, bytes)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(missing(path, &name)),
-            Err(error) => Err(UpsamplerError::file(
-                &name,
-                format!("cannot be read: {error}"),
-            )),
-        }
-    }
+fn read(path: &Path) -> Result<FileBytes, UpsamplerError> {
+    FileBytes::read(path).map_err(|error| match error {
+        FileError::Missing { file } => missing(path, &file),
+        other => other.into(),
+    })
 }
 
 /// Says which file of a pair is not there.
@@ -105,21 +77,14 @@ impl UpsamplerSource {
 
     /// Its files: one, or an ncnn network's graph and weights. Fails where one is missing, and
     /// where none can be read by what its name ends with.
-    pub fn files(&self) -> Result<Vec<SourceFile>, UpsamplerError> {
+    pub fn files(&self) -> Result<Vec<FileBytes>, UpsamplerError> {
         let Self::File(path) = self else {
             let name = format!("{EMBEDDED_NAME}.safetensors");
-            return Ok(vec![SourceFile {
-                name,
-                bytes: Arc::new(EMBEDDED),
-            }]);
+            return Ok(vec![FileBytes::embedded(name, EMBEDDED)]);
         };
         let problem = match ending(path).as_str() {
             "safetensors" | "param" | "bin" => {
-                return self
-                    .paths()
-                    .iter()
-                    .map(|path| SourceFile::read(path))
-                    .collect();
+                return self.paths().iter().map(|path| read(path)).collect();
             }
             "pth" | "pt" | "ckpt" => PICKLE,
             _ => {
@@ -133,8 +98,8 @@ impl UpsamplerSource {
     pub fn digest(&self) -> Result<[u8; 32], UpsamplerError> {
         let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag 1 upsampler files");
         for file in self.files()? {
-            hasher.update(&(file.content().len() as u64).to_le_bytes());
-            hasher.update(file.content());
+            hasher.update(&(file.len() as u64).to_le_bytes());
+            hasher.update(&file);
         }
         Ok(*hasher.finalize().as_bytes())
     }

@@ -1,16 +1,15 @@
 //! The named tensors of a safetensors file. Hands them out by name, each of exactly the shape that
-//! is asked for, and knows which nobody wanted. Nothing is allocated before the header has been
-//! checked against the file's size.
+//! is asked for, and knows which nobody wanted.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 
-use compute::{Array, Device, Format, Weight};
-use safetensors::{Dtype, SafeTensors};
+use compute::{Array, Device, Weight};
+use formats::TensorFile;
+use formats::tensor_file::Entry;
 
 use crate::error::UpsamplerError;
-use crate::source::SourceFile;
+use formats::FileBytes;
 
 /// What training programs put before every name, and what says nothing.
 const PREFIXES: [&str; 7] = [
@@ -23,68 +22,32 @@ const PREFIXES: [&str; 7] = [
     "generator.",
 ];
 
-/// Where a tensor lies, and what the file calls it.
-struct Entry {
-    stored: String,
-    dtype: Dtype,
-    shape: Vec<usize>,
-    bytes: Range<usize>,
-}
-
 /// An open file.
 pub struct Tensors {
-    file: SourceFile,
+    file: TensorFile,
     device: Device,
-    entries: BTreeMap<String, Entry>,
+    /// For each name, what the file calls the tensor.
+    stored: BTreeMap<String, String>,
     unread: RefCell<BTreeSet<String>>,
 }
 
 impl Tensors {
     /// The tensors of `file`, under their names without what all of them begin with.
-    pub fn open(file: SourceFile, device: &Device) -> Result<Self, UpsamplerError> {
-        let bytes = file.content();
-        let (header, info) = SafeTensors::read_metadata(bytes).map_err(|e| {
-            UpsamplerError::file(&file.name, format!("is not a sound safetensors file: {e}"))
-        })?;
-        let start = 8 + header;
-        let entry = |(name, info): (String, &safetensors::tensor::TensorInfo)| {
-            let (first, last) = info.data_offsets;
-            let bytes = start + first..start + last;
-            (
-                name.clone(),
-                Entry {
-                    stored: name,
-                    dtype: info.dtype,
-                    shape: info.shape.clone(),
-                    bytes,
-                },
-            )
-        };
-        let mut entries: BTreeMap<String, Entry> = info.tensors().into_iter().map(entry).collect();
-        while let Some(prefix) = PREFIXES
-            .into_iter()
-            .find(|p| entries.keys().all(|name| name.starts_with(p)))
-        {
-            if entries.is_empty() {
-                break;
-            }
-            entries = entries
-                .into_iter()
-                .map(|(name, entry)| (name[prefix.len()..].to_owned(), entry))
-                .collect();
-        }
-        let unread = RefCell::new(entries.keys().cloned().collect());
+    pub fn open(file: FileBytes, device: &Device) -> Result<Self, UpsamplerError> {
+        let file = TensorFile::new(file)?;
+        let names = file.names().map(|name| (name.to_owned(), name.to_owned()));
+        let stored = without_prefixes(names.collect());
         Ok(Self {
+            unread: RefCell::new(stored.keys().cloned().collect()),
             file,
             device: device.clone(),
-            entries,
-            unread,
+            stored,
         })
     }
 
     /// How messages name the file.
     pub fn file(&self) -> &str {
-        &self.file.name
+        self.file.name()
     }
 
     /// Where the tensors go.
@@ -94,26 +57,30 @@ impl Tensors {
 
     /// The tensors' names, sorted.
     pub fn names(&self) -> impl Iterator<Item = &str> {
-        self.entries.keys().map(String::as_str)
+        self.stored.keys().map(String::as_str)
     }
 
     /// Gives tensors other names; for files written under older ones.
     pub fn rename(&mut self, new_name: impl Fn(&str) -> String) {
-        self.entries = std::mem::take(&mut self.entries)
+        self.stored = std::mem::take(&mut self.stored)
             .into_iter()
-            .map(|(old, e)| (new_name(&old), e))
+            .map(|(old, stored)| (new_name(&old), stored))
             .collect();
-        self.unread = RefCell::new(self.entries.keys().cloned().collect());
+        self.unread = RefCell::new(self.stored.keys().cloned().collect());
     }
 
     /// Whether there is a tensor of this name.
     pub fn has(&self, name: &str) -> bool {
-        self.entries.contains_key(name)
+        self.stored.contains_key(name)
     }
 
     /// The shape of a tensor; `None` where there is none of this name.
     pub fn shape(&self, name: &str) -> Option<&[usize]> {
-        self.entries.get(name).map(|entry| &entry.shape[..])
+        self.entry(name).map(Entry::shape)
+    }
+
+    fn entry(&self, name: &str) -> Option<&Entry> {
+        self.file.entry(self.stored.get(name)?).ok()
     }
 
     /// The extents of a convolution's weight. Fails where it is missing or has not four axes.
@@ -137,38 +104,18 @@ impl Tensors {
     /// The tensor of this name and shape. Fails where there is none, where it is of another shape,
     /// where it holds other numbers than F32, F16 or BF16, and where one of them is not finite.
     pub fn array(&self, name: &str, shape: &[usize]) -> Result<Array, UpsamplerError> {
-        let Some(entry) = self.entries.get(name) else {
+        let Some(entry) = self.entry(name) else {
             return Err(self.wrong(name, format!("of shape {shape:?} is missing")));
         };
-        if entry.shape != shape {
-            return Err(self.wrong(
-                name,
-                format!("has the shape {:?}; expected is {shape:?}", entry.shape),
-            ));
+        if entry.shape() != shape {
+            let problem = format!("has the shape {:?}; expected is {shape:?}", entry.shape());
+            return Err(self.wrong(name, problem));
         }
-        let format = match entry.dtype {
-            Dtype::F32 => Format::F32,
-            Dtype::F16 => Format::F16,
-            Dtype::BF16 => Format::Bf16,
-            other => {
-                return Err(self.wrong(
-                    name,
-                    format!("is {other:?}; supported are F32, F16 and BF16"),
-                ));
-            }
-        };
         self.unread.borrow_mut().remove(name);
-        let weight = Weight::from_bytes(
-            &self.device,
-            shape,
-            format,
-            self.file.bytes.clone(),
-            entry.bytes.clone(),
-        );
-        match weight.first_not_finite() {
-            Some((index, value)) => Err(self.wrong(name, format!("is {value} at element {index}"))),
-            None => Ok(weight.to_array()),
-        }
+        let owner = self.file.file().shared();
+        Weight::stored(&self.device, shape, &entry.dtype(), owner, entry.bytes())
+            .map(|weight| weight.to_array())
+            .map_err(|fault| self.wrong(name, fault))
     }
 
     /// Passes over a tensor that says nothing about what is computed.
@@ -189,17 +136,28 @@ impl Tensors {
 
     /// For each number type, how many numbers there are.
     pub fn counts(&self) -> BTreeMap<String, usize> {
-        let mut counts = BTreeMap::new();
-        for entry in self.entries.values() {
-            *counts.entry(format!("{:?}", entry.dtype)).or_default() +=
-                entry.shape.iter().product::<usize>();
-        }
-        counts
+        self.file.counts()
     }
 
     /// An error about the tensor of this name.
-    pub fn wrong(&self, name: &str, problem: impl Into<String>) -> UpsamplerError {
-        let stored = self.entries.get(name).map_or(name, |entry| &entry.stored);
-        UpsamplerError::tensor(&self.file.name, stored, problem)
+    pub fn wrong(&self, name: &str, problem: impl ToString) -> UpsamplerError {
+        let stored = self.stored.get(name).map_or(name, String::as_str);
+        self.file.wrong(stored, problem).into()
     }
+}
+
+/// Names without what all of them begin with.
+fn without_prefixes(mut names: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    while let Some(prefix) = shared_prefix(&names) {
+        names = names
+            .into_iter()
+            .map(|(name, stored)| (name[prefix.len()..].to_owned(), stored))
+            .collect();
+    }
+    names
+}
+
+fn shared_prefix(names: &BTreeMap<String, String>) -> Option<&'static str> {
+    let mut prefixes = PREFIXES.into_iter().filter(|_| !names.is_empty());
+    prefixes.find(|prefix| names.keys().all(|name| name.starts_with(prefix)))
 }

@@ -6,9 +6,10 @@ use compute::{Array, Device};
 
 use crate::error::UpsamplerError;
 use crate::network::Network;
-use crate::source::{SourceFile, UpsamplerSource};
+use crate::source::UpsamplerSource;
 use crate::tensors::Tensors;
 use crate::{ensemble, family, ncnn, tiles};
+use formats::FileBytes;
 
 /// How images are enlarged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +73,7 @@ impl Upsampler {
     }
 
     /// The network of a safetensors file.
-    pub fn from_safetensors(file: SourceFile, device: &Device) -> Result<Self, UpsamplerError> {
+    pub fn from_safetensors(file: FileBytes, device: &Device) -> Result<Self, UpsamplerError> {
         let mut tensors = Tensors::open(file, device)?;
         let network = family::recognise(&mut tensors)?;
         let types = tensors.counts();
@@ -87,8 +88,8 @@ impl Upsampler {
 
     /// The network of an ncnn pair: `.param` and `.bin`.
     pub fn from_ncnn(
-        graph: &SourceFile,
-        weights: &SourceFile,
+        graph: &FileBytes,
+        weights: &FileBytes,
         device: &Device,
     ) -> Result<Self, UpsamplerError> {
         let (network, types, tensors) = ncnn::read(graph, weights, device)?;

@@ -7,4 +7,5 @@ pub mod device;
 pub mod format;
 pub mod gpu;
 pub mod rng;
+pub mod stored;
 pub mod weight;

@@ -12,10 +12,11 @@ mod vae;
 use std::path::Path;
 
 use compute::{Array, Device, Precision};
+use formats::{TensorError, TensorFile};
 
 use crate::error::ModelError;
 use crate::source::ModelSource;
-use crate::tensor_file::TensorFile;
+use crate::weights;
 pub use outputs::{Output, Outputs, to_safetensors};
 use text::TextCall;
 use unet::UnetCall;
@@ -114,7 +115,7 @@ fn real(
     pattern: &[Option<usize>],
     device: &Device,
 ) -> Result<Array, ModelError> {
-    let array = inputs.real(name, device)?;
+    let array = weights::array(inputs, name, device)?;
     let fits = |(extent, wanted): (&usize, &Option<usize>)| {
         *extent > 0 && wanted.is_none_or(|wanted| wanted == *extent)
     };
@@ -125,14 +126,16 @@ fn real(
         .iter()
         .map(|extent| extent.map_or("*".into(), |extent| extent.to_string()))
         .collect();
-    Err(inputs.wrong(
-        name,
-        format!(
-            "has the shape {:?}; expected [{}]",
-            array.shape(),
-            wanted.join(", ")
-        ),
-    ))
+    Err(inputs
+        .wrong(
+            name,
+            format!(
+                "has the shape {:?}; expected [{}]",
+                array.shape(),
+                wanted.join(", ")
+            ),
+        )
+        .into())
 }
 
 /// The whole numbers `name`, each below `limit`.
@@ -140,7 +143,7 @@ fn whole(
     inputs: &TensorFile,
     name: &str,
     limit: u32,
-) -> Result<(Vec<usize>, Vec<u32>), ModelError> {
+) -> Result<(Vec<usize>, Vec<u32>), TensorError> {
     let (shape, values) = inputs.whole(name)?;
     let number = |value: i64| {
         let problem = || {
@@ -166,6 +169,8 @@ fn each(inputs: &TensorFile, name: &str, limit: u32, count: usize) -> Result<Vec
     match values[..] {
         [value] => Ok(vec![value; count]),
         _ if values.len() == count && shape.len() == 1 => Ok(values),
-        _ => Err(inputs.wrong(name, format!("has the shape {shape:?}; expected [{count}]"))),
+        _ => Err(inputs
+            .wrong(name, format!("has the shape {shape:?}; expected [{count}]"))
+            .into()),
     }
 }

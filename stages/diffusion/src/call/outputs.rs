@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use compute::Array;
-use serde_json::{Map, json};
+use formats::tensor_file::{self, WriteError};
+use formats::{TensorView, Values};
 
 /// One result.
 #[derive(Clone, Debug)]
@@ -26,40 +27,38 @@ impl Output {
             Self::Whole(shape, _) => shape,
         }
     }
-
-    fn dtype(&self) -> &'static str {
-        match self {
-            Self::Real(_) => "F32",
-            Self::Whole(..) => "I64",
-        }
-    }
-
-    fn bytes(&self) -> Vec<u8> {
-        match self {
-            Self::Real(array) => array
-                .to_vec()
-                .iter()
-                .flat_map(|value| value.to_le_bytes())
-                .collect(),
-            Self::Whole(_, values) => values
-                .iter()
-                .flat_map(|value| value.to_le_bytes())
-                .collect(),
-        }
-    }
 }
 
 /// The safetensors file of `outputs`.
-pub fn to_safetensors(outputs: &Outputs) -> Vec<u8> {
-    let mut header = Map::new();
-    let mut data = Vec::new();
-    for (name, output) in outputs {
-        let start = data.len();
-        data.extend(output.bytes());
-        let entry = json!({ "dtype": output.dtype(), "shape": output.shape(), "data_offsets": [start, data.len()] });
-        header.insert(name.clone(), entry);
+///
+/// # Errors
+/// Names that safetensors keeps for itself.
+pub fn to_safetensors(outputs: &Outputs) -> Result<Vec<u8>, WriteError> {
+    let host: Vec<Host> = outputs.values().map(Host::of).collect();
+    let views = outputs.iter().zip(&host);
+    let views = views.map(|((name, output), host)| (name.as_str(), host.view(output.shape())));
+    tensor_file::to_bytes(&views.collect(), &BTreeMap::new())
+}
+
+/// A result in the host's memory.
+enum Host<'a> {
+    Real(Vec<f32>),
+    Whole(&'a [i64]),
+}
+
+impl<'a> Host<'a> {
+    fn of(output: &'a Output) -> Self {
+        match output {
+            Output::Real(array) => Self::Real(array.to_vec()),
+            Output::Whole(_, values) => Self::Whole(values),
+        }
     }
-    let mut header = serde_json::Value::Object(header).to_string().into_bytes();
-    header.resize(header.len().next_multiple_of(8), b' ');
-    [&(header.len() as u64).to_le_bytes()[..], &header, &data].concat()
+
+    fn view<'b>(&'b self, shape: &'b [usize]) -> TensorView<'b> {
+        let values = match self {
+            Self::Real(values) => Values::F32(values),
+            Self::Whole(values) => Values::I64(values),
+        };
+        TensorView { shape, values }
+    }
 }

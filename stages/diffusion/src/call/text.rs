@@ -1,11 +1,11 @@
 //! The text encoder asked about token ids or about a text.
 
 use compute::Device;
+use formats::TensorFile;
 
 use super::{Output, Outputs, whole};
 use crate::error::ModelError;
 use crate::source::ModelSource;
-use crate::tensor_file::TensorFile;
 use crate::text_encoder::TextEncoder;
 use crate::tokenizer::Tokenizer;
 
@@ -32,10 +32,12 @@ impl TextCall {
             }
             _ => {
                 let most = config.max_position_embeddings;
-                Err(inputs.wrong(
-                    "input_ids",
-                    format!("has the shape {shape:?}; expected [N, 1 to {most}]"),
-                ))
+                Err(inputs
+                    .wrong(
+                        "input_ids",
+                        format!("has the shape {shape:?}; expected [N, 1 to {most}]"),
+                    )
+                    .into())
             }
         }
     }

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use compute::elementwise::{scale, sub};
 use compute::reduce::mean_square;
 use compute::{Array, Device};
+use formats::TensorFile;
 
 use super::{Asked, Output, Outputs, each, real};
 use crate::error::ModelError;
 use crate::lora_file::LoraFile;
 use crate::source::ModelSource;
-use crate::tensor_file::TensorFile;
 use crate::unet::{Input, Unet};
 
 /// Timesteps beyond this are taken for a mistake.

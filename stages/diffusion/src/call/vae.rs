@@ -1,11 +1,11 @@
 //! The autoencoder asked about the tensors of a file, one way or the other.
 
 use compute::{Array, Device};
+use formats::TensorFile;
 
 use super::{Output, Outputs, real};
 use crate::error::ModelError;
 use crate::source::ModelSource;
-use crate::tensor_file::TensorFile;
 use crate::vae::Vae;
 
 /// The autoencoder and what it is asked.
@@ -37,7 +37,7 @@ impl VaeCall {
                 input.shape(),
                 vae.factor()
             );
-            return Err(inputs.wrong("sample", problem));
+            return Err(inputs.wrong("sample", problem).into());
         }
         Ok(Self {
             vae,

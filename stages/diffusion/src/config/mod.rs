@@ -8,12 +8,12 @@ mod text;
 mod unet;
 mod vae;
 
+use formats::FileBytes;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use crate::error::ModelError;
-use crate::source::ModelFile;
 
 pub use text::{TextActivation, TextConfig};
 pub use unet::{UnetBlock, UnetConfig};
@@ -58,18 +58,18 @@ impl<T> PerBlock<T> {
 /// Reads a configuration. Fields of `fixed` must have the value given there (or be absent); fields
 /// of `idle` and those that begin with an underscore may have any.
 pub(crate) fn parse<T: DeserializeOwned>(
-    file: &ModelFile,
+    file: &FileBytes,
     fixed: &Value,
     idle: &[&str],
 ) -> Result<T, ModelError> {
     let mut fields: Map<String, Value> = serde_json::from_slice(file)
-        .map_err(|e| ModelError::file(&file.name, format!("is not a JSON object: {e}")))?;
+        .map_err(|e| ModelError::file(file.name(), format!("is not a JSON object: {e}")))?;
     fields.retain(|name, _| !name.starts_with('_') && !idle.contains(&name.as_str()));
     for (name, supported) in fixed.as_object().into_iter().flatten() {
         match fields.remove(name) {
             Some(value) if !same(&value, supported) => {
                 return Err(ModelError::field(
-                    &file.name,
+                    file.name(),
                     name,
                     format!("is {value}; supported is {supported}"),
                 ));
@@ -79,7 +79,7 @@ pub(crate) fn parse<T: DeserializeOwned>(
     }
     serde_path_to_error::deserialize(Value::Object(fields)).map_err(|e| {
         ModelError::field(
-            &file.name,
+            file.name(),
             e.path().to_string(),
             format!("cannot be used: {}", e.inner()),
         )
@@ -102,7 +102,7 @@ mod tests {
 
     fn with_file<T>(
         text: &str,
-        read: impl Fn(&ModelFile) -> Result<T, ModelError>,
+        read: impl Fn(&FileBytes) -> Result<T, ModelError>,
     ) -> Result<T, String> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("config.json"), text).unwrap();

@@ -1,12 +1,12 @@
 //! The configuration of a text encoder.
 
+use formats::FileBytes;
 use serde::Deserialize;
 use serde_json::json;
 
 use super::check::{check_divisors, check_sizes};
 use super::parse;
 use crate::error::ModelError;
-use crate::source::ModelFile;
 
 /// The activation of a text encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -50,7 +50,7 @@ impl Default for TextConfig {
 
 impl TextConfig {
     /// Reads and checks a `config.json`; the error names the field.
-    pub fn read(file: &ModelFile) -> Result<Self, ModelError> {
+    pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
         let config: Self = parse(file, &json!({ "model_type": "clip_text_model" }), &[])?;
         let sizes = [
             ("vocab_size", config.vocab_size >> 8),
@@ -61,10 +61,10 @@ impl TextConfig {
             ("max_position_embeddings", config.max_position_embeddings),
         ];
         for (field, size) in sizes {
-            check_sizes(&file.name, &[(field, &[size])])?;
+            check_sizes(file.name(), &[(field, &[size])])?;
         }
         check_divisors(
-            &file.name,
+            file.name(),
             "num_attention_heads",
             &[config.hidden_size],
             |_| config.num_attention_heads,

@@ -1,12 +1,12 @@
 //! The configuration of a UNet.
 
+use formats::FileBytes;
 use serde::Deserialize;
 use serde_json::json;
 
 use super::check::{check_divisors, check_lengths, check_sizes};
 use super::{PerBlock, parse};
 use crate::error::ModelError;
-use crate::source::ModelFile;
 
 /// The kinds of blocks of a UNet, down or up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -72,7 +72,7 @@ impl Default for UnetConfig {
 
 impl UnetConfig {
     /// Reads and checks a `config.json`; the error names the field.
-    pub fn read(file: &ModelFile) -> Result<Self, ModelError> {
+    pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
         let fixed = json!({
             "act_fn": "silu", "addition_embed_type": null, "attention_type": "default", "center_input_sample": false,
             "class_embed_type": null, "class_embeddings_concat": false, "conv_in_kernel": 3, "conv_out_kernel": 3,
@@ -94,7 +94,7 @@ impl UnetConfig {
             "upcast_attention",
         ];
         let config: Self = parse(file, &fixed, &idle)?;
-        config.check(&file.name)?;
+        config.check(file.name())?;
         Ok(config)
     }
 

@@ -1,12 +1,12 @@
 //! The configuration of an autoencoder.
 
+use formats::FileBytes;
 use serde::Deserialize;
 use serde_json::json;
 
 use super::check::{check_divisors, check_lengths, check_sizes};
 use super::parse;
 use crate::error::ModelError;
-use crate::source::ModelFile;
 
 /// `AutoencoderKL`.
 #[derive(Clone, Debug, Deserialize)]
@@ -61,10 +61,10 @@ impl Default for VaeConfig {
 
 impl VaeConfig {
     /// Reads and checks a `config.json`; the error names the field.
-    pub fn read(file: &ModelFile) -> Result<Self, ModelError> {
+    pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
         let fixed = json!({ "act_fn": "silu", "latents_mean": null, "latents_std": null, "shift_factor": null });
         let config: Self = parse(file, &fixed, &["force_upcast", "sample_size"])?;
-        config.check(&file.name)?;
+        config.check(file.name())?;
         Ok(config)
     }
 

@@ -2,7 +2,7 @@
 
 use compute::Device;
 use diffusion::config::{TextConfig, UnetConfig, VaeConfig};
-use diffusion::{ModelFile, TensorFile};
+use formats::{FileBytes, TensorFile};
 use proptest::prelude::*;
 
 /// Two tensors and metadata.
@@ -37,17 +37,17 @@ fn damaged(
 }
 
 fn read_all(bytes: Vec<u8>) {
-    let Ok(file) = TensorFile::new(ModelFile::in_memory("w.safetensors", bytes)) else {
+    let Ok(file) = TensorFile::new(FileBytes::in_memory("w.safetensors", bytes)) else {
         return;
     };
     for name in file.names() {
-        let _ = file.real(name, &Device::cpu());
+        let _ = diffusion::array(&file, name, &Device::cpu());
         let _ = file.whole(name);
     }
 }
 
 fn read_configs(text: &[u8]) {
-    let file = ModelFile::in_memory("config.json", text.to_vec());
+    let file = FileBytes::in_memory("config.json", text.to_vec());
     let _ = (
         UnetConfig::read(&file),
         VaeConfig::read(&file),
@@ -92,11 +92,13 @@ proptest! {
 
 #[test]
 fn the_undamaged_files_are_read() {
-    let file = TensorFile::new(ModelFile::in_memory("w.safetensors", tensors())).unwrap();
+    let file = TensorFile::new(FileBytes::in_memory("w.safetensors", tensors())).unwrap();
     assert_eq!(file.names().collect::<Vec<_>>(), ["a.weight", "b", "ids"]);
     assert_eq!(
-        file.real("a.weight", &Device::cpu()).unwrap().shape(),
+        diffusion::array(&file, "a.weight", &Device::cpu())
+            .unwrap()
+            .shape(),
         [2, 2]
     );
-    assert!(UnetConfig::read(&ModelFile::in_memory("config.json", UNET.into())).is_ok());
+    assert!(UnetConfig::read(&FileBytes::in_memory("config.json", UNET.into())).is_ok());
 }

@@ -17,15 +17,15 @@ use compute::Device;
 
 use crate::error::UpsamplerError;
 use crate::network::Network;
-use crate::source::SourceFile;
+use formats::FileBytes;
 
 /// A network, for each number type how many numbers it has, and how many arrays those are.
 type Read = (Box<dyn Network>, BTreeMap<String, usize>, usize);
 
 /// The network of a graph and its weights, which must be used up.
 pub fn read(
-    graph: &SourceFile,
-    weights: &SourceFile,
+    graph: &FileBytes,
+    weights: &FileBytes,
     device: &Device,
 ) -> Result<Read, UpsamplerError> {
     let layers = param::parse(graph)?;

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use crate::error::UpsamplerError;
-use crate::source::SourceFile;
+use formats::FileBytes;
 
 /// What a text file of ncnn begins with.
 const MAGIC: &str = "7767517";
@@ -36,9 +36,9 @@ impl Layer {
 }
 
 /// The layers of a graph, in the order in which they are computed.
-pub fn parse(file: &SourceFile) -> Result<Vec<Layer>, UpsamplerError> {
-    let wrong = |problem: String| UpsamplerError::file(&file.name, problem);
-    let Ok(text) = std::str::from_utf8(file.content()) else {
+pub fn parse(file: &FileBytes) -> Result<Vec<Layer>, UpsamplerError> {
+    let wrong = |problem: String| UpsamplerError::file(file.name(), problem);
+    let Ok(text) = std::str::from_utf8(file) else {
         return Err(wrong(
             "is no text; ncnn's .param files are read as text, not as .param.bin".to_owned(),
         ));
@@ -79,9 +79,9 @@ pub fn parse(file: &SourceFile) -> Result<Vec<Layer>, UpsamplerError> {
 }
 
 /// One line: kind, name, how many blobs are taken and given, their names, and parameters.
-fn layer(file: &SourceFile, line: usize, words: &[&str]) -> Result<Layer, UpsamplerError> {
+fn layer(file: &FileBytes, line: usize, words: &[&str]) -> Result<Layer, UpsamplerError> {
     let wrong =
-        |problem: String| UpsamplerError::file(&file.name, format!("line {line}: {problem}"));
+        |problem: String| UpsamplerError::file(file.name(), format!("line {line}: {problem}"));
     let &[kind, name, inputs, outputs, ref rest @ ..] = words else {
         return Err(wrong(
             "expected are a layer's kind, name, and numbers of inputs and outputs".to_owned(),
@@ -108,7 +108,7 @@ fn layer(file: &SourceFile, line: usize, words: &[&str]) -> Result<Layer, Upsamp
             .collect::<Vec<_>>()
     };
     let mut layer = Layer {
-        file: file.name.clone(),
+        file: file.name().to_owned(),
         line,
         kind: kind.to_owned(),
         name: name.to_owned(),

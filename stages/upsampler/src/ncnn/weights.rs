@@ -7,7 +7,7 @@ use compute::{Array, Device, Format, Weight};
 
 use super::param::Layer;
 use crate::error::UpsamplerError;
-use crate::source::SourceFile;
+use formats::FileBytes;
 
 /// Marks of how an array is stored.
 const F16: u32 = 0x0130_6B47;
@@ -16,7 +16,7 @@ const F32_MARKED: u32 = 0x0002_C056;
 
 /// An open file, and how far it has been read.
 pub struct Weights<'a> {
-    file: &'a SourceFile,
+    file: &'a FileBytes,
     device: &'a Device,
     at: usize,
     types: BTreeMap<String, usize>,
@@ -25,7 +25,7 @@ pub struct Weights<'a> {
 
 impl<'a> Weights<'a> {
     /// The arrays of a file.
-    pub fn new(file: &'a SourceFile, device: &'a Device) -> Self {
+    pub fn new(file: &'a FileBytes, device: &'a Device) -> Self {
         Self {
             file,
             device,
@@ -39,7 +39,6 @@ impl<'a> Weights<'a> {
     pub fn marked(&mut self, layer: &Layer, shape: &[usize]) -> Result<Array, UpsamplerError> {
         let mark = self
             .file
-            .content()
             .get(self.at..)
             .and_then(|rest| rest.first_chunk::<4>());
         let mark = u32::from_le_bytes(*mark.ok_or_else(|| self.short(layer, shape))?);
@@ -66,12 +65,12 @@ impl<'a> Weights<'a> {
 
     /// Fails where numbers are left that no layer wanted.
     pub fn finish(self) -> Result<(BTreeMap<String, usize>, usize), UpsamplerError> {
-        let left = self.file.content().len().saturating_sub(self.at);
+        let left = self.file.len().saturating_sub(self.at);
         if left > 0 {
             let problem = format!(
                 "has {left} bytes more than the layers of its .param take; the two do not belong together"
             );
-            return Err(UpsamplerError::file(&self.file.name, problem));
+            return Err(UpsamplerError::file(self.file.name(), problem));
         }
         Ok((self.types, self.count))
     }
@@ -86,17 +85,12 @@ impl<'a> Weights<'a> {
             .iter()
             .try_fold(1usize, |product, &extent| product.checked_mul(extent));
         let end = count.and_then(|count| count.checked_mul(format.width())?.checked_add(self.at));
-        let held = self.file.content().len();
+        let held = self.file.len();
         let (Some(count), Some(end)) = (count, end.filter(|&end| end <= held)) else {
             return Err(self.short(layer, shape));
         };
-        let weight = Weight::from_bytes(
-            self.device,
-            shape,
-            format,
-            self.file.bytes.clone(),
-            self.at..end,
-        );
+        let weight =
+            Weight::from_bytes(self.device, shape, format, self.file.shared(), self.at..end);
         self.at = end;
         if let Some((index, value)) = weight.first_not_finite() {
             return Err(layer.wrong(format!("has the weight {value} at element {index}")));
@@ -110,8 +104,8 @@ impl<'a> Weights<'a> {
     }
 
     fn short(&self, layer: &Layer, shape: &[usize]) -> UpsamplerError {
-        let name = &self.file.name;
-        let held = self.file.content().len();
+        let name = self.file.name();
+        let held = self.file.len();
         layer.wrong(format!(
             "needs weights of shape {shape:?} at byte {} of {name}, which has {held}",
             self.at

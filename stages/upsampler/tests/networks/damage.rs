@@ -1,8 +1,9 @@
 //! Files with bytes changed and cut off: read, or refused with one error; never a panic.
 
 use compute::Device;
+use formats::FileBytes;
 use proptest::prelude::*;
-use upsampler::{SourceFile, Upsampler};
+use upsampler::Upsampler;
 
 use crate::support::bytes;
 
@@ -41,7 +42,7 @@ proptest! {
     ) {
         let param = damaged(bytes(&format!("{name}.param")), &text, cuts[0]);
         let bin = damaged(bytes(&format!("{name}.bin")), &numbers, cuts[1]);
-        let [param, bin] = [("w.param", param), ("w.bin", bin)].map(|(name, bytes)| SourceFile::in_memory(name, bytes));
+        let [param, bin] = [("w.param", param), ("w.bin", bin)].map(|(name, bytes)| FileBytes::in_memory(name, bytes));
         let _ = Upsampler::from_ncnn(&param, &bin, &Device::cpu());
     }
 
@@ -52,6 +53,6 @@ proptest! {
         name in prop::sample::select(vec!["span-x4", "rrdb-x4-old", "compact-x2", "residual-x4"]),
     ) {
         let bytes = damaged(bytes(&format!("{name}.safetensors")), &changes, cut);
-        let _ = Upsampler::from_safetensors(SourceFile::in_memory("w.safetensors", bytes), &Device::cpu());
+        let _ = Upsampler::from_safetensors(FileBytes::in_memory("w.safetensors", bytes), &Device::cpu());
     }
 }

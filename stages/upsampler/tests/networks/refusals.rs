@@ -4,8 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use compute::Device;
+use formats::FileBytes;
 use safetensors::Dtype;
-use upsampler::{SourceFile, Upsampler, UpsamplerSource};
+use upsampler::{Upsampler, UpsamplerSource};
 
 use crate::support::{Stored, bytes, golden, pair_refused, refused, said, tensors};
 
@@ -91,7 +92,7 @@ fn tensors_that_do_not_fit_are_named() {
 fn cut_safetensors_are_refused() {
     let whole = bytes("span-x2.safetensors");
     for len in [0, 7, 8, 100, whole.len() / 2, whole.len() - 1] {
-        let file = SourceFile::in_memory("w.safetensors", whole[..len].to_vec());
+        let file = FileBytes::in_memory("w.safetensors", whole[..len].to_vec());
         says(
             &said(Upsampler::from_safetensors(file, &Device::cpu())),
             "w.safetensors: is not a sound safetensors file: ",
@@ -237,8 +238,8 @@ fn graphs_that_are_none_are_refused() {
     ] {
         says(&pair_refused(text, &[]), words);
     }
-    let binary = SourceFile::in_memory("w.param", vec![0xff, 0xfe]);
-    let none = SourceFile::in_memory("w.bin", Vec::new());
+    let binary = FileBytes::in_memory("w.param", vec![0xff, 0xfe]);
+    let none = FileBytes::in_memory("w.bin", Vec::new());
     says(
         &said(Upsampler::from_ncnn(&binary, &none, &Device::cpu())),
         "w.param: is no text; ncnn's .param files",

@@ -5,8 +5,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use compute::{Array, Device};
+use formats::FileBytes;
 use safetensors::{Dtype, SafeTensors};
-use upsampler::{SourceFile, Upsampler, UpsamplerError, UpsamplerSource};
+use upsampler::{Upsampler, UpsamplerError, UpsamplerSource};
 
 /// The path of a golden file.
 pub fn golden(name: &str) -> PathBuf {
@@ -69,17 +70,17 @@ pub fn refused(tensors: &Stored) -> String {
     });
     let bytes = safetensors::serialize(views, None).unwrap();
     said(Upsampler::from_safetensors(
-        SourceFile::in_memory("w.safetensors", bytes),
+        FileBytes::in_memory("w.safetensors", bytes),
         &Device::cpu(),
     ))
 }
 
 /// What is said of an ncnn pair, which is refused.
 pub fn pair_refused(param: &str, bin: &[u8]) -> String {
-    let graph = SourceFile::in_memory("w.param", param.as_bytes().to_vec());
+    let graph = FileBytes::in_memory("w.param", param.as_bytes().to_vec());
     said(Upsampler::from_ncnn(
         &graph,
-        &SourceFile::in_memory("w.bin", bin.to_vec()),
+        &FileBytes::in_memory("w.bin", bin.to_vec()),
         &Device::cpu(),
     ))
 }

@@ -1,0 +1,75 @@
+//! The safetensors files of artifacts: f32 tensors, and our own JSON in the metadata. Knows nothing
+//! of what the tensors mean.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use formats::tensor_file::{self, WriteError};
+use formats::{FileBytes, Tensor, TensorError, TensorFile};
+use serde::de::DeserializeOwned;
+
+use crate::canonical;
+use crate::error::SchemaError;
+
+/// The metadata key under which our own JSON lies.
+pub const METADATA_KEY: &str = "srnerf";
+
+/// Writes a file into a folder.
+pub fn write<'a>(
+    folder: &Path,
+    file: &str,
+    tensors: impl Iterator<Item = (&'a str, &'a Tensor)>,
+    metadata: &BTreeMap<&str, String>,
+) -> Result<(), SchemaError> {
+    let views = tensors.map(|(name, tensor)| (name, tensor.view()));
+    let bytes = tensor_file::to_bytes(&views.collect(), metadata)?;
+    canonical::write(folder, file, &bytes)
+}
+
+/// Owned tensors as [`write`] takes them.
+pub fn by_name(tensors: &BTreeMap<String, Tensor>) -> impl Iterator<Item = (&str, &Tensor)> {
+    tensors.iter().map(|(name, tensor)| (name.as_str(), tensor))
+}
+
+/// Opens a file.
+pub fn open(path: &Path) -> Result<TensorFile, SchemaError> {
+    let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
+    let file = FileBytes::in_memory(path.display().to_string(), bytes);
+    Ok(TensorFile::new(file)?)
+}
+
+/// All tensors of a file.
+pub fn all(file: &TensorFile) -> Result<BTreeMap<String, Tensor>, SchemaError> {
+    let tensor = |name: &str| Ok((name.to_owned(), file.tensor(name)?));
+    file.names().map(tensor).collect()
+}
+
+/// Our own JSON in a file's metadata.
+pub fn header<T: DeserializeOwned>(file: &TensorFile) -> Result<T, SchemaError> {
+    let path = Path::new(file.name());
+    let place = format!("metadata {METADATA_KEY:?}");
+    let text = file.metadata().get(METADATA_KEY);
+    let text = text.ok_or_else(|| SchemaError::malformed(path, &place, "is missing"))?;
+    serde_json::from_str(text).map_err(|error| SchemaError::malformed(path, &place, error))
+}
+
+impl From<TensorError> for SchemaError {
+    fn from(error: TensorError) -> Self {
+        match error {
+            TensorError::Header { file, source } => {
+                Self::malformed(Path::new(&file), "header", source)
+            }
+            TensorError::Tensor {
+                file,
+                tensor,
+                problem,
+            } => Self::malformed(Path::new(&file), format!("tensor {tensor:?}"), problem),
+        }
+    }
+}
+
+impl From<WriteError> for SchemaError {
+    fn from(WriteError { tensor, problem }: WriteError) -> Self {
+        Self::content(format!("tensor {tensor:?}"), problem)
+    }
+}
