@@ -1,5 +1,5 @@
 //! JSON in one form only: sorted keys, shortest numbers that read back exactly. What is told apart
-//! by its bytes can be written so.
+//! by its bytes can be written so. And what a value is, in words.
 
 use serde::Serialize;
 use serde_json::{Error, Value};
@@ -41,4 +41,17 @@ pub fn line(content: &impl Serialize) -> Result<String, Error> {
 /// What has no form in JSON.
 pub fn page(content: &impl Serialize) -> Result<String, Error> {
     Ok(format!("{:#}\n", value(content)?))
+}
+
+/// What a value is, for people.
+pub fn kind(value: &Value) -> String {
+    match value {
+        Value::Null => "null".into(),
+        Value::Bool(value) => value.to_string(),
+        Value::Number(value) => value.to_string(),
+        Value::String(text) if text.chars().count() <= 40 => format!("{text:?}"),
+        Value::String(_) => "a long text".into(),
+        Value::Array(_) => "a list".into(),
+        Value::Object(_) => "an object".into(),
+    }
 }

@@ -1,9 +1,10 @@
 //! Conversions there and back.
 
-use artifacts_schema::View;
+use artifacts_schema::{Artifact, ImageSet, Provenance, View};
 use compute::Device;
-use formats::Camera;
+use formats::{Camera, Distortion};
 use glam::DMat4;
+use scene::Reader;
 
 use super::*;
 
@@ -51,6 +52,53 @@ fn colours_come_back_from_planes_and_from_srgb() {
                 "{back:?}"
             );
         }
+    }
+}
+
+/// An image set with lenses that bend is read back by ourselves, and by our reader of scenes.
+#[test]
+fn an_image_set_of_any_lens_is_a_scene() {
+    let bent = |distortion| View {
+        camera: Camera {
+            distortion,
+            ..view().camera
+        },
+        ..view()
+    };
+    let full = bent(Distortion {
+        k1: 0.02,
+        k4: 0.01,
+        k5: -0.002,
+        k6: 0.001,
+        ..Distortion::default()
+    });
+    let fisheye = bent(Distortion::fisheye([0.01, 0.0, 0.0, 0.002]));
+    for lenses in [
+        vec![full.clone(), full.clone()],
+        vec![fisheye.clone(), fisheye.clone()],
+        vec![view(), full, fisheye],
+    ] {
+        let named = |(i, view): (usize, View)| View {
+            name: format!("view_{i:03}"),
+            ..view
+        };
+        let images = ImageSet {
+            views: lenses.into_iter().enumerate().map(named).collect(),
+            bounds: [[-2.0; 3], [2.0; 3]],
+            to_source: None,
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        images.write(path, &Provenance::default()).unwrap();
+        assert_eq!(ImageSet::read(path).unwrap(), images);
+        let reader = scene::Transforms {
+            path: path.to_owned(),
+            ..scene::Transforms::default()
+        };
+        let cameras = reader.read().unwrap().photos;
+        let cameras: Vec<Camera> = cameras.iter().map(|photo| photo.camera).collect();
+        let written: Vec<Camera> = images.views.iter().map(|view| view.camera).collect();
+        assert_eq!(cameras, written);
     }
 }
 

@@ -1,9 +1,10 @@
 //! What `transforms.json` says of a lens: once for all frames, or of one. Knows no photos.
 
-use formats::Distortion;
+use formats::json::kind;
+use formats::{Distortion, Lens};
 use serde_json::{Map, Value};
 
-use super::page::{kind, number};
+use super::page::number;
 
 /// Models that are pinholes with OpenCV's k1, k2, k3, p1 and p2, or fewer of them.
 const PINHOLES: [&str; 6] = [
@@ -22,69 +23,39 @@ const FISHEYES: [&str; 4] = [
     "SIMPLE_RADIAL_FISHEYE",
 ];
 
-/// Fields of a lens. They may stand in a frame or, for all frames, at the top; a frame's own win.
+/// What a file says of a lens, also in fields that ours have not. They may stand in a frame or, for
+/// all frames, at the top; a frame's own win.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lens {
-    /// Width and height.
-    pub(crate) size: [Option<f64>; 2],
-    pub(crate) focal: [Option<f64>; 2],
+pub(crate) struct ForeignLens {
+    pub(crate) lens: Lens,
     /// Fields of view in radians.
     pub(crate) angles: [Option<f64>; 2],
-    pub(crate) center: [Option<f64>; 2],
-    /// Near and far.
-    pub(crate) range: [Option<f64>; 2],
-    /// k1 to k6, p1, p2.
-    bent: [Option<f64>; 8],
     model: Option<String>,
-    is_fisheye: Option<bool>,
 }
 
-impl Lens {
-    /// Names of the fields.
-    pub(crate) const FIELDS: [&str; 22] = [
-        "w",
-        "h",
-        "fl_x",
-        "fl_y",
+impl ForeignLens {
+    /// Names of the fields, beside those of [`Lens`].
+    const FIELDS: [&str; 5] = [
         "camera_angle_x",
         "camera_angle_y",
         "x_fov",
         "y_fov",
-        "cx",
-        "cy",
-        "near",
-        "far",
-        "k1",
-        "k2",
-        "k3",
-        "k4",
-        "k5",
-        "k6",
-        "p1",
-        "p2",
         "camera_model",
-        "is_fisheye",
     ];
+
+    /// Names of all fields.
+    pub(crate) fn fields() -> Vec<&'static str> {
+        [&Lens::FIELDS[..], &Self::FIELDS].concat()
+    }
 
     pub(crate) fn of(fields: &Map<String, Value>) -> Result<Self, String> {
         let pair = |x: &str, y: &str| Ok::<_, String>([number(fields, x)?, number(fields, y)?]);
-        let degrees = |pair: [Option<f64>; 2]| pair.map(|angle| angle.map(f64::to_radians));
-        let mut bent = [None; 8];
-        for (slot, name) in bent
-            .iter_mut()
-            .zip(["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"])
-        {
-            *slot = number(fields, name)?;
-        }
         let angles = pair("camera_angle_x", "camera_angle_y")?;
-        let fov = degrees(pair("x_fov", "y_fov")?);
+        let fov = pair("x_fov", "y_fov")?.map(|angle| angle.map(f64::to_radians));
+        let lens = serde_path_to_error::deserialize(fields);
         Ok(Self {
-            size: pair("w", "h")?,
-            focal: pair("fl_x", "fl_y")?,
+            lens: lens.map_err(|error| format!("{} {}", error.path(), error.inner()))?,
             angles: [0, 1].map(|axis| angles[axis].or(fov[axis])),
-            center: pair("cx", "cy")?,
-            range: pair("near", "far")?,
-            bent,
             model: match fields.get("camera_model") {
                 None | Some(Value::Null) => None,
                 Some(Value::String(model)) => Some(model.to_uppercase()),
@@ -92,49 +63,45 @@ impl Lens {
                     return Err(format!("camera_model is {}; expected a name", kind(other)));
                 }
             },
-            is_fisheye: match fields.get("is_fisheye") {
-                None | Some(Value::Null) => None,
-                Some(Value::Bool(fisheye)) => Some(*fisheye),
-                Some(other) => {
-                    return Err(format!(
-                        "is_fisheye is {}; expected true or false",
-                        kind(other)
-                    ));
-                }
-            },
         })
     }
 
     /// A frame's lens, with what it does not say itself taken from what all frames share.
-    pub(crate) fn or(&self, shared: &Lens) -> Lens {
+    pub(crate) fn or(&self, shared: &Self) -> Self {
+        let lens = self.lens.or(&shared.lens);
+        let model = self.model.clone().or(shared.model.clone());
         // A frame with a focal length of its own wants no field of view from the top, nor the other
         // way round.
-        let own_focal = self.focal[0].is_some() || self.angles[0].is_some();
-        let (focal, angles) = match own_focal {
-            true => (self.focal, self.angles),
-            false => (either(self.focal, shared.focal), shared.angles),
-        };
-        Lens {
-            size: either(self.size, shared.size),
-            focal,
-            angles,
-            center: either(self.center, shared.center),
-            range: either(self.range, shared.range),
-            bent: either(self.bent, shared.bent),
-            model: self.model.clone().or(shared.model.clone()),
-            is_fisheye: self.is_fisheye.or(shared.is_fisheye),
+        if self.lens.fl_x.is_some() || self.angles[0].is_some() {
+            let Lens { fl_x, fl_y, .. } = self.lens;
+            return Self {
+                lens: Lens { fl_x, fl_y, ..lens },
+                angles: self.angles,
+                model,
+            };
+        }
+        Self {
+            lens,
+            angles: shared.angles,
+            model,
         }
     }
 
     /// Refuses lenses that are neither OpenCV's pinholes nor its fisheye.
     pub(crate) fn distortion(&self) -> Result<Distortion, String> {
-        let numbers = self.bent.map(|coefficient| coefficient.unwrap_or(0.0));
-        if numbers.iter().any(|number| !number.is_finite()) {
+        let distortion = self.lens.distortion();
+        if distortion
+            .coefficients()
+            .iter()
+            .any(|number| !number.is_finite())
+        {
             return Err("a distortion coefficient is not finite".into());
         }
-        let [k1, k2, k3, k4, k5, k6, p1, p2] = numbers;
+        let Distortion {
+            p1, p2, k4, k5, k6, ..
+        } = distortion;
         let model = self.model.as_deref();
-        let fisheye = self.is_fisheye == Some(true) || model.is_some_and(|m| FISHEYES.contains(&m));
+        let fisheye = distortion.fisheye || model.is_some_and(|m| FISHEYES.contains(&m));
         let full = model == Some("FULL_OPENCV");
         let all_zero = |numbers: &[f64]| numbers.iter().all(|number| *number == 0.0);
         let known = fisheye || full || model.is_none_or(|m| PINHOLES.contains(&m));
@@ -151,15 +118,8 @@ impl Lens {
             ));
         }
         Ok(Distortion {
-            k1,
-            k2,
-            k3,
-            p1,
-            p2,
-            k4,
-            k5,
-            k6,
             fisheye,
+            ..distortion
         })
     }
 
@@ -168,12 +128,12 @@ impl Lens {
         let by_angle = |axis: usize| {
             self.angles[axis].map(|angle| 0.5 * f64::from(size[axis]) / (0.5 * angle).tan())
         };
-        let x = self.focal[0].or(by_angle(0));
+        let x = self.lens.fl_x.or(by_angle(0));
         let x = x.ok_or("has neither fl_x nor camera_angle_x nor x_fov, nor has the whole file")?;
         // Pixels are square unless the file says otherwise.
-        let y = match self.focal[0] {
-            Some(_) => self.focal[1],
-            None => self.focal[1].or(by_angle(1)),
+        let y = match self.lens.fl_x {
+            Some(_) => self.lens.fl_y,
+            None => self.lens.fl_y.or(by_angle(1)),
         };
         Ok([x, y.unwrap_or(x)])
     }
@@ -181,7 +141,3 @@ impl Lens {
 
 const SUPPORTED: &str = "known are pinholes with OpenCV's k1 to k6, p1 and p2 and its fisheye with k1 to k4: undistort \
                          the photos first";
-
-fn either<const N: usize>(own: [Option<f64>; N], shared: [Option<f64>; N]) -> [Option<f64>; N] {
-    std::array::from_fn(|i| own[i].or(shared[i]))
-}

@@ -22,8 +22,7 @@ use crate::gathering::{Gathering, Spotted, without_pose};
 use crate::mask::MaskFile;
 use crate::reader::{Posed, Reader, Survey, sift};
 use crate::{SceneError, pose, source_files};
-use formats::{Bounds, Camera};
-use lens::Lens;
+use formats::{Bounds, Camera, Lens};
 use page::{Frame, Page};
 
 pub(crate) use write::frame;
@@ -271,27 +270,26 @@ fn mask(
 /// The camera of a frame whose photo has this size, and whether the file says its near and far.
 fn camera(page: &Page, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool), String> {
     let (own, matrix) = frame.camera.clone()?;
-    let lens: Lens = own.or(&page.lens);
-    let side = |stated: Option<f64>, found, name| {
-        whole(stated, found).ok_or_else(|| format!("{name} is not a whole number of pixels"))
-    };
-    let width = side(lens.size[0], size.0, "w")?;
-    let height = side(lens.size[1], size.1, "h")?;
-    let [fl_x, fl_y] = lens.focal([width, height])?;
-    let [near, far] = lens.range;
+    let stated = own.or(&page.lens);
+    let Lens {
+        w, h, near, far, ..
+    } = stated.lens;
+    let width = side(w, size.0).ok_or("w is not a whole number of pixels")?;
+    let height = side(h, size.1).ok_or("h is not a whole number of pixels")?;
     if let (Some(near), Some(far)) = (near, far)
         && !(near > 0.0 && near < far && far.is_finite())
     {
         return Err(format!("near {near} and far {far} are not 0 < near < far"));
     }
+    let [fl_x, fl_y] = stated.focal([width, height])?;
     let camera = Camera {
         width,
         height,
         fl_x,
         fl_y,
-        cx: lens.center[0].unwrap_or(0.5 * f64::from(width)),
-        cy: lens.center[1].unwrap_or(0.5 * f64::from(height)),
-        distortion: lens.distortion()?,
+        cx: stated.lens.cx.unwrap_or(0.5 * f64::from(width)),
+        cy: stated.lens.cy.unwrap_or(0.5 * f64::from(height)),
+        distortion: stated.distortion()?,
         camera_to_world: pose::rigid(&matrix)
             .map_err(|fault| format!("transform_matrix {fault}"))?,
         near: near.unwrap_or(1.0),
@@ -301,12 +299,11 @@ fn camera(page: &Page, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool)
     Ok((camera, near.is_some() && far.is_some()))
 }
 
-/// A count of pixels that files also write as `540.0`.
-fn whole(stated: Option<f64>, found: u32) -> Option<u32> {
-    let Some(stated) = stated else {
-        return Some(found);
-    };
-    ((1.0..=65536.0).contains(&stated) && stated.fract() == 0.0).then_some(stated as u32)
+/// The stated count of pixels, or else that of the photo; `None` if no image is so large.
+fn side(stated: Option<u32>, found: u32) -> Option<u32> {
+    stated.map_or(Some(found), |stated| {
+        Some(stated).filter(|side| (1..=65536).contains(side))
+    })
 }
 
 /// The cameras of a file's frames, in its order, whether their photos are there or not. Where the

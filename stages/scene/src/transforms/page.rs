@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use formats::Bounds;
+use formats::json::kind;
 use serde_json::{Map, Value};
 
-use super::lens::Lens;
+use super::lens::ForeignLens;
 use crate::{SceneError, source_files};
 
 /// More frames than any capture has.
@@ -45,7 +46,7 @@ const QUIET: &[&str] = &[
 pub(crate) struct Page {
     pub(crate) frames: Vec<Frame>,
     /// What all frames share.
-    pub(crate) lens: Lens,
+    pub(crate) lens: ForeignLens,
     /// The scene box, where the file is one of ours.
     pub(crate) aabb: Option<Bounds>,
     /// The side of instant-ngp's cube, and how it brings coordinates there: p * scale + offset.
@@ -66,7 +67,7 @@ pub(crate) struct Frame {
     pub(crate) file_path: String,
     pub(crate) mask_path: Option<String>,
     /// What it says of its camera, or what is wrong with that.
-    pub(crate) camera: Result<(Lens, Vec<[f64; 4]>), String>,
+    pub(crate) camera: Result<(ForeignLens, Vec<[f64; 4]>), String>,
 }
 
 impl Page {
@@ -110,7 +111,7 @@ impl Page {
         let list = |name: &'static str| texts(fields, name).map_err(at(name));
         let number_at = |name: &'static str| number(fields, name).map_err(whole);
         Ok(Page {
-            lens: Lens::of(fields).map_err(whole)?,
+            lens: ForeignLens::of(fields).map_err(whole)?,
             aabb: array(fields, "aabb", vector).map_err(at("aabb"))?,
             aabb_scale: number_at("aabb_scale")?,
             scale: number_at("scale")?,
@@ -125,7 +126,7 @@ impl Page {
 
     /// Names of all fields that are read, and of those that are passed over without a word.
     pub(crate) fn known_fields() -> (Vec<&'static str>, Vec<&'static str>) {
-        let read = [READ, READ_OF_FRAMES, &Lens::FIELDS].concat();
+        let read = [READ, READ_OF_FRAMES, &ForeignLens::fields()].concat();
         (read, QUIET.to_vec())
     }
 
@@ -133,9 +134,9 @@ impl Page {
     pub(crate) fn has_field_of_view_alone(&self) -> bool {
         let has_focal = |frame: &Frame| {
             let camera = frame.camera.as_ref();
-            camera.is_ok_and(|(lens, _)| lens.focal[0].is_some())
+            camera.is_ok_and(|(lens, _)| lens.lens.fl_x.is_some())
         };
-        let focal = self.lens.focal[0].is_some() || self.frames.iter().any(has_focal);
+        let focal = self.lens.lens.fl_x.is_some() || self.frames.iter().any(has_focal);
         self.lens.angles[0].is_some() && !focal
     }
 }
@@ -154,7 +155,7 @@ impl Frame {
             Some(Value::String(path)) => Some(path.clone()),
             _ => None,
         };
-        let camera = Lens::of(fields).and_then(|lens| Ok((lens, matrix(fields)?)));
+        let camera = ForeignLens::of(fields).and_then(|lens| Ok((lens, matrix(fields)?)));
         Ok(Frame {
             file_path,
             mask_path,
@@ -234,8 +235,9 @@ fn without_frames(fields: &Map<String, Value>) -> String {
 }
 
 fn unused(fields: &Map<String, Value>) -> Vec<String> {
+    let lens = ForeignLens::fields();
     let is_unused = |name: &str, read: &[&str]| {
-        !read.contains(&name) && !QUIET.contains(&name) && !Lens::FIELDS.contains(&name)
+        !read.contains(&name) && !QUIET.contains(&name) && !lens.contains(&name)
     };
     let own = fields.keys().filter(|name| is_unused(name, READ)).cloned();
     let frames = fields.get("frames").and_then(Value::as_array);
@@ -323,19 +325,6 @@ fn texts(fields: &Map<String, Value>, name: &str) -> Result<Vec<String>, String>
             values.iter().map(text).collect()
         })
         .ok_or_else(|| "is not a list of paths".into())
-}
-
-/// What a value is, for people.
-pub(super) fn kind(value: &Value) -> String {
-    match value {
-        Value::Null => "null".into(),
-        Value::Bool(value) => value.to_string(),
-        Value::Number(value) => value.to_string(),
-        Value::String(text) if text.chars().count() <= 40 => format!("{text:?}"),
-        Value::String(_) => "a long text".into(),
-        Value::Array(_) => "a list".into(),
-        Value::Object(_) => "an object".into(),
-    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use formats::{Bounds, Camera, rows};
+use formats::{Bounds, Camera, Lens, lens, rows};
 use image::{GrayImage, Luma, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
@@ -59,32 +59,12 @@ fn photo_frame(split: &str, photo: &Photo) -> Value {
 
 /// A frame that tells all of a camera.
 pub(crate) fn frame(file_path: &str, camera: &Camera) -> Value {
-    let mut frame = json!({
-        "file_path": file_path,
-        "transform_matrix": rows::of(&camera.camera_to_world),
-        "w": camera.width, "h": camera.height,
-        "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
-        "near": camera.near, "far": camera.far,
-    });
-    let bent = camera.distortion;
-    for (name, value) in [
-        ("k1", bent.k1),
-        ("k2", bent.k2),
-        ("k3", bent.k3),
-        ("p1", bent.p1),
-        ("p2", bent.p2),
-        ("k4", bent.k4),
-        ("k5", bent.k5),
-        ("k6", bent.k6),
-    ] {
-        if value != 0.0 {
-            frame[name] = json!(value);
-        }
-    }
-    if bent.fisheye {
-        frame["is_fisheye"] = json!(true);
-    } else if [bent.k4, bent.k5, bent.k6] != [0.0; 3] {
-        frame["camera_model"] = json!("FULL_OPENCV");
+    let mut frame = json!(Lens::of(camera));
+    frame["file_path"] = json!(file_path);
+    frame["transform_matrix"] = json!(rows::of(&camera.camera_to_world));
+    let model = lens::model([camera.distortion].iter());
+    if model == "FULL_OPENCV" {
+        frame["camera_model"] = json!(model);
     }
     frame
 }
