@@ -9,10 +9,6 @@ use serde_json::Value;
 
 use crate::error::SchemaError;
 
-/// No deflate stream (PNG, zip in EXR) unpacks to more than this many times its length: what bounds
-/// a reader's allocations.
-pub const LARGEST_COMPRESSION_RATIO: u64 = 1032;
-
 /// What has no form in JSON.
 fn no_json(error: serde_json::Error) -> SchemaError {
     SchemaError::content("JSON", error)

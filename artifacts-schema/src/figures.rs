@@ -6,10 +6,11 @@ use std::ffi::OsStr;
 use std::io::Cursor;
 use std::path::Path;
 
+use formats::LARGEST_COMPRESSION_RATIO;
 use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits};
 
 use crate::artifact::{Artifact, ArtifactKind};
-use crate::canonical::{self, LARGEST_COMPRESSION_RATIO};
+use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::{self, Provenance};

@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
-use formats::{Bounds, Camera};
+use formats::openexr::{self, Channels, ExrError};
+use formats::{Bounds, Camera, Linear, Pixels};
 use rayon::prelude::*;
 
 use crate::artifact::{Artifact, ArtifactKind};
+use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
 use crate::transforms::{self, Transforms};
-use crate::{canonical, openexr};
 
 /// One posed image. Any f32 may be a pixel, also infinities and NaN.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,10 +20,8 @@ pub struct View {
     pub name: String,
     /// The camera that saw it.
     pub camera: Camera,
-    /// Height x width x 3, scene-linear Rec.709, premultiplied by alpha if there is alpha.
-    pub rgb: Vec<f32>,
-    /// Height x width, coverage in 0..1.
-    pub alpha: Option<Vec<f32>>,
+    /// What it saw.
+    pub pixels: Pixels<Linear>,
     /// Height x width, depth along the viewing axis in scene units.
     pub depth: Option<Vec<f32>>,
     /// Height x width, which pixels count where some do not: what is masked is neither trained on
@@ -42,14 +41,61 @@ pub struct ImageSet {
     pub to_source: Option<[[f64; 4]; 4]>,
 }
 
+/// The file of the view of this name.
+fn file_of(name: &str) -> String {
+    format!("{name}.exr")
+}
+
+/// The JSON of the attribute `srnerf`. OpenEXR has no attribute for lens distortion: it stands in
+/// there as well.
+fn about(camera: &Camera, provenance: &Provenance) -> Result<String, SchemaError> {
+    let mut about = canonical::value(provenance)?;
+    if !camera.distortion.is_none() {
+        about["distortion"] = canonical::value(&camera.distortion)?;
+    }
+    canonical::line(&about)
+}
+
 impl View {
+    fn to_exr(&self, provenance: &Provenance) -> Result<Vec<u8>, SchemaError> {
+        let refuse = |error: ExrError| match error.place {
+            "OpenEXR" => SchemaError::content(format!("view {:?}", self.name), error.problem),
+            place => SchemaError::content(place, error.problem),
+        };
+        openexr::to_bytes(
+            &self.camera,
+            &self.pixels,
+            self.depth.as_deref(),
+            self.mask.as_deref(),
+            &about(&self.camera, provenance)?,
+        )
+        .map_err(refuse)
+    }
+
+    fn from_exr(path: &Path, name: &str, camera: Camera) -> Result<Self, SchemaError> {
+        let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
+        let Channels {
+            pixels,
+            depth,
+            mask,
+        } = openexr::read(&bytes, &camera)
+            .map_err(|error| SchemaError::malformed(path, error.place, error.problem))?;
+        Ok(Self {
+            name: name.to_owned(),
+            camera,
+            pixels,
+            depth,
+            mask,
+        })
+    }
+
     fn check(&self) -> Result<(), SchemaError> {
         let place = format!("view {:?}", self.name);
         canonical::check_camera(&self.camera, &place)?;
         let pixels = self.camera.width as usize * self.camera.height as usize;
         let planes = [
-            ("rgb", 3 * pixels, Some(&self.rgb)),
-            ("alpha", pixels, self.alpha.as_ref()),
+            ("rgb", 3 * pixels, Some(&self.pixels.rgb)),
+            ("alpha", pixels, self.pixels.alpha.as_ref()),
             ("depth", pixels, self.depth.as_ref()),
         ];
         for (plane, expected, values) in planes {
@@ -96,15 +142,15 @@ impl Artifact for ImageSet {
         })?;
         canonical::write(folder, transforms::FILE, page.as_bytes())?;
         views.par_iter().try_for_each(|view| {
-            openexr::write(&folder.join(format!("{}.exr", view.name)), view, provenance)
+            canonical::write(folder, &file_of(&view.name), &view.to_exr(provenance)?)
         })
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let (transforms, cameras) = Transforms::read(folder)?;
-        let views = cameras.par_iter().map(|(name, camera)| {
-            openexr::read(&folder.join(format!("{name}.exr")), name, *camera)
-        });
+        let views = cameras
+            .par_iter()
+            .map(|(name, camera)| View::from_exr(&folder.join(file_of(name)), name, *camera));
         // Of several broken views the first is named, however many threads there are.
         let views: Vec<Result<_, _>> = views.collect();
         Ok(Self {
@@ -121,8 +167,8 @@ impl Artifact for ImageSet {
         for view in self.sorted() {
             hasher.text(&view.name);
             hasher.camera(&view.camera);
-            hasher.values(&view.rgb);
-            hasher.optional_values(view.alpha.as_deref());
+            hasher.values(&view.pixels.rgb);
+            hasher.optional_values(view.pixels.alpha.as_deref());
             hasher.optional_values(view.depth.as_deref());
             hasher.mask(view.mask.as_deref());
         }

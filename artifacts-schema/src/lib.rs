@@ -15,7 +15,6 @@ pub mod latents;
 pub mod log;
 pub mod lora;
 pub mod metrics;
-mod openexr;
 pub mod provenance;
 pub mod schemas;
 mod tensors;

@@ -113,12 +113,11 @@ impl Blend {
             (images, _, _) => images.map(|alpha| alpha.to_vec()),
         };
         let (detail, low) = self.colours(views, device);
-        let rgb = convert::disk_pixels(&self.sum(&detail, shares, &low), alpha.as_deref());
+        let sum = self.sum(&detail, shares, &low);
         View {
             name: views.images.name.clone(),
             camera: views.images.camera,
-            rgb,
-            alpha,
+            pixels: convert::disk_pixels(&sum, alpha),
             depth: None,
             mask: None,
         }

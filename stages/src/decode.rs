@@ -106,12 +106,11 @@ impl Decode {
             let low = convert::signed_array(low, io.device);
             image = back_project(image, &low, self.back_projection, [-1.0, 1.0]);
         }
-        let alpha = parts.image.and_then(|image| image.alpha.clone());
+        let alpha = parts.image.and_then(|image| image.pixels.alpha.clone());
         View {
             name: parts.latent.name.clone(),
             camera: parts.latent.camera,
-            rgb: convert::disk_pixels_of_signed(&image, alpha.as_deref()),
-            alpha,
+            pixels: convert::disk_pixels_of_signed(&image, alpha),
             depth: None,
             mask: None,
         }

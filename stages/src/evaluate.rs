@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 
 use artifacts_schema::{ArtifactKind, Figures, ImageSet, View};
 use compute::resize::{Filter, resize};
+use formats::pixels::planes;
 use nerf::{Field, Rendered};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -74,7 +75,7 @@ const BICUBIC: &str = "bicubic";
 
 impl Evaluate {
     fn render(&self, field: &Field, view: &View) -> Rendered {
-        let background = if view.alpha.is_some() {
+        let background = if view.pixels.alpha.is_some() {
             [BEHIND; 3]
         } else {
             [0.0; 3]
@@ -107,12 +108,8 @@ impl Evaluate {
     /// The field at low resolution, enlarged to the size of `truth` on sRGB values.
     fn bicubic(&self, field: &Field, low: &View, truth: &View, io: &Io) -> Picked {
         let small = self.render(field, low);
-        let planes = (0..3)
-            .flat_map(|c| small.rgb.iter().skip(c).step_by(3).copied())
-            .collect();
-        let array = io
-            .device
-            .array(&[1, 3, small.height as usize, small.width as usize], planes);
+        let shape = [1, 3, small.height as usize, small.width as usize];
+        let array = io.device.array(&shape, planes(&small.rgb, 3));
         let height = truth.camera.height as usize;
         let width = truth.camera.width as usize;
         let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));

@@ -116,10 +116,9 @@ fn mapped(view: &View, values: &[f32], [low, high]: [f32; 2], what: &str) -> Pic
 /// keep their meaning.
 fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
     let of_view = |view: &View| -> Vec<f32> {
-        let alpha = |i: usize| view.alpha.as_ref().map_or(1.0, |alpha| alpha[i]);
         let depth = view.depth.iter().flatten().enumerate();
         depth
-            .filter(|(i, depth)| alpha(*i) >= OPAQUE && depth.is_finite())
+            .filter(|(i, depth)| view.pixels.coverage(*i) >= OPAQUE && depth.is_finite())
             .map(|(_, depth)| *depth)
             .collect()
     };
@@ -206,7 +205,10 @@ impl Stage for Film {
             ),
             (
                 "opacity",
-                Box::new(|view| Some(mapped(view, view.alpha.as_ref()?, [0.0, 1.0], "opacity"))),
+                Box::new(|view| {
+                    let alpha = view.pixels.alpha.as_ref()?;
+                    Some(mapped(view, alpha, [0.0, 1.0], "opacity"))
+                }),
             ),
         ];
         let mut clips = BTreeMap::new();

@@ -7,6 +7,7 @@ use artifacts_schema::{ArtifactKind, ImageSet, View};
 use compute::elementwise::clamp;
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
+use formats::Pixels;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use upsampler::Upsampler;
@@ -79,25 +80,25 @@ impl Interpolate {
         let size = [camera.height as usize, camera.width as usize];
         let alpha = convert::alpha_array(view, device)
             .map(|alpha| self.alpha(&alpha, size, network).to_vec());
-        let rgb = match self.values {
+        let pixels = match self.values {
             Values::Srgb => {
                 let low = convert::srgb_array(view, device);
                 let large = self.resized(&low, size, network);
                 let large = back_project(large, &low, self.back_projection, [0.0, 1.0]);
-                convert::disk_pixels(&large, alpha.as_deref())
+                convert::disk_pixels(&large, alpha)
             }
             Values::Linear => {
                 let low = convert::linear_array(view, device);
                 let large = self.resized(&low, size, network);
                 let any = [f32::MIN, f32::MAX];
-                convert::pixels(&back_project(large, &low, self.back_projection, any))
+                let large = back_project(large, &low, self.back_projection, any);
+                Pixels::new(convert::pixels(&large), alpha)
             }
         };
         View {
             name: view.name.clone(),
             camera,
-            rgb,
-            alpha,
+            pixels,
             depth: None,
             mask: None,
         }

@@ -207,7 +207,8 @@ impl Stage for Render {
         };
         // Renders of an opaque scene's own views are opaque; a path may lead the camera past what
         // the scene has.
-        let alpha = self.path.is_some() || cameras.views.iter().any(|view| view.alpha.is_some());
+        let alpha =
+            self.path.is_some() || cameras.views.iter().any(|view| view.pixels.alpha.is_some());
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         let renderer = nerf::Renderer::new(io.device, &field);
         let mut views = Vec::new();

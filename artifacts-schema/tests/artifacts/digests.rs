@@ -112,9 +112,9 @@ fn everything_in_images_counts() {
     all_count(
         samples::images,
         &[
-            |images| images.views[0].rgb[59] += 1e-6,
-            |images| images.views[0].alpha = None,
-            |images| images.views[0].alpha = images.views[0].depth.take(),
+            |images| images.views[0].pixels.rgb[59] += 1e-6,
+            |images| images.views[0].pixels.alpha = None,
+            |images| images.views[0].pixels.alpha = images.views[0].depth.take(),
             |images| images.views[0].depth.as_mut().unwrap()[19] = 0.0,
             |images| images.views[1].name = "view_002".to_owned(),
             |images| images.views[1].camera.cx += 1e-15,

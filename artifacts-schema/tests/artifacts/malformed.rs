@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use artifacts_schema::{Artifact, ArtifactKind, View, semantic_digest};
-use formats::Camera;
+use formats::{Camera, Pixels};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use tempfile::{TempDir, tempdir};
@@ -215,8 +215,7 @@ static FILES: LazyLock<BTreeMap<String, Vec<u8>>> = LazyLock::new(|| {
     images.views.push(View {
         name: "view_002".to_owned(),
         camera,
-        rgb: samples::numbers(360),
-        alpha: None,
+        pixels: Pixels::opaque(samples::numbers(360)),
         depth: None,
         mask: None,
     });

@@ -66,9 +66,10 @@ fn tensors_come_back_bit_by_bit_with_nan_and_negative_zero() {
 #[test]
 fn pixels_come_back_bit_by_bit_with_nan_and_negative_zero() {
     let mut images = samples::images();
-    images.views[0].rgb[..4].copy_from_slice(&[f32::NAN, -0.0, f32::NEG_INFINITY, 1e-42]);
+    images.views[0].pixels.rgb[..4].copy_from_slice(&[f32::NAN, -0.0, f32::NEG_INFINITY, 1e-42]);
     let bits = |view: &View| {
-        view.rgb
+        view.pixels
+            .rgb
             .iter()
             .map(|value| value.to_bits())
             .collect::<Vec<_>>()

@@ -8,7 +8,7 @@ use artifacts_schema::{
     Artifact, Field, Figures, Film, ImageSet, LatentView, Latents, Log, Lora, Metrics, Picture,
     Provenance, Residuals, Row, SchemaError, View,
 };
-use formats::{Camera, Distortion, Tensor, rows};
+use formats::{Camera, Distortion, Pixels, Tensor, rows};
 use serde_json::json;
 
 /// Numbers that no short text holds, the same on every machine.
@@ -60,14 +60,13 @@ pub fn images() -> ImageSet {
     let full = View {
         name: "view_000".to_owned(),
         camera: camera(),
-        rgb: numbers(60),
-        alpha: Some(numbers(20)),
+        pixels: Pixels::new(numbers(60), Some(numbers(20))),
         depth: Some([numbers(19), vec![f32::INFINITY]].concat()),
         mask: None,
     };
     let plain = View {
         name: "view_001".to_owned(),
-        alpha: None,
+        pixels: Pixels::opaque(numbers(60)),
         depth: None,
         ..full.clone()
     };

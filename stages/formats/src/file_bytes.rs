@@ -8,6 +8,10 @@ use std::sync::Arc;
 
 use memmap2::Mmap;
 
+/// No deflate stream (PNG, zip in EXR) unpacks to more than this many times its length: what bounds
+/// a reader's allocations.
+pub const LARGEST_COMPRESSION_RATIO: u64 = 1032;
+
 /// Bytes that several may hold.
 pub type SharedBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
 

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use std::time::Instant;
 
 use compute::Device;
-use formats::Camera;
+use formats::{Camera, Pixels};
 use glam::DVec3;
 use nerf::{Field, FieldConfig, GpuTrainer, TrainOptions, TrainView, Trainer, Work};
 
@@ -32,8 +32,7 @@ fn view(angle: f64) -> TrainView {
         .collect();
     TrainView {
         camera,
-        rgb,
-        alpha: None,
+        pixels: Pixels::opaque(rgb),
         mask: None,
         weight: 1.0,
         supersample: 2,

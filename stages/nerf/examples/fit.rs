@@ -4,6 +4,7 @@
 
 use compute::Device;
 use compute::resize::{Filter, resize};
+use formats::pixels::{interleaved, planes};
 use nerf::{Field, FieldConfig, RenderOptions, TrainOptions, TrainView, Trainer, render};
 use scene::{Llff, Photo, Reader, Reduction, SceneData, downscale, split_holdout, still_life};
 use std::error::Error;
@@ -91,8 +92,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let low = train.iter().map(small).collect::<Result<Vec<_>, _>>()?;
     let view = |photo: &Photo| TrainView {
         camera: photo.camera,
-        rgb: photo.rgb.clone(),
-        alpha: photo.alpha.clone(),
+        pixels: photo.pixels.clone(),
         mask: None,
         weight: 1.0,
         supersample: settings.supersample,
@@ -140,7 +140,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     );
     let enlarged = |(photo, low): (&Photo, &Photo)| {
         let image = render(&field, &low.camera, &averaged);
-        psnr(&bicubic(&image.rgb, low, photo), &photo.rgb)
+        psnr(&bicubic(&image.rgb, low, photo), &photo.pixels.rgb)
     };
     let pairs = test.iter().zip(&test_low);
     println!(
@@ -148,7 +148,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
         pairs.clone().map(enlarged).sum::<f64>() / test.len() as f64
     );
     let photos = pairs
-        .map(|(photo, low)| psnr(&bicubic(&low.rgb, low, photo), &photo.rgb))
+        .map(|(photo, low)| psnr(&bicubic(&low.pixels.rgb, low, photo), &photo.pixels.rgb))
         .sum::<f64>();
     println!(
         "held out, enlarged low-resolution photo: {:.2} dB",
@@ -162,7 +162,10 @@ fn mean(photos: &[Photo], quality: impl Fn(&Photo) -> f64) -> f64 {
 }
 
 fn quality(field: &Field, photo: &Photo, options: &RenderOptions) -> f64 {
-    psnr(&render(field, &photo.camera, options).rgb, &photo.rgb)
+    psnr(
+        &render(field, &photo.camera, options).rgb,
+        &photo.pixels.rgb,
+    )
 }
 
 fn psnr(a: &[f32], b: &[f32]) -> f64 {
@@ -178,11 +181,8 @@ fn psnr(a: &[f32], b: &[f32]) -> f64 {
 fn bicubic(rgb: &[f32], from: &Photo, to: &Photo) -> Vec<f32> {
     let [w, h] = [from.camera.width as usize, from.camera.height as usize];
     let [width, height] = [to.camera.width as usize, to.camera.height as usize];
-    let planes = (0..3)
-        .flat_map(|c| rgb.iter().skip(c).step_by(3).copied())
-        .collect();
-    let image = Device::cpu().array(&[1, 3, h, w], planes);
-    let planes = resize(&image, height, width, Filter::BicubicPil, false).to_vec();
-    let pixel = |i: usize| [0, 1, 2].map(|c| planes[c * width * height + i].clamp(0.0, 1.0));
-    (0..width * height).flat_map(pixel).collect()
+    let image = Device::cpu().array(&[1, 3, h, w], planes(rgb, 3));
+    let large = resize(&image, height, width, Filter::BicubicPil, false).to_vec();
+    let numbers = interleaved(&large, 3).into_iter();
+    numbers.map(|value| value.clamp(0.0, 1.0)).collect()
 }

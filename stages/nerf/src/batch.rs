@@ -2,17 +2,15 @@
 //! nothing of the field.
 
 use compute::rng::Rng;
-use formats::Camera;
+use formats::{Camera, Pixels, Srgb};
 
 /// A photo to train on. Each of its pixels is the mean of the radiance over the pixel's area.
 #[derive(Clone, Debug)]
 pub struct TrainView {
     /// Where it was taken.
     pub camera: Camera,
-    /// Colours, sRGB-encoded, not multiplied by alpha: `height * width * 3` values from 0 to 1.
-    pub rgb: Vec<f32>,
-    /// Coverage from 0 to 1, `height * width` values; `None` for an opaque photo.
-    pub alpha: Option<Vec<f32>>,
+    /// What was seen, 0 to 1; the field is to be as transparent.
+    pub pixels: Pixels<Srgb>,
     /// Which pixels are looked at, `height * width` values; `None` for all.
     pub mask: Option<Vec<bool>>,
     /// Factor on the squared error of every pixel of this view.
@@ -131,20 +129,22 @@ impl TrainView {
     /// What a pixel should be in front of a background.
     pub fn target(&self, pixel: &Pixel) -> [f32; 3] {
         let i = pixel.y as usize * self.camera.width as usize + pixel.x as usize;
-        let alpha = self.alpha.as_ref().map_or(1.0, |alpha| alpha[i]);
-        std::array::from_fn(|c| alpha * self.rgb[3 * i + c] + (1.0 - alpha) * pixel.background[c])
+        let alpha = self.pixels.coverage(i);
+        let color = |c: usize| self.pixels.rgb[3 * i + c];
+        std::array::from_fn(|c| alpha * color(c) + (1.0 - alpha) * pixel.background[c])
     }
 
     /// Panics if the sizes do not fit together: views are checked where they are read.
     pub(crate) fn check(&self) {
         let pixels = self.camera.width as usize * self.camera.height as usize;
         assert_eq!(
-            self.rgb.len(),
+            self.pixels.rgb.len(),
             3 * pixels,
             "a training view's colours do not fit its camera"
         );
         assert!(
-            self.alpha
+            self.pixels
+                .alpha
                 .as_ref()
                 .is_none_or(|alpha| alpha.len() == pixels),
             "a training view's alpha does not fit"
@@ -174,8 +174,7 @@ mod tests {
         );
         TrainView {
             camera,
-            rgb: vec![0.25; (3 * width * height) as usize],
-            alpha: None,
+            pixels: Pixels::opaque(vec![0.25; (3 * width * height) as usize]),
             mask: None,
             weight: 1.0,
             supersample: 2,
@@ -254,7 +253,7 @@ mod tests {
             background: [1.0, 0.5, 0.0],
         };
         assert_eq!(photo.target(&pixel), [0.25; 3]);
-        photo.alpha = Some(vec![0.0; 32]);
+        photo.pixels.alpha = Some(vec![0.0; 32]);
         assert_eq!(photo.target(&pixel), [1.0, 0.5, 0.0]);
     }
 }

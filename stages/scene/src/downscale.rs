@@ -7,7 +7,8 @@
 
 use compute::Device;
 use compute::resize::{Filter, resize};
-use formats::Camera;
+use formats::pixels::{interleaved, planes};
+use formats::{Camera, Pixels, Srgb};
 
 use crate::{Photo, SceneError, mask};
 
@@ -45,18 +46,10 @@ pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo,
             remedy: "choose a factor from 1 up to the shorter side",
         });
     }
-    let (rgb, alpha) = shrink_covered(
-        &photo.rgb,
-        photo.alpha.as_deref(),
-        (width, height),
-        size,
-        filter,
-    );
     Ok(Photo {
         name: photo.name.clone(),
         camera: photo.camera.scaled(size.0, size.1),
-        rgb,
-        alpha,
+        pixels: shrink_covered(&photo.pixels, (width, height), size, filter),
         mask: photo
             .mask
             .as_ref()
@@ -68,17 +61,14 @@ pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo,
 /// a transparent pixel would be does not bleed over the edge: before any background the result is
 /// the reduced image.
 pub(crate) fn shrink_covered(
-    rgb: &[f32],
-    alpha: Option<&[f32]>,
+    pixels: &Pixels<Srgb>,
     size: (u32, u32),
     new_size: (u32, u32),
     filter: Reduction,
-) -> (Vec<f32>, Option<Vec<f32>>) {
-    let Some(alpha) = alpha.filter(|_| size != new_size) else {
-        return (
-            shrink(rgb, 3, size, new_size, filter),
-            alpha.map(<[f32]>::to_vec),
-        );
+) -> Pixels<Srgb> {
+    let Pixels { rgb, alpha, .. } = pixels;
+    let Some(alpha) = alpha.as_ref().filter(|_| size != new_size) else {
+        return Pixels::new(shrink(rgb, 3, size, new_size, filter), alpha.clone());
     };
     let covered: Vec<f32> = rgb
         .iter()
@@ -94,10 +84,8 @@ pub(crate) fn shrink_covered(
             0.0
         }
     };
-    (
-        covered.into_iter().enumerate().map(straight).collect(),
-        Some(alpha),
-    )
+    let rgb = covered.into_iter().enumerate().map(straight).collect();
+    Pixels::new(rgb, Some(alpha))
 }
 
 /// Resizes interleaved values `[height, width, channels]` to another size with antialiasing,
@@ -116,7 +104,7 @@ pub(crate) fn shrink(
         Reduction::Bicubic => Filter::BicubicPil,
         Reduction::Area => Filter::Area,
     };
-    let planes = to_planes(values, channels);
+    let planes = planes(values, channels);
     let image = Device::cpu().array(&[1, channels, height as usize, width as usize], planes);
     let resized = resize(
         &image,
@@ -126,17 +114,9 @@ pub(crate) fn shrink(
         true,
     )
     .to_vec();
-    to_planes(&resized, resized.len() / channels)
+    interleaved(&resized, channels)
         .into_iter()
         .map(|value| value.clamp(0.0, 1.0))
-        .collect()
-}
-
-/// Transposes rows of `row` values each: interleaved pixels to planes, and planes of `row` pixels
-/// to interleaved.
-fn to_planes(values: &[f32], row: usize) -> Vec<f32> {
-    (0..row)
-        .flat_map(|column| values.iter().skip(column).step_by(row).copied())
         .collect()
 }
 
@@ -166,8 +146,7 @@ mod tests {
         Photo {
             name: "p".into(),
             camera,
-            rgb,
-            alpha: None,
+            pixels: Pixels::opaque(rgb),
             mask: None,
         }
     }
@@ -182,7 +161,7 @@ mod tests {
         let small = small.unwrap();
         assert_eq!((small.camera.width, small.camera.height), (2, 1));
         let mean = |x: f32, c: f32| (x + 2.5 + 8.0 * c) / 32.0;
-        for (got, want) in small.rgb.iter().zip(
+        for (got, want) in small.pixels.rgb.iter().zip(
             [0.0, 2.0]
                 .into_iter()
                 .flat_map(|x| [0.0, 1.0, 2.0].map(|c| mean(x, c))),
@@ -196,7 +175,7 @@ mod tests {
         let large = photo(252, 189, |_, _, _| 0.5);
         let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
         assert_eq!((small.camera.width, small.camera.height), (63, 47));
-        assert_eq!(small.rgb.len(), 63 * 47 * 3);
+        assert_eq!(small.pixels.rgb.len(), 63 * 47 * 3);
         for (a, b) in large
             .camera
             .frustum_corners()
@@ -209,7 +188,7 @@ mod tests {
             );
         }
         assert!(
-            small.rgb.iter().all(|v| (v - 0.5).abs() < 1e-6),
+            small.pixels.rgb.iter().all(|v| (v - 0.5).abs() < 1e-6),
             "a grey photo stays grey"
         );
     }
@@ -222,7 +201,7 @@ mod tests {
         let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
         for y in 2..45usize {
             let want = (y as f32 + 0.5) / 47.0;
-            assert!((small.rgb[y * 4 * 3] - want).abs() < 1e-4, "row {y}");
+            assert!((small.pixels.rgb[y * 4 * 3] - want).abs() < 1e-4, "row {y}");
         }
     }
 
@@ -230,7 +209,7 @@ mod tests {
     fn bicubic_overshoot_is_clamped() {
         let edge = photo(64, 4, |x, _, _| if x < 31 { 0.0 } else { 1.0 });
         let small = downscale(&edge, 4, Reduction::Bicubic).unwrap();
-        assert!(small.rgb.iter().all(|v| (0.0..=1.0).contains(v)));
+        assert!(small.pixels.rgb.iter().all(|v| (0.0..=1.0).contains(v)));
     }
 
     #[test]

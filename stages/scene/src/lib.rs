@@ -14,7 +14,6 @@ mod gathering;
 mod llff;
 mod mask;
 mod normalize;
-mod npy;
 mod path;
 mod photo;
 mod photo_file;

@@ -8,6 +8,7 @@
 
 use std::path::{Path, PathBuf};
 
+use formats::npy::{NpyError, Table, read_table};
 use formats::{Camera, Distortion};
 use glam::{DMat4, DVec3};
 
@@ -17,7 +18,6 @@ use crate::folders;
 use crate::gathering::{Gathering, SAME_SHAPE, Spotted};
 use crate::mask::MaskFile;
 use crate::normalize::normalize;
-use crate::npy::{Table, read_table};
 use crate::photo_file;
 use crate::reader::{Posed, Reader, Survey, sift};
 use crate::{SceneError, pose, source_files};
@@ -191,7 +191,14 @@ fn one_size(files: &[PathBuf]) -> Result<(u32, u32), SceneError> {
 }
 
 fn read_poses(path: &Path) -> Result<Table, SceneError> {
-    let table = read_table(path, EXPECTED)?;
+    let table = read_table(path).map_err(|error| match error {
+        NpyError::Io(source) => SceneError::io(path, source),
+        NpyError::Content(fault) => SceneError::Npy {
+            path: path.into(),
+            fault,
+            expected: EXPECTED,
+        },
+    })?;
     if table.columns != COLUMNS || table.rows == 0 {
         let fault = format!("the array is {} x {}", table.rows, table.columns);
         return Err(SceneError::Npy {

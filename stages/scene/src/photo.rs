@@ -1,6 +1,6 @@
 //! Posed photos, and the scenes made of them. Knows nothing of where they come from.
 
-use formats::{Bounds, Camera};
+use formats::{Bounds, Camera, Pixels, Srgb};
 use glam::DMat4;
 
 /// One image with the camera that took it.
@@ -10,11 +10,8 @@ pub struct Photo {
     pub name: String,
     /// The camera, at this image's size.
     pub camera: Camera,
-    /// `height * width * 3` values, row-major from the top left, sRGB-encoded in 0..=1.
-    pub rgb: Vec<f32>,
-    /// Coverage, `height * width` values in 0..=1, where the file has it. `rgb` is not
-    /// premultiplied by it.
-    pub alpha: Option<Vec<f32>>,
+    /// What is on it, 0 to 1; with alpha where the file has it.
+    pub pixels: Pixels<Srgb>,
     /// Which pixels count, `height * width` values, where some do not: a mask, or a fisheye's rim.
     pub mask: Option<Vec<bool>>,
 }
@@ -72,8 +69,7 @@ mod tests {
         let photo = |i| Photo {
             name: format!("{i}"),
             camera,
-            rgb: vec![0.0; 3],
-            alpha: None,
+            pixels: Pixels::opaque(vec![0.0; 3]),
             mask: None,
         };
         (0..count).map(photo).collect()

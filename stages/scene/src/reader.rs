@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::downscale::shrink_covered;
 use crate::mask::{self, MaskFile};
-use crate::photo_file::{self, Pixels};
+use crate::photo_file::{self, Decoded};
 use crate::plausible::{self, Stray};
 use crate::{Photo, Reduction, SceneData, SceneError, source_files};
 
@@ -184,15 +184,13 @@ fn masked(train: &[Photo], test: &[Photo]) -> Option<String> {
 
 /// A photo, and whether its values were cut off.
 fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), SceneError> {
-    let Pixels {
+    let Decoded {
         size: found,
-        rgb,
-        alpha,
+        pixels,
         clipped,
     } = photo_file::read(&posed.file, posed.turn)?;
     let size = size.unwrap_or(found);
     let camera = posed.camera.scaled(size.0, size.1);
-    let (rgb, alpha) = shrink_covered(&rgb, alpha.as_deref(), found, size, Reduction::Bicubic);
     let own = posed
         .mask
         .as_ref()
@@ -205,8 +203,7 @@ fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), 
     let photo = Photo {
         name: posed.name.clone(),
         camera,
-        rgb,
-        alpha,
+        pixels: shrink_covered(&pixels, found, size, Reduction::Bicubic),
         mask,
     };
     Ok((photo, clipped))

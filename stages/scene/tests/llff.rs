@@ -101,7 +101,7 @@ fn cameras_that_were_written_come_back_up_to_one_similarity() {
     );
     assert_eq!(
         read.iter()
-            .map(|p| (p.rgb[0] * 255.0).round())
+            .map(|p| (p.pixels.rgb[0] * 255.0).round())
             .collect::<Vec<_>>(),
         [100.0, 101.0, 102.0]
     );
@@ -160,7 +160,11 @@ fn a_size_that_is_asked_for_scales_photos_and_intrinsics_per_axis() {
     };
     let photo = &scene.photos[1];
     assert_eq!(
-        (photo.camera.width, photo.camera.height, photo.rgb.len()),
+        (
+            photo.camera.width,
+            photo.camera.height,
+            photo.pixels.rgb.len()
+        ),
         (12, 6, 12 * 6 * 3)
     );
     assert_eq!(

@@ -19,7 +19,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 
 /// Share of the image that shows something.
 fn covered(photo: &Photo) -> f32 {
-    let alpha = photo.alpha.as_ref().unwrap();
+    let alpha = photo.pixels.alpha.as_ref().unwrap();
     alpha.iter().sum::<f32>() / alpha.len() as f32
 }
 
@@ -34,7 +34,7 @@ fn every_photo_shows_it_whole_on_nothing() {
             photo.name,
             covered(photo)
         );
-        let alpha = photo.alpha.as_ref().unwrap();
+        let alpha = photo.pixels.alpha.as_ref().unwrap();
         let rim = (0..48).flat_map(|i| [i, 47 * 48 + i, 48 * i, 48 * i + 47]);
         assert!(
             rim.into_iter().all(|i| alpha[i] == 0.0),
@@ -86,21 +86,19 @@ fn reducing_and_putting_before_a_background_may_change_places() {
     let photo = &scene.photos[0];
     for white in [0.0, 1.0] {
         let before = |photo: &Photo| {
-            let alpha = photo.alpha.as_ref().unwrap();
-            let rgb = photo
-                .rgb
-                .iter()
-                .enumerate()
-                .map(|(i, x)| x * alpha[i / 3] + white * (1.0 - alpha[i / 3]))
-                .collect();
+            assert!(photo.pixels.alpha.is_some());
             Photo {
-                rgb,
-                alpha: None,
+                pixels: photo.pixels.clone().before(white),
                 ..photo.clone()
             }
         };
-        let one = before(&downscale(photo, 4, Reduction::Area).unwrap()).rgb;
-        let other = downscale(&before(photo), 4, Reduction::Area).unwrap().rgb;
+        let one = before(&downscale(photo, 4, Reduction::Area).unwrap())
+            .pixels
+            .rgb;
+        let other = downscale(&before(photo), 4, Reduction::Area)
+            .unwrap()
+            .pixels
+            .rgb;
         let most = one
             .iter()
             .zip(&other)
@@ -134,8 +132,11 @@ fn written_as_nerf_synthetic_it_reads_back_to_the_nearest_eighth_bit() {
         let near =
             |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 0.501 / 255.0);
         assert!(
-            near(&was.rgb, &is.rgb)
-                && near(was.alpha.as_ref().unwrap(), is.alpha.as_ref().unwrap())
+            near(&was.pixels.rgb, &is.pixels.rgb)
+                && near(
+                    was.pixels.alpha.as_ref().unwrap(),
+                    is.pixels.alpha.as_ref().unwrap()
+                )
         );
     }
 }

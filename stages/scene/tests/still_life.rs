@@ -29,7 +29,7 @@ fn the_seed_moves_things_and_cameras_a_little() {
     let there = &b.photos[0].camera;
     let moved = here.position().distance(there.position());
     assert!(moved > 1e-4 && moved < 0.2, "{moved}");
-    assert_ne!(a.photos[0].rgb, b.photos[0].rgb);
+    assert_ne!(a.photos[0].pixels.rgb, b.photos[0].pixels.rgb);
 }
 
 #[test]
@@ -56,8 +56,14 @@ fn photos_are_named_in_order_and_share_near_and_far() {
             (photo.camera.near, photo.camera.far),
             (first.near, first.far)
         );
-        assert_eq!(photo.rgb.len(), 24 * 18 * 3);
-        assert!(photo.rgb.iter().all(|value| (0.0..=1.0).contains(value)));
+        assert_eq!(photo.pixels.rgb.len(), 24 * 18 * 3);
+        assert!(
+            photo
+                .pixels
+                .rgb
+                .iter()
+                .all(|value| (0.0..=1.0).contains(value))
+        );
         assert!(
             photo.camera.position().z > scene.bounds[1][2],
             "the cameras stand before the box"
@@ -79,6 +85,7 @@ fn fewer_pixels_with_more_samples_agree_with_more_pixels() {
     let coarse = still_life(1, (64, 48), 8, 0);
     let linear = |photo: &Photo| {
         photo
+            .pixels
             .rgb
             .iter()
             .map(|value| srgb_to_linear(*value))
@@ -110,7 +117,7 @@ fn psnr(a: &[f32], b: &[f32]) -> f32 {
 fn enlarged(photo: &Photo, width: usize, height: usize) -> Vec<f32> {
     let w = photo.camera.width as usize;
     let h = photo.camera.height as usize;
-    let image = Device::cpu().array(&[1, h, w, 3], photo.rgb.clone());
+    let image = Device::cpu().array(&[1, h, w, 3], photo.pixels.rgb.clone());
     let planes: Vec<f32> = (0..3)
         .flat_map(|c| image.to_vec().into_iter().skip(c).step_by(3))
         .collect();
@@ -127,7 +134,7 @@ fn a_quarter_of_the_size_loses_detail_that_a_half_mostly_keeps() {
     let photo = &scene.photos[0];
     let kept = |factor| {
         psnr(
-            &photo.rgb,
+            &photo.pixels.rgb,
             &enlarged(
                 &downscale(photo, factor, Reduction::Bicubic).unwrap(),
                 256,

@@ -2,7 +2,7 @@
 
 use artifacts_schema::{Artifact, ImageSet, Provenance, View};
 use compute::Device;
-use formats::{Camera, Distortion};
+use formats::{Camera, Distortion, Pixels};
 use glam::DMat4;
 use scene::Reader;
 
@@ -14,8 +14,7 @@ fn view() -> View {
     View {
         name: "view_000".into(),
         camera,
-        rgb,
-        alpha: None,
+        pixels: Pixels::opaque(rgb),
         depth: None,
         mask: None,
     }
@@ -26,28 +25,26 @@ fn colours_come_back_from_planes_and_from_srgb() {
     let view = view();
     let device = Device::cpu();
     assert_eq!(srgb_array(&view, &device).shape(), [1, 3, 3, 2]);
-    assert_eq!(pixels(&linear_array(&view, &device)), view.rgb);
+    assert_eq!(pixels(&linear_array(&view, &device)), view.pixels.rgb);
+    let alpha = vec![1.0, 0.5, 0.25, 1.0, 0.9, 1.0];
+    // Colours are multiplied by alpha: none is brighter.
+    let numbers = view.pixels.rgb.iter().enumerate();
+    let rgb = numbers.map(|(i, x)| x * alpha[i / 3]).collect();
     let transparent = View {
-        alpha: Some(vec![1.0, 0.5, 0.25, 1.0, 0.9, 1.0]),
+        pixels: Pixels::new(rgb, Some(alpha)),
         ..view.clone()
     };
-    // Colours are multiplied by alpha: none is brighter.
-    let rgb = view
-        .rgb
-        .iter()
-        .enumerate()
-        .map(|(i, x)| x * transparent.alpha.as_ref().unwrap()[i / 3])
-        .collect();
-    for view in [view, View { rgb, ..transparent }] {
-        let alpha = view.alpha.as_deref();
+    for view in [view, transparent] {
+        let alpha = &view.pixels.alpha;
         let signed = signed_array(&view, &device);
         for back in [
-            disk_pixels(&srgb_array(&view, &device), alpha),
-            disk_pixels_of_signed(&signed, alpha),
+            disk_pixels(&srgb_array(&view, &device), alpha.clone()),
+            disk_pixels_of_signed(&signed, alpha.clone()),
         ] {
             assert!(
-                back.iter()
-                    .zip(&view.rgb)
+                back.rgb
+                    .iter()
+                    .zip(&view.pixels.rgb)
                     .all(|(a, b)| (a - b).abs() < 1e-6),
                 "{back:?}"
             );

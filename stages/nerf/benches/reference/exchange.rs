@@ -33,7 +33,7 @@ pub fn reference(python: &OsStr, task: &Task) -> Result<Outcome, Box<dyn Error>>
         return Err("the reference failed".into());
     }
     let mut values = read(&folder.path().join("reference.f32"))?.into_iter();
-    let pixels = |photo: &Photo| values.by_ref().take(photo.rgb.len()).collect();
+    let pixels = |photo: &Photo| values.by_ref().take(photo.pixels.rgb.len()).collect();
     Ok((marks?, task.test.iter().map(pixels).collect()))
 }
 
@@ -86,9 +86,16 @@ fn rays(space: &Space, photo: &Photo) -> Vec<f32> {
 fn rgba(photo: &Photo) -> impl Iterator<Item = f32> + '_ {
     let pixel = |(i, rgb): (usize, &[f32; 3])| {
         let [r, g, b] = *rgb;
-        [r, g, b, photo.alpha.as_ref().map_or(1.0, |alpha| alpha[i])]
+        [r, g, b, photo.pixels.coverage(i)]
     };
-    photo.rgb.as_chunks().0.iter().enumerate().flat_map(pixel)
+    photo
+        .pixels
+        .rgb
+        .as_chunks()
+        .0
+        .iter()
+        .enumerate()
+        .flat_map(pixel)
 }
 
 /// The occupancy grid before training: where no camera looks, it is negative.

@@ -133,14 +133,14 @@ fn image<'a>(photo: &Photo, rgb: &'a [f32]) -> Image<'a> {
 
 fn psnr(task: &Task, images: &[Vec<f32>]) -> f64 {
     let one = |(photo, rgb): (&Photo, &Vec<f32>)| {
-        metrics::psnr(image(photo, &photo.rgb), image(photo, rgb))
+        metrics::psnr(image(photo, &photo.pixels.rgb), image(photo, rgb))
     };
     task.test.iter().zip(images).map(one).sum::<f64>() / task.test.len() as f64
 }
 
 fn ssim(task: &Task, images: &[Vec<f32>]) -> f64 {
     let one = |(photo, rgb): (&Photo, &Vec<f32>)| {
-        metrics::ssim(image(photo, &photo.rgb), image(photo, rgb))
+        metrics::ssim(image(photo, &photo.pixels.rgb), image(photo, rgb))
     };
     task.test.iter().zip(images).filter_map(one).sum::<f64>() / task.test.len() as f64
 }

@@ -71,7 +71,7 @@ impl Task {
             true => split_holdout(scene.photos, HOLDOUT),
             false => (scene.photos, scene.test),
         };
-        let background = if test.iter().any(|photo| photo.alpha.is_some()) {
+        let background = if test.iter().any(|photo| photo.pixels.alpha.is_some()) {
             [1.0; 3]
         } else {
             [0.0; 3]
@@ -103,8 +103,7 @@ impl Task {
     pub fn views(&self) -> Vec<TrainView> {
         let view = |photo: &Photo| TrainView {
             camera: photo.camera,
-            rgb: photo.rgb.clone(),
-            alpha: photo.alpha.clone(),
+            pixels: photo.pixels.clone(),
             mask: None,
             weight: 1.0,
             supersample: 1,
@@ -177,10 +176,17 @@ fn object_folder() -> Result<PathBuf, Box<dyn Error>> {
 
 /// A photo composited, on encoded values.
 fn before(mut photo: Photo, background: [f32; 3]) -> Photo {
-    let Some(alpha) = photo.alpha.take() else {
+    let Some(alpha) = photo.pixels.alpha.take() else {
         return photo;
     };
-    for (rgb, alpha) in photo.rgb.as_chunks_mut::<3>().0.iter_mut().zip(alpha) {
+    for (rgb, alpha) in photo
+        .pixels
+        .rgb
+        .as_chunks_mut::<3>()
+        .0
+        .iter_mut()
+        .zip(alpha)
+    {
         *rgb = std::array::from_fn(|c| alpha * rgb[c] + (1.0 - alpha) * background[c]);
     }
     photo

@@ -9,7 +9,7 @@ use crate::options::TrainOptions;
 use crate::render::RenderOptions;
 use crate::training::Training;
 use compute::Device;
-use formats::Camera;
+use formats::{Camera, Pixels};
 use glam::{DMat4, DVec3};
 
 /// What a device makes of it.
@@ -39,8 +39,7 @@ pub fn check(device: &Device) -> Check {
     let rgb = (0..3 * 12 * 9).map(|i| (i % 11) as f32 / 11.0).collect();
     let view = TrainView {
         camera,
-        rgb,
-        alpha: None,
+        pixels: Pixels::opaque(rgb),
         mask: None,
         weight: 1.0,
         supersample: 2,

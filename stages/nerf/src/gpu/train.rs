@@ -338,7 +338,7 @@ mod tests {
     use crate::config::FieldConfig;
     use crate::options::TrainOptions;
     use compute::{Device, testing};
-    use formats::Camera;
+    use formats::{Camera, Pixels};
 
     /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many
     /// samples.
@@ -354,8 +354,7 @@ mod tests {
         let rgb = (0..192).map(|i| (i % 7) as f32 / 7.0).collect();
         let view = TrainView {
             camera,
-            rgb,
-            alpha: None,
+            pixels: Pixels::opaque(rgb),
             mask: None,
             weight: 1.0,
             supersample: 1,

@@ -1,6 +1,6 @@
 //! The scene, its photos, and a field for it.
 
-use formats::Camera;
+use formats::{Camera, Pixels};
 use glam::DVec3;
 use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 
@@ -64,8 +64,7 @@ pub fn photo(camera: Camera) -> TrainView {
     }
     TrainView {
         camera,
-        rgb,
-        alpha: Some(alpha),
+        pixels: Pixels::new(rgb, Some(alpha)),
         mask: None,
         weight: 1.0,
         supersample: 2,

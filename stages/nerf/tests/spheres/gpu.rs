@@ -205,7 +205,9 @@ fn a_loss_that_is_not_a_number_leaves_the_field_as_it_was() {
     let mut training = training(&gpu);
     (0..3).for_each(|_| _ = training.step());
     let (config, mut views, options) = little();
-    views.iter_mut().for_each(|view| view.rgb.fill(f32::NAN));
+    views
+        .iter_mut()
+        .for_each(|view| view.pixels.rgb.fill(f32::NAN));
     let before = training.state();
     let mut blind =
         Training::from_state(&gpu, &config, BOUNDS, views, &options, 1, &before).unwrap();

@@ -1,7 +1,7 @@
 //! On the CPU: a view in between, the same bits on any number of threads, and training that goes on
 //! from a saved state.
 
-use formats::Camera;
+use formats::{Camera, Pixels};
 use glam::DVec3;
 use nerf::{Field, RenderOptions, Space, SpaceKind, TrainOptions, TrainView, Trainer, render};
 
@@ -55,13 +55,8 @@ fn judge(field: Field, views: Vec<TrainView>, eye: Camera, least: f64) {
             ..Default::default()
         },
     );
-    let alpha = between.alpha.unwrap();
-    let on_black: Vec<f32> = between
-        .rgb
-        .iter()
-        .enumerate()
-        .map(|(i, c)| c * alpha[i / 3])
-        .collect();
+    let alpha = between.pixels.alpha.clone().unwrap();
+    let on_black = between.pixels.before(0.0).rgb;
     let quality = psnr(&image.rgb, &on_black);
     println!("training {:.2} dB, held out {quality:.2} dB", last.psnr);
     assert!(quality > least, "held out: {quality} dB");
@@ -129,7 +124,9 @@ fn a_loss_that_is_not_a_number_leaves_the_field_as_it_was() {
     (0..5).for_each(|_| _ = trainer.step());
     let before = trainer.field().tensors();
     let mut views = views();
-    views.iter_mut().for_each(|view| view.rgb.fill(f32::NAN));
+    views
+        .iter_mut()
+        .for_each(|view| view.pixels.rgb.fill(f32::NAN));
     let mut blind =
         Trainer::from_state(&config(), BOUNDS, views, &options(40), 3, &trainer.state()).unwrap();
     assert!(blind.step().loss.is_nan());
@@ -260,8 +257,7 @@ fn opaque_views_leave_no_hole_and_no_fog_before_the_near_plane() {
             .collect();
         TrainView {
             camera,
-            rgb,
-            alpha: None,
+            pixels: Pixels::opaque(rgb),
             mask: None,
             weight: 1.0,
             supersample: 1,

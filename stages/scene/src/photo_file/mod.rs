@@ -9,6 +9,7 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use formats::color::linear_to_srgb;
+use formats::{Pixels, Srgb};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
@@ -27,13 +28,11 @@ const FREE_ALLOCATION: u64 = 64 << 20;
 /// of one.
 const LARGEST_RATIO: u64 = 2048;
 
-/// Pixels of one photo, sRGB-encoded in 0..=1.
-pub(crate) struct Pixels {
+/// What is in the file of one photo.
+pub(crate) struct Decoded {
     pub(crate) size: (u32, u32),
-    /// `height * width * 3`.
-    pub(crate) rgb: Vec<f32>,
-    /// `height * width`, where the file has it.
-    pub(crate) alpha: Option<Vec<f32>>,
+    /// Its pixels, 0 to 1; with alpha where the file has it.
+    pub(crate) pixels: Pixels<Srgb>,
     /// Whether linear values above 1 were cut off.
     pub(crate) clipped: bool,
 }
@@ -83,7 +82,7 @@ pub(crate) fn size(path: &Path) -> Result<(u32, u32), SceneError> {
 
 /// Decodes a photo and turns it. A damaged or shortened file is an error, never a photo that is
 /// grey in part.
-pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Pixels, SceneError> {
+pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Decoded, SceneError> {
     let format = check_format(path)?;
     let mut decoded = if format == Format::Jpeg {
         let bytes = source_files::read_bytes(path)?;
@@ -95,14 +94,13 @@ pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Pixels, SceneError>
     };
     decoded.apply_orientation(turn);
     let size = non_empty(path, (decoded.width(), decoded.height()))?;
-    let (rgb, alpha, clipped) = channels(decoded, format);
-    if rgb.iter().any(|value| !value.is_finite()) {
+    let (pixels, clipped) = channels(decoded, format);
+    if pixels.rgb.iter().any(|value| !value.is_finite()) {
         return Err(SceneError::image(path, "a pixel is not a number"));
     }
-    Ok(Pixels {
+    Ok(Decoded {
         size,
-        rgb,
-        alpha,
+        pixels,
         clipped,
     })
 }
@@ -112,9 +110,8 @@ pub(crate) fn read_grey(
     path: &Path,
     turn: Orientation,
 ) -> Result<((u32, u32), Vec<f32>), SceneError> {
-    let Pixels {
-        size, rgb, alpha, ..
-    } = read(path, turn)?;
+    let Decoded { size, pixels, .. } = read(path, turn)?;
+    let Pixels { rgb, alpha, .. } = pixels;
     let brightest = |pixel: &[f32]| pixel.iter().copied().fold(0.0, f32::max);
     let grey: Vec<f32> = rgb.chunks_exact(3).map(brightest).collect();
     let flat = grey.iter().all(|value| *value == grey[0]);
@@ -161,8 +158,8 @@ fn largest_allocation(bytes: u64) -> u64 {
         .clamp(FREE_ALLOCATION, LARGEST_ALLOCATION)
 }
 
-/// Colours, coverage, and whether colours were cut off.
-fn channels(image: DynamicImage, format: Format) -> (Vec<f32>, Option<Vec<f32>>, bool) {
+/// Colours with coverage, and whether colours were cut off.
+fn channels(image: DynamicImage, format: Format) -> (Pixels<Srgb>, bool) {
     // Whole numbers are sRGB-encoded; floating point is linear light.
     let linear = matches!(
         image,
@@ -181,7 +178,7 @@ fn channels(image: DynamicImage, format: Format) -> (Vec<f32>, Option<Vec<f32>>,
         .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
         .collect();
     if !linear {
-        return (rgb, alpha, false);
+        return (Pixels::new(rgb, alpha), false);
     }
     // EXR's colours are multiplied by alpha.
     if let Some(alpha) = alpha.as_ref().filter(|_| format == Format::Exr) {
@@ -197,7 +194,7 @@ fn channels(image: DynamicImage, format: Format) -> (Vec<f32>, Option<Vec<f32>>,
     // What is not a number stays so, and is refused.
     rgb.iter_mut()
         .for_each(|value| *value = linear_to_srgb(value.clamp(0.0, 1.0)));
-    (rgb, alpha, clipped)
+    (Pixels::new(rgb, alpha), clipped)
 }
 
 fn non_empty(path: &Path, size: (u32, u32)) -> Result<(u32, u32), SceneError> {
@@ -234,10 +231,10 @@ mod tests {
         image::RgbImage::from_fn(2, 2, |x, y| Rgb([x as u8 * 51, y as u8 * 102, 255]))
             .save(&path)
             .unwrap();
-        let pixels = read(&path, Orientation::NoTransforms).unwrap();
-        assert_eq!(pixels.size, (2, 2));
-        assert_eq!(pixels.rgb[3..9], [0.2, 0.0, 1.0, 0.0, 0.4, 1.0]);
-        assert_eq!(pixels.alpha, None);
+        let photo = read(&path, Orientation::NoTransforms).unwrap();
+        assert_eq!(photo.size, (2, 2));
+        assert_eq!(photo.pixels.rgb[3..9], [0.2, 0.0, 1.0, 0.0, 0.4, 1.0]);
+        assert_eq!(photo.pixels.alpha, None);
     }
 
     #[test]
@@ -247,9 +244,9 @@ mod tests {
         image::RgbaImage::from_pixel(1, 2, Rgba([255, 0, 0, 51]))
             .save(&path)
             .unwrap();
-        let pixels = read(&path, Orientation::NoTransforms).unwrap();
-        assert_eq!(pixels.rgb, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
-        assert_eq!(pixels.alpha, Some(vec![0.2, 0.2]));
+        let photo = read(&path, Orientation::NoTransforms).unwrap();
+        assert_eq!(photo.pixels.rgb, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+        assert_eq!(photo.pixels.alpha, Some(vec![0.2, 0.2]));
     }
 
     #[test]
@@ -259,9 +256,15 @@ mod tests {
         let grey = image::RgbImage::from_pixel(9, 7, Rgb([128, 128, 128]));
         grey.save_with_format(&path, image::ImageFormat::Jpeg)
             .unwrap();
-        let pixels = read(&path, Orientation::NoTransforms).unwrap();
-        assert_eq!((pixels.size, pixels.rgb.len()), ((9, 7), 9 * 7 * 3));
-        assert!(pixels.rgb.iter().all(|value| (value - 0.502).abs() < 0.01));
+        let photo = read(&path, Orientation::NoTransforms).unwrap();
+        assert_eq!((photo.size, photo.pixels.rgb.len()), ((9, 7), 9 * 7 * 3));
+        assert!(
+            photo
+                .pixels
+                .rgb
+                .iter()
+                .all(|value| (value - 0.502).abs() < 0.01)
+        );
     }
 
     /// A PNG whose header claims a size; the checksum is right, so only the size is wrong.

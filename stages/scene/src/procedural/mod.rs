@@ -62,8 +62,7 @@ fn photograph(
             far,
             ..camera
         },
-        rgb: picture.rgb,
-        alpha: Some(picture.alpha).filter(|alpha| alpha.iter().any(|part| *part < 1.0)),
+        pixels: picture.pixels(),
         mask: None,
     };
     let margin = MARGIN * (seen.high - seen.low);

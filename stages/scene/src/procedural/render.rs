@@ -1,7 +1,7 @@
 //! Takes a photo of the world by tracing its rays. Knows nothing of what stands in it.
 
-use formats::Camera;
 use formats::color::linear_to_srgb;
+use formats::{Camera, Pixels, Srgb};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -16,6 +16,14 @@ pub(super) struct Picture {
     /// part alone.
     pub(super) alpha: Vec<f32>,
     pub(super) seen: Seen,
+}
+
+impl Picture {
+    /// What a photo of it holds: alpha only where something is transparent.
+    pub(super) fn pixels(self) -> Pixels<Srgb> {
+        let alpha = Some(self.alpha).filter(|alpha| alpha.iter().any(|part| *part < 1.0));
+        Pixels::new(self.rgb, alpha)
+    }
 }
 
 /// The extent of all surface points that were seen.

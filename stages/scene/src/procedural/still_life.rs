@@ -116,7 +116,7 @@ mod tests {
             let color = |point| {
                 let [px, py, _] = photo.camera.project(point).unwrap();
                 let at = 3 * (py as usize * 160 + px as usize);
-                Vec3::from_slice(&photo.rgb[at..at + 3])
+                Vec3::from_slice(&photo.pixels.rgb[at..at + 3])
             };
             let paper = color(paper);
             let brick = color(brick);

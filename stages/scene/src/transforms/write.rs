@@ -75,13 +75,8 @@ fn write_photo(path: &Path, photo: &Photo) -> Result<(), SceneError> {
     let height = photo.camera.height;
     let image = RgbaImage::from_fn(width, height, |x, y| {
         let i = y as usize * width as usize + x as usize;
-        let [r, g, b] = [0, 1, 2].map(|channel| byte(photo.rgb[3 * i + channel]));
-        Rgba([
-            r,
-            g,
-            b,
-            photo.alpha.as_ref().map_or(255, |alpha| byte(alpha[i])),
-        ])
+        let [r, g, b] = [0, 1, 2].map(|channel| byte(photo.pixels.rgb[3 * i + channel]));
+        Rgba([r, g, b, byte(photo.pixels.coverage(i))])
     });
     image
         .save(path)

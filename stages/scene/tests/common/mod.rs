@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use formats::{Camera, Distortion};
+use formats::{Camera, Distortion, Pixels};
 use glam::DVec3;
 use scene::{Colmap, Llff, Photo, Reader, SceneData, SceneError, Transforms};
 
@@ -83,8 +83,10 @@ pub fn photos(cameras: &[Camera], transparent: bool) -> Vec<Photo> {
         Photo {
             name: format!("photo{i}"),
             camera: *camera,
-            rgb: (0..3 * pixels).map(value).collect(),
-            alpha: transparent.then(|| (0..pixels).map(|n| value(n + 5)).collect()),
+            pixels: Pixels::new(
+                (0..3 * pixels).map(value).collect(),
+                transparent.then(|| (0..pixels).map(|n| value(n + 5)).collect()),
+            ),
             mask: None,
         }
     };

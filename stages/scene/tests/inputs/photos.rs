@@ -71,7 +71,11 @@ fn exif_orientation_turns_photos_where_their_cameras_are_for_that() {
         }
         let scene = transforms(&folder).unwrap();
         let first = &scene.photos[0];
-        (first.camera.width, first.rgb[0], scene.notes.join("\n"))
+        (
+            first.camera.width,
+            first.pixels.rgb[0],
+            scene.notes.join("\n"),
+        )
     };
     let (width, red, notes) = turned(12, 16);
     holds(
@@ -120,7 +124,10 @@ fn exr_tiff_webp_and_deep_pngs_are_read() {
         save(&folder.path().join(format!("images/{name}")));
         let scene = transforms(&folder).unwrap();
         assert_eq!(scene.photos.len(), 9, "{name}");
-        (scene.photos[4].rgb[..3].to_vec(), scene.notes.join("\n"))
+        (
+            scene.photos[4].pixels.rgb[..3].to_vec(),
+            scene.notes.join("\n"),
+        )
     };
     let near = |values: &[f32], wanted: [f32; 3]| {
         values

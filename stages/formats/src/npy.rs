@@ -7,43 +7,44 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use crate::SceneError;
-
 /// No table of camera poses comes near this many bytes (it is half a million LLFF rows).
 const LARGEST_FILE: u64 = 64 << 20;
 const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Row-major values of a 2-D array.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Table {
-    pub(crate) rows: usize,
-    pub(crate) columns: usize,
-    pub(crate) values: Vec<f64>,
+pub struct Table {
+    /// How many rows.
+    pub rows: usize,
+    /// How many values in each.
+    pub columns: usize,
+    /// All values, row by row.
+    pub values: Vec<f64>,
 }
 
-/// Reads a little-endian f64 or f32 array in C order; `expected` describes a good file to whoever
-/// has a bad one.
-pub(crate) fn read_table(path: &Path, expected: &'static str) -> Result<Table, SceneError> {
-    let io = |source| SceneError::Io {
-        path: path.into(),
-        source,
-    };
+/// Why a file is no table that can be used.
+#[derive(Debug, thiserror::Error)]
+pub enum NpyError {
+    /// The file system said no.
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    /// The file is something else, or broken.
+    #[error("{0}")]
+    Content(String),
+}
+
+/// Reads a little-endian f64 or f32 array in C order.
+///
+/// # Errors
+/// Files that are larger than any table of cameras, and what is no such array.
+pub fn read_table(path: &Path) -> Result<Table, NpyError> {
     let mut bytes = Vec::new();
-    let read = File::open(path)
-        .map_err(io)?
-        .take(LARGEST_FILE + 1)
-        .read_to_end(&mut bytes)
-        .map_err(io)?;
-    let parsed = if read as u64 > LARGEST_FILE {
-        Err("the file is over 64 MiB".into())
-    } else {
-        parse(&bytes)
-    };
-    parsed.map_err(|fault| SceneError::Npy {
-        path: path.into(),
-        fault,
-        expected,
-    })
+    let file = File::open(path)?;
+    file.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > LARGEST_FILE {
+        return Err(NpyError::Content("the file is over 64 MiB".into()));
+    }
+    parse(&bytes).map_err(NpyError::Content)
 }
 
 fn parse(bytes: &[u8]) -> Result<Table, String> {
