@@ -42,7 +42,7 @@ pub struct ImageSet {
 }
 
 /// The file of the view of this name.
-fn file_of(name: &str) -> String {
+pub(crate) fn file_of(name: &str) -> String {
     format!("{name}.exr")
 }
 

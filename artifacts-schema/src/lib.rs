@@ -4,6 +4,7 @@
 //! store.
 
 pub mod artifact;
+pub mod cameras;
 mod canonical;
 pub mod digest;
 pub mod error;
@@ -21,6 +22,7 @@ mod tensors;
 mod transforms;
 
 pub use artifact::{Artifact, ArtifactKind, semantic_digest};
+pub use cameras::Cameras;
 pub use digest::Digest;
 pub use error::SchemaError;
 pub use field::Field;

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use artifacts_schema::{ArtifactKind, Digest, Field, ImageSet};
+use artifacts_schema::{ArtifactKind, Cameras, Digest, Field, ImageSet};
 use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -93,22 +93,15 @@ impl Default for Render {
 
 impl Render {
     /// What to render, by name.
-    fn views(&self, cameras: &ImageSet) -> Result<Vec<(String, Camera)>, StageError> {
-        let own: Vec<Camera> = cameras.views.iter().map(|view| view.camera).collect();
+    fn views(&self, cameras: &Cameras) -> Result<Vec<(String, Camera)>, StageError> {
+        let own: Vec<Camera> = cameras.views.iter().map(|(_, camera)| *camera).collect();
         if own.is_empty() {
             return Err(StageError::Mismatch(
                 "there are no cameras to render from".into(),
             ));
         }
         let path = match &self.path {
-            None => {
-                return Ok(cameras
-                    .views
-                    .iter()
-                    .map(|view| view.name.clone())
-                    .zip(own)
-                    .collect());
-            }
+            None => return Ok(cameras.views.clone()),
             Some(CameraPath::Spiral { frames, turns }) => scene::spiral(&own, *frames, *turns),
             Some(CameraPath::Circle { frames }) => scene::circle(&own, *frames),
             Some(CameraPath::File { path }) => scene::path_from_file(path, &own)?,
@@ -200,15 +193,14 @@ impl Stage for Render {
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read::<Field>("field")?)?;
-        let cameras: ImageSet = io.read("cameras")?;
+        let cameras = Cameras::read(io.input("cameras")?)?;
         let options = nerf::RenderOptions {
             supersample: self.supersample,
             ..Default::default()
         };
         // Renders of an opaque scene's own views are opaque; a path may lead the camera past what
         // the scene has.
-        let alpha =
-            self.path.is_some() || cameras.views.iter().any(|view| view.pixels.alpha.is_some());
+        let alpha = self.path.is_some() || cameras.alpha;
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         let renderer = nerf::Renderer::new(io.device, &field);
         let mut views = Vec::new();

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use artifacts_schema::{Artifact, ImageSet, SchemaError, View};
+use artifacts_schema::{Artifact, Cameras, ImageSet, SchemaError, View};
 use formats::{Distortion, rows};
 use glam::DVec4;
 use proptest::prelude::*;
@@ -61,6 +61,30 @@ fn tensors_come_back_bit_by_bit_with_nan_and_negative_zero() {
     );
     assert_eq!(read.tensors["scalar"], field.tensors["scalar"]);
     assert_eq!((read.config, read.bounds), (field.config, field.bounds));
+}
+
+/// The cameras of an image set are read alone, with whether there is alpha.
+#[test]
+fn cameras_come_back_without_their_images() {
+    let images = samples::images();
+    let folder = tempdir().unwrap();
+    let read = |images: &ImageSet| {
+        images
+            .write(folder.path(), &samples::provenance())
+            .unwrap();
+        Cameras::read(folder.path()).unwrap()
+    };
+    let views = images.views.iter();
+    let expected = Cameras {
+        views: views.map(|view| (view.name.clone(), view.camera)).collect(),
+        bounds: images.bounds,
+        to_source: images.to_source,
+        alpha: true,
+    };
+    assert_eq!(read(&images), expected);
+    let mut opaque = images;
+    opaque.views[0].pixels.alpha = None;
+    assert!(!read(&opaque).alpha);
 }
 
 #[test]
