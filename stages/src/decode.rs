@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Residuals, View};
 use compute::Array;
 use compute::elementwise::{add, clamp, sub};
-use diffusion::Prior;
+use diffusion::{ModelSource, Prior};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
-use crate::model::Model;
+use crate::model;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Decodes refined latents z + h by the prior's VAE, D.
@@ -35,7 +35,7 @@ pub struct Decode {
     /// For back-projection: the low-resolution views.
     pub low: Input,
     /// The prior.
-    pub model: Model,
+    pub model: ModelSource,
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
     #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
@@ -59,7 +59,7 @@ impl Default for Decode {
             images: Input::default(),
             back_projection: 0,
             low: Input::default(),
-            model: Model::default(),
+            model: ModelSource::default(),
             tile: 512,
         }
     }
@@ -156,11 +156,11 @@ impl Stage for Decode {
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        self.model.sources()
+        model::sources(&self.model)
     }
 
     fn source_files(&self) -> Option<Vec<PathBuf>> {
-        self.model.files()
+        model::files(&self.model)
     }
 
     fn locations(&self) -> &'static [&'static str] {
@@ -172,7 +172,7 @@ impl Stage for Decode {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(self.model.memory(), 30.0)
+        Estimate::reading(inputs).computing(model::memory(&self.model), 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -188,7 +188,7 @@ impl Stage for Decode {
         let low = (self.back_projection > 0)
             .then(|| io.read::<ImageSet>("low"))
             .transpose()?;
-        let prior = self.model.load(io)?;
+        let prior = model::load(&self.model, io)?;
         let mut views = Vec::new();
         for (done, latent) in latents.views.iter().enumerate() {
             let parts = Parts {

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents};
+use diffusion::ModelSource;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::model::Model;
+use crate::model;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper
@@ -19,7 +20,7 @@ pub struct Encode {
     /// The images.
     pub images: Input,
     /// The prior.
-    pub model: Model,
+    pub model: ModelSource,
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
     #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
@@ -29,7 +30,7 @@ impl Default for Encode {
     fn default() -> Self {
         Self {
             images: Input::default(),
-            model: Model::default(),
+            model: ModelSource::default(),
             tile: 512,
         }
     }
@@ -60,11 +61,11 @@ impl Stage for Encode {
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        self.model.sources()
+        model::sources(&self.model)
     }
 
     fn source_files(&self) -> Option<Vec<PathBuf>> {
-        self.model.files()
+        model::files(&self.model)
     }
 
     fn locations(&self) -> &'static [&'static str] {
@@ -76,12 +77,12 @@ impl Stage for Encode {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(self.model.memory(), 30.0)
+        Estimate::reading(inputs).computing(model::memory(&self.model), 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images: ImageSet = io.read("images")?;
-        let prior = self.model.load(io)?;
+        let prior = model::load(&self.model, io)?;
         let mut views = Vec::new();
         for (done, view) in images.views.iter().enumerate() {
             let latent = prior
@@ -95,7 +96,7 @@ impl Stage for Encode {
             });
             io.progress(done + 1, images.views.len(), &[])?;
         }
-        let vae = self.model.sources()?[0].digest.to_string();
+        let vae = model::sources(&self.model)?[0].digest.to_string();
         io.write(
             "latents",
             &Latents {

@@ -4,12 +4,13 @@
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residuals};
-use compute::Device;
 use compute::elementwise::add;
+use compute::{Device, Precision};
 use diffusion::guidance::{Guidance, Loss, Timesteps};
 use diffusion::optimize::{
     Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents,
 };
+use diffusion::{ModelSource, Prior};
 use formats::rows;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::convert;
 use crate::error::StageError;
 use crate::keeper::Keeper;
-use crate::model::{Factors, Model};
+use crate::model;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
 use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
@@ -31,9 +32,9 @@ pub struct Optimize {
     /// The low-resolution photos of the same views, on which the prior is conditioned.
     pub low: Input,
     /// The prior.
-    pub model: Model,
+    pub model: ModelSource,
     /// How the prior's UNet multiplies.
-    pub precision: Factors,
+    pub precision: Precision,
     /// The rule to follow, with its own options.
     pub guidance: Guidance,
     /// Guidance steps in all.
@@ -72,8 +73,8 @@ impl Default for Optimize {
         Self {
             latents: Input::default(),
             low: Input::default(),
-            model: Model::default(),
-            precision: Factors::default(),
+            model: ModelSource::default(),
+            precision: Precision::default(),
             guidance: options.guidance,
             steps: options.steps,
             batch: options.batch,
@@ -190,11 +191,11 @@ impl Stage for Optimize {
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        self.model.sources()
+        model::sources(&self.model)
     }
 
     fn source_files(&self) -> Option<Vec<PathBuf>> {
-        self.model.files()
+        model::files(&self.model)
     }
 
     fn locations(&self) -> &'static [&'static str] {
@@ -225,7 +226,7 @@ impl Stage for Optimize {
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
-        Estimate::reading(inputs).computing(self.model.memory(), 0.1 * images)
+        Estimate::reading(inputs).computing(model::memory(&self.model), 0.1 * images)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -235,7 +236,7 @@ impl Stage for Optimize {
         let all = latents.views.len();
         latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
         options.steps = share(&options, all, latents.views.len());
-        let prior = self.model.load_in(io, self.precision)?;
+        let prior = Prior::load_in(&self.model, io.device, self.precision)?;
         let views: Vec<_> = latents
             .views
             .iter()

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
 use formats::rows;
 use glam::DMat4;
-use scene::{Photo, Reduction, SceneData};
+use scene::{Photo, Reducer, SceneData};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,15 +30,6 @@ pub struct Scene {
     /// for 8. A source that sets photos aside by itself has the last word.
     #[schemars(range(min = 2, max = 1_000_000))]
     pub holdout: u32,
-}
-
-/// The filter that makes low-resolution photos.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Reducer {
-    /// Antialiased cubic convolution with a = -0.5, as PIL's.
-    Bicubic,
-    /// The mean of the pixels' areas.
-    Area,
 }
 
 impl Default for Scene {
@@ -93,13 +84,9 @@ impl Scene {
     }
 
     fn reduce(&self, photos: &[Photo]) -> Result<Vec<Photo>, StageError> {
-        let filter = match self.filter {
-            Reducer::Bicubic => Reduction::Bicubic,
-            Reducer::Area => Reduction::Area,
-        };
         Ok(photos
             .iter()
-            .map(|photo| scene::downscale(photo, self.downscale, filter))
+            .map(|photo| scene::downscale(photo, self.downscale, self.filter))
             .collect::<Result<_, _>>()?)
     }
 }

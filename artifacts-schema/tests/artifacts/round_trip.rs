@@ -69,9 +69,7 @@ fn cameras_come_back_without_their_images() {
     let images = samples::images();
     let folder = tempdir().unwrap();
     let read = |images: &ImageSet| {
-        images
-            .write(folder.path(), &samples::provenance())
-            .unwrap();
+        images.write(folder.path(), &samples::provenance()).unwrap();
         Cameras::read(folder.path()).unwrap()
     };
     let views = images.views.iter();

@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use formats::{FileBytes, FileError};
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::config;
@@ -69,12 +70,13 @@ const EMBEDDED: &[(&str, &[u8])] = embedded![
     "vae/diffusion_pytorch_model.safetensors",
 ];
 
-/// Where a model is read from.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Which diffusion prior a stage uses.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum ModelSource {
-    /// `tiny-x4`, the small prior that the program carries.
+    /// The small prior that the binary carries, `tiny-x4`.
+    #[default]
     Embedded,
-    /// A folder in the layout of `StableDiffusionUpscalePipeline.save_pretrained`.
+    /// A folder in the diffusers layout, such as `stabilityai/stable-diffusion-x4-upscaler`.
     Folder(PathBuf),
 }
 

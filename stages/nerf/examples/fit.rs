@@ -6,7 +6,7 @@ use compute::Device;
 use compute::resize::{Filter, resize};
 use formats::pixels::{interleaved, planes};
 use nerf::{Field, FieldConfig, RenderOptions, TrainOptions, TrainView, Trainer, render};
-use scene::{Llff, Photo, Reader, Reduction, SceneData, downscale, split_holdout, still_life};
+use scene::{Llff, Photo, Reader, Reducer, SceneData, downscale, split_holdout, still_life};
 use std::error::Error;
 use std::time::Instant;
 
@@ -88,7 +88,7 @@ fn set(settings: &mut Settings, name: &str, value: &str) -> Result<(), Box<dyn E
 
 fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let (train, test) = split_holdout(scene.photos, 8);
-    let small = |photo: &Photo| downscale(photo, settings.factor, Reduction::Bicubic);
+    let small = |photo: &Photo| downscale(photo, settings.factor, Reducer::Bicubic);
     let low = train.iter().map(small).collect::<Result<Vec<_>, _>>()?;
     let view = |photo: &Photo| TrainView {
         camera: photo.camera,

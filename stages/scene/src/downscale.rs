@@ -9,17 +9,18 @@ use compute::Device;
 use compute::resize::{Filter, resize};
 use formats::pixels::{interleaved, planes};
 use formats::{Camera, Pixels, Srgb};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use crate::{Photo, SceneError, mask};
 
-/// How [`downscale`] weighs the pixels that become one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Reduction {
-    /// Bicubic with a = -0.5, its support widened by the factor (antialiased), as PIL's `BICUBIC`.
+/// The filter that makes low-resolution photos.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Reducer {
+    /// Antialiased cubic convolution with a = -0.5, as PIL's.
     #[default]
     Bicubic,
-    /// The mean of the pixels that the new pixel touches, as PyTorch's `area`: exact where the
-    /// factor divides.
+    /// The mean of the pixels' areas.
     Area,
 }
 
@@ -29,7 +30,7 @@ pub enum Reduction {
 /// pixels, each 4 wide and 189/47 high, and the intrinsics are scaled per axis by just that. The
 /// view of the world stays exactly the same. Values are clamped to 0..=1, since bicubic kernels
 /// overshoot.
-pub fn downscale(photo: &Photo, factor: u32, filter: Reduction) -> Result<Photo, SceneError> {
+pub fn downscale(photo: &Photo, factor: u32, filter: Reducer) -> Result<Photo, SceneError> {
     let Camera { width, height, .. } = photo.camera;
     let size = (
         width.checked_div(factor).unwrap_or(0),
@@ -64,7 +65,7 @@ pub(crate) fn shrink_covered(
     pixels: &Pixels<Srgb>,
     size: (u32, u32),
     new_size: (u32, u32),
-    filter: Reduction,
+    filter: Reducer,
 ) -> Pixels<Srgb> {
     let Pixels { rgb, alpha, .. } = pixels;
     let Some(alpha) = alpha.as_ref().filter(|_| size != new_size) else {
@@ -95,14 +96,14 @@ pub(crate) fn shrink(
     channels: usize,
     (width, height): (u32, u32),
     (new_width, new_height): (u32, u32),
-    filter: Reduction,
+    filter: Reducer,
 ) -> Vec<f32> {
     if (width, height) == (new_width, new_height) {
         return values.to_vec();
     }
     let filter = match filter {
-        Reduction::Bicubic => Filter::BicubicPil,
-        Reduction::Area => Filter::Area,
+        Reducer::Bicubic => Filter::BicubicPil,
+        Reducer::Area => Filter::Area,
     };
     let planes = planes(values, channels);
     let image = Device::cpu().array(&[1, channels, height as usize, width as usize], planes);
@@ -156,7 +157,7 @@ mod tests {
         let small = downscale(
             &photo(4, 2, |x, y, c| (x + 4 * y + 8 * c as u32) as f32 / 32.0),
             2,
-            Reduction::Area,
+            Reducer::Area,
         );
         let small = small.unwrap();
         assert_eq!((small.camera.width, small.camera.height), (2, 1));
@@ -173,7 +174,7 @@ mod tests {
     #[test]
     fn sizes_that_do_not_divide_show_the_same_view() {
         let large = photo(252, 189, |_, _, _| 0.5);
-        let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
+        let small = downscale(&large, 4, Reducer::Bicubic).unwrap();
         assert_eq!((small.camera.width, small.camera.height), (63, 47));
         assert_eq!(small.pixels.rgb.len(), 63 * 47 * 3);
         for (a, b) in large
@@ -198,7 +199,7 @@ mod tests {
         // Brightness is the image plane's own height; it must be so after shrinking by 189 / 47
         // too.
         let large = photo(16, 189, |_, y, _| (y as f32 + 0.5) / 189.0);
-        let small = downscale(&large, 4, Reduction::Bicubic).unwrap();
+        let small = downscale(&large, 4, Reducer::Bicubic).unwrap();
         for y in 2..45usize {
             let want = (y as f32 + 0.5) / 47.0;
             assert!((small.pixels.rgb[y * 4 * 3] - want).abs() < 1e-4, "row {y}");
@@ -208,14 +209,14 @@ mod tests {
     #[test]
     fn bicubic_overshoot_is_clamped() {
         let edge = photo(64, 4, |x, _, _| if x < 31 { 0.0 } else { 1.0 });
-        let small = downscale(&edge, 4, Reduction::Bicubic).unwrap();
+        let small = downscale(&edge, 4, Reducer::Bicubic).unwrap();
         assert!(small.pixels.rgb.iter().all(|v| (0.0..=1.0).contains(v)));
     }
 
     #[test]
     fn factors_that_leave_no_pixels_are_refused() {
         for factor in [0, 5] {
-            let message = downscale(&photo(8, 4, |_, _, _| 0.0), factor, Reduction::Area)
+            let message = downscale(&photo(8, 4, |_, _, _| 0.0), factor, Reducer::Area)
                 .unwrap_err()
                 .to_string();
             assert!(

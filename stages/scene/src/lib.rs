@@ -25,7 +25,7 @@ mod source_files;
 mod transforms;
 
 pub use colmap::{Colmap, Registered};
-pub use downscale::{Reduction, downscale};
+pub use downscale::{Reducer, downscale};
 pub use error::SceneError;
 pub use llff::Llff;
 pub use path::{circle, path_digest, path_from_file, path_text, spiral, upwards};

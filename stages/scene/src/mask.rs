@@ -10,7 +10,7 @@ use image::metadata::Orientation;
 
 use crate::downscale::shrink;
 use crate::finder::{DYNAMIC_MASK, Finder};
-use crate::{Reduction, SceneError, photo_file};
+use crate::{Reducer, SceneError, photo_file};
 
 /// The folder of COLMAP's masks, beside that of the photos.
 const FOLDER: &str = "masks";
@@ -92,7 +92,7 @@ pub(crate) fn reduced(counts: &[bool], size: (u32, u32), new_size: (u32, u32)) -
         .iter()
         .map(|counts| f32::from(u8::from(*counts)))
         .collect();
-    shrink(&parts, 1, size, new_size, Reduction::Area)
+    shrink(&parts, 1, size, new_size, Reducer::Area)
         .into_iter()
         .map(|part| part >= WHOLE)
         .collect()

@@ -12,7 +12,7 @@ use crate::downscale::shrink_covered;
 use crate::mask::{self, MaskFile};
 use crate::photo_file::{self, Decoded};
 use crate::plausible::{self, Stray};
-use crate::{Photo, Reduction, SceneData, SceneError, source_files};
+use crate::{Photo, Reducer, SceneData, SceneError, source_files};
 
 /// A reader of posed photos of one format.
 ///
@@ -203,7 +203,7 @@ fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), 
     let photo = Photo {
         name: posed.name.clone(),
         camera,
-        pixels: shrink_covered(&pixels, found, size, Reduction::Bicubic),
+        pixels: shrink_covered(&pixels, found, size, Reducer::Bicubic),
         mask,
     };
     Ok((photo, clipped))

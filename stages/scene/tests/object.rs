@@ -1,7 +1,7 @@
 //! The embedded object: the same bits however it is made, on nothing, seen from all around.
 #![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
-use scene::{Photo, Reader, Reduction, SceneData, Transforms, downscale, object, write_transforms};
+use scene::{Photo, Reader, Reducer, SceneData, Transforms, downscale, object, write_transforms};
 
 fn with_threads(threads: usize, make: impl Fn() -> SceneData + Send + Sync) -> SceneData {
     rayon::ThreadPoolBuilder::new()
@@ -92,10 +92,10 @@ fn reducing_and_putting_before_a_background_may_change_places() {
                 ..photo.clone()
             }
         };
-        let one = before(&downscale(photo, 4, Reduction::Area).unwrap())
+        let one = before(&downscale(photo, 4, Reducer::Area).unwrap())
             .pixels
             .rgb;
-        let other = downscale(&before(photo), 4, Reduction::Area)
+        let other = downscale(&before(photo), 4, Reducer::Area)
             .unwrap()
             .pixels
             .rgb;

@@ -5,7 +5,7 @@
 use compute::Device;
 use compute::resize::{Filter, resize};
 use formats::color::srgb_to_linear;
-use scene::{Photo, Reduction, SceneData, downscale, still_life};
+use scene::{Photo, Reducer, SceneData, downscale, still_life};
 
 fn with_threads(threads: usize, make: impl Fn() -> SceneData + Send + Sync) -> SceneData {
     rayon::ThreadPoolBuilder::new()
@@ -136,7 +136,7 @@ fn a_quarter_of_the_size_loses_detail_that_a_half_mostly_keeps() {
         psnr(
             &photo.pixels.rgb,
             &enlarged(
-                &downscale(photo, factor, Reduction::Bicubic).unwrap(),
+                &downscale(photo, factor, Reducer::Bicubic).unwrap(),
                 256,
                 192,
             ),

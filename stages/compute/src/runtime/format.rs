@@ -1,6 +1,9 @@
 //! How the numbers of a weight are stored, and how precisely they are multiplied. It knows no
 //! weight.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 /// How the bytes of a weight encode numbers; all are little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -22,15 +25,15 @@ impl Format {
     }
 }
 
-/// How products with a weight are computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// The number format of the factors in products with a weight; sums are always in `f32`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Precision {
-    /// In `f32`.
+    /// Single precision.
     #[default]
     F32,
-    /// Both factors rounded to bf16, their products summed in `f32`: an error of about 2e-3 of the
-    /// result's norm. With AVX-512 BF16 that is the processor's dot product; elsewhere it is as
-    /// exact, and no faster than `f32`. 3x3 convolutions that Winograd's filtering suits stay in
-    /// `f32`, which is faster still.
+    /// Brain floats, the upper half of an `f32`: the error is some 2e-3 of a product's norm.
+    // With AVX-512 BF16 it is the processor's dot product; elsewhere it is as exact, and no faster
+    // than `f32`. 3x3 convolutions that Winograd's filtering suits stay in `f32`, which is faster
+    // still.
     Bf16,
 }

@@ -3,7 +3,7 @@
 
 use nerf::{FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 use scene::{
-    Llff, Photo, Reader, Reduction, SceneData, Transforms, downscale, object, split_holdout,
+    Llff, Photo, Reader, Reducer, SceneData, Transforms, downscale, object, split_holdout,
     still_life, write_transforms,
 };
 use serde::{Serialize, de::DeserializeOwned};
@@ -128,7 +128,7 @@ fn read(source: &str, width: u32) -> Result<SceneData, Box<dyn Error>> {
     match source {
         "still_life" => {
             let mut scene = still_life(24, (256, 192), 2, 0);
-            let small = |photo: &Photo| downscale(photo, 2, Reduction::Area);
+            let small = |photo: &Photo| downscale(photo, 2, Reducer::Area);
             scene.photos = scene.photos.iter().map(small).collect::<Result<_, _>>()?;
             Ok(scene)
         }
