@@ -5,11 +5,9 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use compute::{Array, Device, Weight};
-use formats::TensorFile;
-use formats::tensor_file::Entry;
+use formats::{FileBytes, TensorFile, tensor_file::Entry};
 
 use crate::error::UpsamplerError;
-use formats::FileBytes;
 
 /// What training programs put before every name, and what says nothing.
 const PREFIXES: [&str; 7] = [

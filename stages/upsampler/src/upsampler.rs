@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use compute::{Array, Device};
+use formats::FileBytes;
 
 use crate::error::UpsamplerError;
 use crate::network::Network;
 use crate::source::UpsamplerSource;
 use crate::tensors::Tensors;
 use crate::{ensemble, family, ncnn, tiles};
-use formats::FileBytes;
 
 /// How images are enlarged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,10 +14,10 @@ mod weights;
 use std::collections::BTreeMap;
 
 use compute::Device;
+use formats::FileBytes;
 
 use crate::error::UpsamplerError;
 use crate::network::Network;
-use formats::FileBytes;
 
 /// A network, for each number type how many numbers it has, and how many arrays those are.
 type Read = (Box<dyn Network>, BTreeMap<String, usize>, usize);

@@ -3,8 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::error::UpsamplerError;
 use formats::FileBytes;
+
+use crate::error::UpsamplerError;
 
 /// What a text file of ncnn begins with.
 const MAGIC: &str = "7767517";

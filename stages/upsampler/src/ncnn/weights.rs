@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 
 use compute::{Array, Device, Format, Weight};
+use formats::FileBytes;
 
 use super::param::Layer;
 use crate::error::UpsamplerError;
-use formats::FileBytes;
 
 /// Marks of how an array is stored.
 const F16: u32 = 0x0130_6B47;
