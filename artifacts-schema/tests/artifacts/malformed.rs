@@ -175,13 +175,18 @@ fn broken_json_is_named_with_line_and_column() {
         frame.starts_with("transforms.json: name \"../w_000\": cannot name a file"),
         "{frame}"
     );
-    let huge = message(ArtifactKind::Images, "transforms.json", |bytes| {
-        replace(bytes, "\"w\": 5\n}", "\"w\":1e5}")
-    });
+    let width = |text: &str| {
+        message(ArtifactKind::Images, "transforms.json", |bytes| {
+            replace(bytes, "\"w\": 5\n}", &format!("\"w\":{text}}}"))
+        })
+    };
+    let part = width("4.5");
     assert!(
-        huge.starts_with("transforms.json: JSON: invalid type: floating point"),
-        "{huge}"
+        part.starts_with("transforms.json: JSON: is not a whole number of pixels"),
+        "{part}"
     );
+    let huge = width("1e5");
+    assert!(huge.contains("is 100000x4; expected 1 to 65536"), "{huge}");
     let lens = message(ArtifactKind::Images, "transforms.json", |bytes| {
         replace(bytes, "\"fl_x\"", "\"fl_z\"")
     });

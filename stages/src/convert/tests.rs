@@ -75,12 +75,16 @@ fn an_image_set_of_any_lens_is_a_scene() {
         vec![fisheye.clone(), fisheye.clone()],
         vec![view(), full, fisheye],
     ] {
-        let named = |(i, view): (usize, View)| View {
+        let placed = |(i, view): (usize, View)| View {
             name: format!("view_{i:03}"),
+            camera: Camera {
+                camera_to_world: DMat4::from_translation([i as f64, 0.0, 0.0].into()),
+                ..view.camera
+            },
             ..view
         };
         let images = ImageSet {
-            views: lenses.into_iter().enumerate().map(named).collect(),
+            views: lenses.into_iter().enumerate().map(placed).collect(),
             bounds: [[-2.0; 3], [2.0; 3]],
             to_source: None,
         };
