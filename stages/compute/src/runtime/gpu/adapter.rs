@@ -1,6 +1,7 @@
 //! The GPUs of this machine, and which one to take. It knows drivers and limits, not kernels.
 
 use super::error::GpuError;
+use super::quiet::quietly;
 
 /// Bytes of memory that a workgroup of our kernels shares at most.
 pub const WORKGROUP_MEMORY: u32 = 25 << 10;
@@ -59,8 +60,11 @@ fn instance() -> wgpu::Instance {
 
 /// All adapters, hardware first, in an order that stays the same; or why there is none.
 pub fn find() -> Result<Vec<Found>, GpuError> {
-    let instance = instance();
-    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let (instance, mut adapters) = quietly(|| {
+        let instance = instance();
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        (instance, adapters)
+    });
     if adapters.is_empty() {
         return Err(GpuError::NoAdapter(absence(&instance)));
     }

@@ -21,6 +21,7 @@ pub mod memory;
 pub mod params;
 mod pipeline;
 pub mod pool;
+mod quiet;
 mod recorder;
 mod split;
 mod template;
