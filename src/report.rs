@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use artifacts_schema::{Artifact, ArtifactKind, Metrics};
+use artifacts_schema::{Artifact, ArtifactKind, Log, Metrics};
 
 use crate::cli::output::table;
 use crate::progress::figure;
@@ -45,6 +45,18 @@ fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreErro
         output: name.to_owned(),
         problem: error.to_string(),
     })
+}
+
+/// The log of a result; empty where it has none, or one that cannot be read: `store fsck` is for
+/// finding out why.
+pub fn log(store: &Store, record: &Record) -> Result<Log, StoreError> {
+    let mut outputs = record.outputs.values();
+    let Some(output) = outputs.find(|output| output.kind == ArtifactKind::Log) else {
+        return Ok(Log::default());
+    };
+    let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
+    store.show(output, folder.path())?;
+    Ok(Log::read(folder.path()).unwrap_or_default())
 }
 
 /// Whether a result has tables, figures or remarks.

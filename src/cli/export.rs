@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::export_ply::Ply;
+use super::export_tensorboard::TensorBoard;
 use super::export_transforms::Transforms;
 use super::options::{Changes, Choice, PipelineOptions};
 use super::output::print;
@@ -27,6 +28,9 @@ pub enum Export {
     /// Image sets as a NeRF-synthetic scene: transforms_train.json, transforms_test.json and RGBA
     /// PNGs
     Transforms(Transforms),
+    /// The curves and scores of the last run, for TensorBoard
+    #[command(name = "tensorboard")]
+    TensorBoard(TensorBoard),
 }
 
 /// From where to where.
@@ -48,6 +52,7 @@ impl Export {
         match self {
             Self::Ply(ply) => ply.run(json)?,
             Self::Transforms(transforms) => transforms.run(json)?,
+            Self::TensorBoard(tensorboard) => tensorboard.run(json)?,
             Self::Snakemake(target) => {
                 write(&target.to, &target.workflow()?.snakefile(), snakemake::MARK)?;
                 print(&format_args!(

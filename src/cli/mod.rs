@@ -7,6 +7,7 @@ mod doctor;
 mod explain;
 mod export;
 mod export_ply;
+mod export_tensorboard;
 mod export_transforms;
 mod gc;
 mod import;

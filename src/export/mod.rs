@@ -7,6 +7,7 @@
 pub mod quote;
 pub mod slurm;
 pub mod snakemake;
+pub mod tensorboard;
 
 use std::collections::{BTreeMap, BTreeSet};
 

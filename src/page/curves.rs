@@ -5,13 +5,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use artifacts_schema::{Artifact, ArtifactKind, Log};
+use artifacts_schema::Log;
 
 use super::html::escaped;
 use crate::experiment::arm_of;
 use crate::progress::figure;
+use crate::report;
 use crate::store::Store;
-use crate::store::error::{At, StoreError};
+use crate::store::error::StoreError;
 use crate::store::result::Lookup;
 use crate::store::runs::Run;
 
@@ -40,7 +41,10 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
         };
         let arm = arm_of(name).unwrap_or_default();
         let short = name.rsplit('/').next().unwrap_or(name);
-        let log = log(store, &key)?;
+        let Lookup::Sound(record) = store.lookup(&key)? else {
+            continue;
+        };
+        let log = report::log(store, &record)?;
         for quantity in QUANTITIES {
             let points = points(&log, quantity);
             if points.len() < 2 {
@@ -56,20 +60,6 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
         }
     }
     Ok(curves.into_values().take(DRAWINGS).collect())
-}
-
-fn log(store: &Store, key: &artifacts_schema::Digest) -> Result<Log, StoreError> {
-    let Lookup::Sound(record) = store.lookup(key)? else {
-        return Ok(Log::default());
-    };
-    let mut outputs = record.outputs.values();
-    let Some(output) = outputs.find(|output| output.kind == ArtifactKind::Log) else {
-        return Ok(Log::default());
-    };
-    let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
-    store.show(output, folder.path())?;
-    // A log that cannot be read has no curve; `store fsck` is for finding out why.
-    Ok(Log::read(folder.path()).unwrap_or_default())
 }
 
 fn points(log: &Log, quantity: &str) -> Vec<(f64, f64)> {

@@ -183,3 +183,34 @@ fn jobs_in_their_order_compute_the_pipeline() {
     );
     assert!(!space.path("asked").exists());
 }
+
+#[test]
+fn curves_and_scores_of_a_run_go_to_tensorboard() {
+    let space = Space::new();
+    fs::write(
+        space.path("fit.ron"),
+        r#"(name: "fit", stages: {
+            "scene": Scene(source: Procedural(views: 3, size: (32, 24), samples: 1), downscale: 2, holdout: 2),
+            "fit": Fit(images: "scene.train", steps: 100, samples: 512, field: (levels: 2, log2_table: 8, occupancy_resolution: 8)),
+        })"#,
+    )
+    .unwrap();
+    space.ok(&["run", "fit.ron"]);
+    let said = space.ok(&["export", "tensorboard", "-o", "curves"]);
+    assert!(
+        said.out.contains("tensorboard --logdir curves"),
+        "{}",
+        said.out
+    );
+    let files = space.files("curves");
+    let (path, bytes) = files.first_key_value().unwrap();
+    assert!(path.starts_with("fit") && files.len() == 1, "{files:?}");
+    // The header, and the losses by name.
+    assert!(bytes.windows(13).any(|part| part == b"brain.Event:2"));
+    assert!(bytes.windows(4).any(|part| part == b"loss"));
+    // The same log makes the same file, over the one that is there.
+    space.ok(&["export", "tensorboard", "-o", "curves"]);
+    assert_eq!(space.files("curves"), files);
+    let said = space.say(&["export", "tensorboard", "-o", "fit.ron"]);
+    assert_eq!(said.code, 2, "{}", said.err);
+}
