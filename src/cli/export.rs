@@ -5,7 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
+use scene::Layout;
 
+use super::export_layout::Views;
 use super::export_ply::Ply;
 use super::export_tensorboard::TensorBoard;
 use super::export_transforms::Transforms;
@@ -31,6 +33,15 @@ pub enum Export {
     /// The curves and scores of the last run, for TensorBoard
     #[command(name = "tensorboard")]
     TensorBoard(TensorBoard),
+    /// Image sets for nerfstudio's splatfacto and nerfacto: transforms.json and images/
+    Nerfstudio(Views),
+    /// Image sets for brush: transforms_train.json, images/ and init.ply
+    Brush(Views),
+    /// Image sets in COLMAP's layout, for 3D Gaussian Splatting, gsplat and others: sparse/0 and
+    /// images/
+    Colmap(Views),
+    /// Image sets for instant-ngp: transforms.json in its unit cube, and images/
+    InstantNgp(Views),
 }
 
 /// From where to where.
@@ -53,6 +64,10 @@ impl Export {
             Self::Ply(ply) => ply.run(json)?,
             Self::Transforms(transforms) => transforms.run(json)?,
             Self::TensorBoard(tensorboard) => tensorboard.run(json)?,
+            Self::Nerfstudio(views) => views.run(Layout::Nerfstudio, json)?,
+            Self::Brush(views) => views.run(Layout::Brush, json)?,
+            Self::Colmap(views) => views.run(Layout::Colmap, json)?,
+            Self::InstantNgp(views) => views.run(Layout::InstantNgp, json)?,
             Self::Snakemake(target) => {
                 write(&target.to, &target.workflow()?.snakefile(), snakemake::MARK)?;
                 print(&format_args!(

@@ -1,14 +1,13 @@
 //! `export ply`: the surface of a field for other programs. Writes one file.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use artifacts_schema::{Artifact, Field};
 use clap::Args;
 use serde_json::json;
-use stages::{convert, ply, surface};
+use stages::{ply, surface};
 
 use super::output::{print, print_json};
+use super::{artifact, whole};
 use crate::error::Error;
 
 /// Options of `export ply`.
@@ -20,7 +19,7 @@ pub struct Ply {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Cells along the longest side of the scene box
-    #[arg(long, default_value_t = 192, value_parser = clap::value_parser!(u32).range(8..=768))]
+    #[arg(long, default_value_t = surface::USUAL_RESOLUTION, value_parser = clap::value_parser!(u32).range(8..=768))]
     resolution: u32,
     /// The density of the surface, per scene unit; by default that which halves light within 1/100
     /// of the box
@@ -34,16 +33,7 @@ pub struct Ply {
 impl Ply {
     /// Writes the file and says what is in it.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let refuse = |problem: String| {
-            Error::usage(problem, "give a field: field.safetensors, or its folder")
-        };
-        let folder = if self.field.is_dir() {
-            self.field.as_path()
-        } else {
-            self.field.parent().unwrap_or(&self.field)
-        };
-        let read = Field::read(folder).map_err(|error| refuse(error.to_string()))?;
-        let field = convert::field(read).map_err(|error| refuse(error.to_string()))?;
+        let field = artifact::field(&self.field)?;
         let level = self.level.unwrap_or_else(|| surface::usual_level(&field));
         if !(level > 0.0 && level.is_finite()) {
             return Err(Error::usage(
@@ -52,7 +42,7 @@ impl Ply {
             ));
         }
         let surface = surface::surface(&field, self.resolution, level);
-        write_whole(&self.output, |mut out| {
+        whole::file(&self.output, |mut out| {
             ply::write(&surface, self.points, &mut out)
         })?;
         let vertices = surface.vertices.len();
@@ -72,29 +62,4 @@ impl Ply {
         }
         Ok(())
     }
-}
-
-/// Writes a file whole or not at all: beside its place first, then in it.
-fn write_whole(
-    path: &Path,
-    write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
-) -> Result<(), Error> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    let written = tempfile::NamedTempFile::new_in(folder).and_then(|file| {
-        let mut out = std::io::BufWriter::new(file);
-        write(&mut out)?;
-        out.into_inner()?
-            .persist(path)
-            .map(drop)
-            .map_err(|error| error.error)
-    });
-    written.map_err(|error| {
-        Error::usage(
-            format!("cannot write {}: {error}", path.display()),
-            "choose another place",
-        )
-    })
 }

@@ -1,11 +1,13 @@
 //! The command line: one file per subcommand. Knows how to print, and leaves deciding to others.
 
+mod artifact;
 mod completions;
 mod device;
 mod diff;
 mod doctor;
 mod explain;
 mod export;
+mod export_layout;
 mod export_ply;
 mod export_tensorboard;
 mod export_transforms;
@@ -34,6 +36,7 @@ mod upsample;
 mod verify;
 mod view;
 mod whence;
+mod whole;
 
 use clap::{CommandFactory, Parser, Subcommand};
 

@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use artifacts_schema::{Artifact, ImageSet};
+use artifacts_schema::ImageSet;
 use clap::Args;
 use nerf::Field;
 use serde_json::json;
 use stages::convert;
 
+use super::artifact;
 use super::device;
 use super::diff::find_run;
 use super::metrics::last_run;
@@ -84,9 +85,7 @@ impl View {
             None => lineage.root(&told)?,
         };
         let photos: Option<ImageSet> = match &self.scene {
-            Some(folder) => Some(ImageSet::read(folder).map_err(|error| {
-                Error::usage(error.to_string(), "give the folder of an image set")
-            })?),
+            Some(folder) => Some(artifact::images(folder)?),
             None => lineage.photos(&told)?,
         };
         let first = named(told, "field")?;

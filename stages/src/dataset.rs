@@ -1,14 +1,83 @@
 //! Image sets as a scene on disk that other programs train on. Knows nothing of how they came
 //! about.
 
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
 use std::path::Path;
 
 use artifacts_schema::ImageSet;
+use formats::rows;
 use glam::DVec3;
-use scene::Photo;
+use scene::{Capture, Layout, LayoutError, Part, Photo, Point};
 
-use crate::convert;
 use crate::error::StageError;
+use crate::surface::{Surface, Vertex};
+use crate::{convert, ply};
+
+/// An image set to write: its artifact, and the folder whose EXR files are to be taken as they are.
+#[derive(Clone, Copy)]
+pub struct Source<'s> {
+    /// The images.
+    pub images: &'s ImageSet,
+    /// The artifact's folder, if its EXR files are to stand in for PNGs.
+    pub exr: Option<&'s Path>,
+}
+
+/// Writes image sets in the layout of another program, in the scene's own coordinates, with points
+/// to begin with if there is a surface. Gives what was left out.
+///
+/// # Errors
+/// If the layout cannot hold them, or the file system says no.
+pub fn export(
+    folder: &Path,
+    layout: Layout,
+    train: Source,
+    test: Option<Source>,
+    surface: &Surface,
+) -> Result<Vec<String>, LayoutError> {
+    let photos = |source: Source| {
+        source
+            .images
+            .views
+            .iter()
+            .map(convert::view_photo)
+            .collect()
+    };
+    let [trained, held_out]: [Vec<Photo>; 2] =
+        [Some(train), test].map(|source| source.map(photos).unwrap_or_default());
+    let points: Vec<Point> = surface.vertices.iter().map(point).collect();
+    let capture = Capture {
+        train: part(&trained, Some(train)),
+        test: part(&held_out, test),
+        bounds: train.images.bounds,
+        to_source: train.images.to_source.as_ref().map(rows::matrix),
+        points: &points,
+    };
+    let notes = layout.write(folder, &capture)?;
+    if let Some(file) = layout.points_file().filter(|_| !points.is_empty()) {
+        let path = folder.join(file);
+        write_points(&path, surface).map_err(|source| LayoutError::Write { path, source })?;
+    }
+    Ok(notes)
+}
+
+fn part<'p>(photos: &'p [Photo], source: Option<Source<'p>>) -> Part<'p> {
+    let exr = source.and_then(|source| source.exr);
+    Part { photos, exr }
+}
+
+fn point(vertex: &Vertex) -> Point {
+    Point {
+        position: vertex.position,
+        color: vertex.bytes(),
+    }
+}
+
+fn write_points(path: &Path, surface: &Surface) -> std::io::Result<()> {
+    let mut out = BufWriter::new(File::create(path)?);
+    ply::write(surface, true, &mut out)?;
+    out.flush()
+}
 
 /// Writes image sets in the layout of NeRF-synthetic (see [`scene::write_transforms`]); the
 /// training set's box is the scene's. A scene that was moved to the origin, since its files'

@@ -37,11 +37,7 @@ pub fn write(surface: &Surface, points: bool, out: &mut impl Write) -> io::Resul
         for value in vertex.position.iter().chain(&vertex.normal) {
             out.write_all(&value.to_le_bytes())?;
         }
-        out.write_all(
-            &vertex
-                .color
-                .map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8),
-        )?;
+        out.write_all(&vertex.bytes())?;
     }
     for triangle in triangles {
         out.write_all(&[3])?;

@@ -28,6 +28,16 @@ pub struct Vertex {
     pub color: [f32; 3],
 }
 
+impl Vertex {
+    /// Its colour in 8 bits.
+    pub fn bytes(&self) -> [u8; 3] {
+        self.color
+            .map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8)
+    }
+}
+
+/// Cells along the box's longest side that show what a field of the usual size knows.
+pub const USUAL_RESOLUTION: u32 = 192;
 /// The corners of a cell and the pairs of them that are its edges: bit 0 is x, bit 1 is y, bit 2 is
 /// z.
 const EDGES: [(usize, usize); 12] = [

@@ -16,6 +16,7 @@ mod hub;
 mod import;
 mod init;
 mod kinds;
+mod layouts;
 mod mistakes;
 mod model;
 mod remote;

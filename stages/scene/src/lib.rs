@@ -1,4 +1,4 @@
-//! Readers of posed photos, and procedural scenes.
+//! Readers of posed photos, procedural scenes, and layouts of other programs.
 //!
 //! Everything here follows `docs/conventions.md`: OpenGL axes, pixel centres at +0.5, sRGB-encoded
 //! photos, depth along the view axis. Readers bring foreign conventions into these at the door;
@@ -11,12 +11,14 @@ mod faults;
 mod finder;
 mod folders;
 mod gathering;
+mod layouts;
 mod llff;
 mod mask;
 mod normalize;
 mod path;
 mod photo;
 mod photo_file;
+mod picture;
 mod plausible;
 mod pose;
 mod procedural;
@@ -27,6 +29,7 @@ mod transforms;
 pub use colmap::{Colmap, Registered};
 pub use downscale::{Reducer, downscale};
 pub use error::SceneError;
+pub use layouts::{Capture, Layout, LayoutError, Part, Point};
 pub use llff::Llff;
 pub use path::{circle, path_digest, path_from_file, path_text, spiral, upwards};
 pub use photo::{Photo, SceneData, split_holdout};

@@ -4,10 +4,9 @@
 use std::path::Path;
 
 use formats::{Bounds, Camera, Lens, lens, rows};
-use image::{GrayImage, Luma, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
-use crate::{Photo, SceneError};
+use crate::{Photo, SceneError, picture};
 
 /// Writes `train` and `test` into `folder`, which is created: photos as 8-bit PNGs, cameras
 /// exactly.
@@ -31,7 +30,7 @@ pub fn write_transforms(
             source,
         })?;
         for photo in photos {
-            write_photo(&images.join(format!("{}.png", photo.name)), photo)?;
+            picture::write_rgba(&images.join(format!("{}.png", photo.name)), photo)?;
             write_mask(&folder.join(mask_path(split, photo)), photo)?;
         }
         let frames: Vec<Value> = photos
@@ -69,20 +68,6 @@ pub(crate) fn frame(file_path: &str, camera: &Camera) -> Value {
     frame
 }
 
-fn write_photo(path: &Path, photo: &Photo) -> Result<(), SceneError> {
-    let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
-    let width = photo.camera.width;
-    let height = photo.camera.height;
-    let image = RgbaImage::from_fn(width, height, |x, y| {
-        let i = y as usize * width as usize + x as usize;
-        let [r, g, b] = [0, 1, 2].map(|channel| byte(photo.pixels.rgb[3 * i + channel]));
-        Rgba([r, g, b, byte(photo.pixels.coverage(i))])
-    });
-    image
-        .save(path)
-        .map_err(|error| SceneError::content(path, "the photo", error.to_string()))
-}
-
 fn mask_path(split: &str, photo: &Photo) -> String {
     format!("{split}_masks/{}.png", photo.name)
 }
@@ -94,12 +79,5 @@ fn write_mask(path: &Path, photo: &Photo) -> Result<(), SceneError> {
     };
     let folder = path.parent().unwrap_or(path);
     std::fs::create_dir_all(folder).map_err(|source| SceneError::io(folder, source))?;
-    let width = photo.camera.width;
-    let image = GrayImage::from_fn(width, photo.camera.height, |x, y| {
-        let counts = mask[y as usize * width as usize + x as usize];
-        Luma([255 * u8::from(counts)])
-    });
-    image
-        .save(path)
-        .map_err(|error| SceneError::content(path, "the mask", error.to_string()))
+    picture::write_mask(path, photo, Some(mask), |counts| counts)
 }

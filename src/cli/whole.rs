@@ -1,0 +1,53 @@
+//! What is written whole or not at all: beside its place first, then in it. Knows nothing of what
+//! that is.
+
+use std::fmt::Display;
+use std::io::Write;
+use std::path::Path;
+
+use crate::error::Error;
+
+/// Writes a file.
+pub fn file(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+) -> Result<(), Error> {
+    let written = tempfile::NamedTempFile::new_in(parent(path)).and_then(|file| {
+        let mut out = std::io::BufWriter::new(file);
+        write(&mut out)?;
+        out.into_inner()?
+            .persist(path)
+            .map(drop)
+            .map_err(|error| error.error)
+    });
+    written.map_err(|error| refused(path, &error))
+}
+
+/// Makes a folder, which must not be there yet.
+pub fn folder<T>(path: &Path, write: impl FnOnce(&Path) -> Result<T, Error>) -> Result<T, Error> {
+    if path.exists() {
+        return Err(Error::usage(
+            format!("{} is there already", path.display()),
+            "choose another place",
+        ));
+    }
+    let work = tempfile::tempdir_in(parent(path)).map_err(|error| refused(path, &error))?;
+    let beside = work.path().join("folder");
+    let written = write(&beside)?;
+    std::fs::rename(&beside, path).map_err(|error| refused(path, &error))?;
+    Ok(written)
+}
+
+/// That a place cannot be written to.
+pub fn refused(path: &Path, error: &dyn Display) -> Error {
+    Error::usage(
+        format!("cannot write {}: {error}", path.display()),
+        "choose another place",
+    )
+}
+
+fn parent(path: &Path) -> &Path {
+    path.parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
+}

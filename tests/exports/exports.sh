@@ -1,0 +1,19 @@
+#!/bin/sh
+# Exports a small scene in every layout, and has libraries that share no code with srnerf-dag read them.
+#
+#   exports.sh PROGRAM PYTHON      the Python has pycolmap, plyfile, numpy and pillow
+set -eu
+program=$(realpath "$1")
+python=$(realpath -s "$2")
+here=$(dirname "$(realpath "$0")")
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cd "$folder"
+"$program" run "$here/small.ron" --quiet >/dev/null
+train=out/small/up/images
+test=out/small/scene/test
+field=out/small/fit/field
+for layout in nerfstudio brush colmap instant-ngp; do
+    "$program" export $layout $train $test --points $field -o $layout
+done
+"$python" "$here/check.py" $train $test
