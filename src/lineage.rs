@@ -19,6 +19,10 @@ const FIELD: &str = "field";
 /// The inputs that hold the photos: of a stage that trains a field on them beside others, or on
 /// them alone.
 const PHOTOS: [&str; 2] = ["low", "images"];
+/// The inputs that hold the largest pictures that a stage trains a field on.
+const PICTURES: [&str; 2] = ["images", "low"];
+/// The outputs of a stage that splits photos.
+const SPLIT: [&str; 2] = ["train", "test"];
 
 /// A field as it is written, and what it tells of itself.
 pub struct Told {
@@ -52,20 +56,26 @@ impl Told {
 pub struct Lineage<'s> {
     store: &'s Store,
     artifacts: BTreeMap<String, Output>,
+    /// By the digest of photos that are trained on: those that were held out beside them.
+    held_out: BTreeMap<String, Output>,
 }
 
 impl<'s> Lineage<'s> {
     /// Of all that a store has.
     pub fn new(store: &'s Store) -> Result<Self, StoreError> {
-        let outputs = store
-            .records()?
-            .into_iter()
-            .flat_map(|record| record.outputs);
+        let records = store.records()?;
+        let split = |record: &Record| {
+            let [train, test] = SPLIT.map(|name| record.outputs.get(name));
+            Some((train?.digest.to_string(), test?.clone()))
+        };
+        let held_out = records.iter().filter_map(split).collect();
+        let outputs = records.into_iter().flat_map(|record| record.outputs);
         Ok(Self {
             store,
             artifacts: outputs
                 .map(|(_, output)| (output.digest.to_string(), output))
                 .collect(),
+            held_out,
         })
     }
 
@@ -89,7 +99,26 @@ impl<'s> Lineage<'s> {
 
     /// The photos that a field was trained on, if the store has them.
     pub fn photos<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
-        let output = PHOTOS.into_iter().find_map(|name| self.input(told, name));
+        self.first(told, PHOTOS)
+    }
+
+    /// The largest pictures that a field was trained on, if the store has them.
+    pub fn pictures<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
+        self.first(told, PICTURES)
+    }
+
+    /// The photos that were held out beside those that a field was trained on, if the store has
+    /// them.
+    pub fn held_out<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
+        let beside = |name: &str| self.held_out.get(told.input(name)?);
+        self.artifact(PHOTOS.into_iter().find_map(beside))
+    }
+
+    fn first<A: Artifact>(&self, told: &Told, names: [&str; 2]) -> Result<Option<A>, StoreError> {
+        self.artifact(names.into_iter().find_map(|name| self.input(told, name)))
+    }
+
+    fn artifact<A: Artifact>(&self, output: Option<&Output>) -> Result<Option<A>, StoreError> {
         output
             .filter(|output| output.kind == A::KIND)
             .map(|output| {

@@ -9,6 +9,7 @@ use scene::Layout;
 
 use super::export_layout::Views;
 use super::export_ply::Ply;
+use super::export_splat::Splat;
 use super::export_tensorboard::TensorBoard;
 use super::export_transforms::Transforms;
 use super::options::{Changes, Choice, PipelineOptions};
@@ -27,6 +28,8 @@ pub enum Export {
     Slurm(Target<true>),
     /// The surface of a field as a coloured mesh or point cloud, for MeshLab, Blender and Open3D
     Ply(Ply),
+    /// A field as Gaussian splats, for viewers, engines and editors: .ply, .glb or .usda
+    Splat(Splat),
     /// Image sets as a NeRF-synthetic scene: transforms_train.json, transforms_test.json and RGBA
     /// PNGs
     Transforms(Transforms),
@@ -62,6 +65,7 @@ impl Export {
     pub fn run(self, json: bool) -> Result<(), Error> {
         match self {
             Self::Ply(ply) => ply.run(json)?,
+            Self::Splat(splat) => splat.run(json)?,
             Self::Transforms(transforms) => transforms.run(json)?,
             Self::TensorBoard(tensorboard) => tensorboard.run(json)?,
             Self::Nerfstudio(views) => views.run(Layout::Nerfstudio, json)?,

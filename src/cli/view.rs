@@ -1,6 +1,6 @@
 //! `view`: fields in a browser on this machine. Writes nothing.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use artifacts_schema::ImageSet;
 use clap::Args;
@@ -10,13 +10,11 @@ use stages::convert;
 
 use super::artifact;
 use super::device;
-use super::diff::find_run;
-use super::metrics::last_run;
+use super::named;
 use super::output::{print, tell};
 use crate::error::Error;
-use crate::lineage::{Lineage, Told, last_fields};
+use crate::lineage::{Lineage, Told};
 use crate::store::Store;
-use crate::store::runs::Run;
 use crate::view::{Server, Subject};
 
 /// Options of `view`.
@@ -79,68 +77,26 @@ impl View {
     fn subject(&self) -> Result<Subject, Error> {
         let store = Store::open(&self.store)?;
         let lineage = Lineage::new(&store)?;
-        let told = self.told(&store, &lineage)?;
+        let told = named::field(&self.what, self.stage.as_deref(), &store, &lineage)?;
         let beside = match &self.beside {
-            Some(path) => Some(read(path)?),
+            Some(path) => Some(named::read(path)?),
             None => lineage.root(&told)?,
         };
         let photos: Option<ImageSet> = match &self.scene {
             Some(folder) => Some(artifact::images(folder)?),
             None => lineage.photos(&told)?,
         };
-        let first = named(told, "field")?;
-        let others = beside.map(|told| named(told, "field beside")).transpose()?;
+        let first = with_name(told, "field")?;
+        let others = beside
+            .map(|told| with_name(told, "field beside"))
+            .transpose()?;
         let photos = photos.map_or(Vec::new(), |set| set.views);
         Ok(Subject::new(first, others.into_iter().collect(), photos))
     }
-
-    fn told(&self, store: &Store, lineage: &Lineage) -> Result<Told, Error> {
-        let path = Path::new(&self.what);
-        if path.exists() {
-            return read(path);
-        }
-        let run = self.find_run(store)?;
-        let fields = last_fields(&run, store)?;
-        let chosen = match &self.stage {
-            Some(stage) => fields.get(stage),
-            None if fields.len() == 1 => fields.values().next(),
-            None => None,
-        };
-        let Some(output) = chosen else {
-            let names: Vec<&str> = fields.keys().map(String::as_str).collect();
-            let message = format!(
-                "the run of {} has {} such fields",
-                run.pipeline,
-                names.len()
-            );
-            let help = format!("name one with --stage: {}", names.join(", "));
-            return Err(Error::usage(message, help));
-        };
-        Ok(lineage.field(output)?)
-    }
-
-    fn find_run(&self, store: &Store) -> Result<Run, Error> {
-        let runs: Vec<Run> = store.runs(None)?.collect();
-        if runs.is_empty() {
-            return last_run(store, None);
-        }
-        let of_pipeline = |run: &&Run| run.pipeline == self.what;
-        let found = find_run(&runs, &self.what).or_else(|| runs.iter().find(of_pipeline));
-        found.cloned().ok_or_else(|| {
-            let message = format!("`{}` is no field, no run and no pipeline", self.what);
-            let help = "give field.safetensors or its folder, or @1, the last run";
-            Error::usage(message, help)
-        })
-    }
-}
-
-fn read(path: &Path) -> Result<Told, Error> {
-    let help = "give a field: field.safetensors, or its folder";
-    Told::read(path).map_err(|problem| Error::usage(problem, help))
 }
 
 /// A field with the name of its stage.
-fn named(told: Told, otherwise: &str) -> Result<(String, Field), Error> {
+fn with_name(told: Told, otherwise: &str) -> Result<(String, Field), Error> {
     let stage = told.provenance.stage;
     let name = if stage.is_empty() {
         otherwise.to_owned()

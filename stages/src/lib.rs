@@ -17,6 +17,7 @@ pub mod origin;
 pub mod ply;
 pub mod registry;
 pub mod shard;
+pub mod splats;
 pub mod stage;
 pub mod surface;
 pub mod training;

@@ -27,6 +27,7 @@ mod shards;
 mod soak;
 mod space;
 mod space_kept;
+mod splats;
 mod standing;
 mod trust;
 mod tutorial;
