@@ -27,7 +27,7 @@ pub struct SplatOptions {
 impl Default for SplatOptions {
     fn default() -> Self {
         Self {
-            most: 200_000,
+            most: 100_000,
             degree: 1,
             steps: 300,
         }

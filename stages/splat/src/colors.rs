@@ -91,32 +91,40 @@ impl Sums {
             let degree = (i as f32).sqrt() as usize;
             self.matrix[i][i] += HOLD[degree] * harmonics::FLAT * harmonics::FLAT;
         }
-        let lower = &mut self.matrix;
-        for i in 0..count {
-            for j in 0..=i {
-                let done: f32 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
-                let rest = lower[i][j] - done;
-                lower[i][j] = match i == j {
-                    true => rest.max(f32::MIN_POSITIVE).sqrt(),
-                    false => rest / lower[j][j],
-                };
-            }
-        }
-        let mut solved = [[0.0; 3]; MOST];
-        for channel in 0..3 {
-            for i in 0..count {
-                let done: f32 = (0..i).map(|k| lower[i][k] * solved[k][channel]).sum();
-                solved[i][channel] = (self.side[i][channel] - done) / lower[i][i];
-            }
-            for i in (0..count).rev() {
-                let done: f32 = (i + 1..count)
-                    .map(|k| lower[k][i] * solved[k][channel])
-                    .sum();
-                solved[i][channel] = (solved[i][channel] - done) / lower[i][i];
-            }
-        }
-        solved
+        decompose(&mut self.matrix, count);
+        let column =
+            |channel: usize| substitute(&self.matrix, &self.side.map(|s| s[channel]), count);
+        let [red, green, blue] = [0, 1, 2].map(column);
+        std::array::from_fn(|i| [red[i], green[i], blue[i]])
     }
+}
+
+/// The lower triangle whose product with itself, turned over, is the matrix; in its place.
+fn decompose(lower: &mut [[f32; MOST]; MOST], count: usize) {
+    for i in 0..count {
+        for j in 0..=i {
+            let done: f32 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+            let rest = lower[i][j] - done;
+            lower[i][j] = match i == j {
+                true => rest.max(f32::MIN_POSITIVE).sqrt(),
+                false => rest / lower[j][j],
+            };
+        }
+    }
+}
+
+/// Forwards through the triangle, and back through it turned over.
+fn substitute(lower: &[[f32; MOST]; MOST], side: &[f32; MOST], count: usize) -> [f32; MOST] {
+    let mut solved = [0.0; MOST];
+    for i in 0..count {
+        let done: f32 = (0..i).map(|k| lower[i][k] * solved[k]).sum();
+        solved[i] = (side[i] - done) / lower[i][i];
+    }
+    for i in (0..count).rev() {
+        let done: f32 = (i + 1..count).map(|k| lower[k][i] * solved[k]).sum();
+        solved[i] = (solved[i] - done) / lower[i][i];
+    }
+    solved
 }
 
 #[cfg(test)]

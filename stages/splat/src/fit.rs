@@ -86,8 +86,9 @@ impl Fit {
         splats
             .zip(by.par_iter().zip(&self.began))
             .for_each(|((splat, own), (by, began))| own.change(splat, by, slow, step, *began));
-        let values = 8.0 / (truth.pixels.len().max(1) as f64) / 4.0;
-        -10.0 * (error * values).log10()
+        // The error is halved, and summed over four channels.
+        let mean = 2.0 * error / (4.0 * truth.pixels.len().max(1) as f64);
+        -10.0 * mean.log10()
     }
 
     /// The cloud as it is.

@@ -22,12 +22,15 @@ const Z_TO_Y: [f32; 4] = [
     std::f32::consts::FRAC_1_SQRT_2,
 ];
 
+/// The numbers of a splat in a column.
+type Row = Box<dyn Fn(&Splat) -> Vec<f32>>;
+
 /// A column of numbers, one row a splat.
 struct Column {
     name: String,
     kind: &'static str,
     width: usize,
-    row: Box<dyn Fn(&Splat) -> Vec<f32>>,
+    row: Row,
 }
 
 pub fn write(cloud: &Cloud, up: Up, out: &mut dyn Write) -> io::Result<()> {
@@ -58,7 +61,7 @@ pub fn write(cloud: &Cloud, up: Up, out: &mut dyn Write) -> io::Result<()> {
 }
 
 fn columns(cloud: &Cloud) -> Vec<Column> {
-    let column = |name: &str, kind, width, row: Box<dyn Fn(&Splat) -> Vec<f32>>| Column {
+    let column = |name: &str, kind, width, row: Row| Column {
         name: name.to_owned(),
         kind,
         width,

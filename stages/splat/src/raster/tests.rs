@@ -3,6 +3,11 @@ use crate::cloud::Splat;
 use crate::harmonics::MOST;
 use glam::{DMat4, Quat, Vec3};
 
+/// A number of a splat.
+type Number = fn(&mut Splat) -> &mut f32;
+/// The derivative by it.
+type Gradient = fn(&BySplat) -> f32;
+
 const SIZE: (u32, u32) = (40, 24);
 
 fn camera() -> Camera {
@@ -55,7 +60,7 @@ fn gradients_are_those_of_finite_differences() {
     let cloud = cloud(6);
     let (loss, by) = error_backward(&cloud, &camera(), &grey());
     assert!((loss - error(&cloud)).abs() < 1e-4 * loss, "{loss}");
-    let numbers: [(&str, fn(&mut Splat) -> &mut f32, fn(&BySplat) -> f32); 6] = [
+    let numbers: [(&str, Number, Gradient); 6] = [
         ("logit", |s| &mut s.logit, |b| b.logit),
         ("first scale", |s| &mut s.log_scale.x, |b| b.log_scale.x),
         ("second scale", |s| &mut s.log_scale.y, |b| b.log_scale.y),
