@@ -157,7 +157,7 @@ impl Splat {
                 all.len()
             ));
         }
-        Ok(match test.filter(|test| has_plain(test)) {
+        Ok(match test.filter(has_plain) {
             Some(test) => Scene {
                 field,
                 cameras,
