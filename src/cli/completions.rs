@@ -23,7 +23,11 @@ impl Completions {
         let name = command.get_name().to_owned();
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command, name, &mut script);
-        print(&String::from_utf8_lossy(&script).trim_end());
+        let script = String::from_utf8_lossy(&script);
+        // For bash, clap_complete 4.6 writes a name with a hyphen in two ways that do not meet, so
+        // that options of commands are not found (github.com/clap-rs/clap/issues/6421).
+        let script = script.replace("srnerf__subcmd__dag", "srnerf__dag");
+        print(&script.trim_end());
     }
 }
 

@@ -27,9 +27,10 @@ fn bash_completes_a_command_and_an_option() {
     let space = Space::new();
     let script = space.ok(&["completions", "bash"]).out;
     let ask = r#"
+        function=$(complete -p srnerf-dag | sed 's/.*-F //; s/ .*//')
         complete_line() {
             COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMPREPLY=()
-            "_srnerf-dag" srnerf-dag "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD - 1]}"
+            "$function" srnerf-dag "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD - 1]}"
             echo "${COMPREPLY[@]}"
         }
         complete_line srnerf-dag whe

@@ -66,7 +66,12 @@ fn assert_same(ours: &[Photo], to_source: DMat4, theirs: &[Photo], tolerance: f6
             .zip(their.camera.camera_to_world.to_cols_array());
         let apart = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(apart < tolerance, "{}: {apart}", our.name);
-        let worst = our.pixels.rgb.iter().zip(&their.pixels.rgb).map(|(a, b)| (a - b).abs());
+        let worst = our
+            .pixels
+            .rgb
+            .iter()
+            .zip(&their.pixels.rgb)
+            .map(|(a, b)| (a - b).abs());
         assert!(worst.fold(0.0, f32::max) < 0.003, "8 bits of {}", our.name);
     }
 }
