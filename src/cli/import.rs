@@ -1,5 +1,6 @@
 //! `import`: poses for photos that have none, and a pipeline for them. Leaves the work to COLMAP.
 
+use std::ffi::OsStr;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -16,7 +17,8 @@ use crate::import::{self, Imported, Places, Progress, Tool};
 pub struct Import {
     /// A folder of photos, or a video
     photos: PathBuf,
-    /// The folder to make, with links to the photos and their poses; by default named after them
+    /// The folder to make, with links to the photos and their poses, by default PHOTOS_posed; the
+    /// pipeline then has its name, and not that of the photos
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
     /// Make the photos four times smaller first, and compare held-out views with them
@@ -80,7 +82,7 @@ impl Import {
             true => path.file_name(),
             false => path.file_stem(),
         };
-        name.unwrap_or_default().to_string_lossy().into_owned()
+        plain(name)
     }
 
     /// What can be known to be wrong before hours of work.
@@ -103,6 +105,10 @@ impl Import {
             None => Ok(()),
         }
     }
+}
+
+fn plain(name: Option<&OsStr>) -> String {
+    name.unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// How good the poses are.

@@ -125,4 +125,7 @@ fn what_cannot_be_done_is_said_before_anything_is() {
         "{}",
         said.err
     );
+    let said = import(&space, &["-o", "other"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert!(space.path("other/sparse").exists() && space.path("other.ron").exists());
 }
