@@ -45,11 +45,13 @@ impl Import {
     /// Finds poses, says how good they are, and writes the pipeline.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let name = self.name();
-        let folder = self
-            .output
-            .clone()
-            .unwrap_or(format!("{name}_posed").into());
-        let pipeline = PathBuf::from(format!("{name}.ron"));
+        let folder = self.output.clone();
+        let folder = folder.unwrap_or(format!("{name}_posed").into());
+        let named = match &self.output {
+            Some(output) => plain(output.file_name()),
+            None => name,
+        };
+        let pipeline = PathBuf::from(format!("{named}.ron"));
         self.check(&[&folder, &pipeline])?;
         let tool = Tool::find(&Places {
             colmap: self.colmap.clone(),
