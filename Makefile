@@ -9,9 +9,6 @@ PYTHON ?=
 GPU ?=
 PEAK ?= 82600,1008
 
-# Mesa's layer that sorts GPUs looks for a desktop, and complains on stderr where there is none.
-export NODEVICE_SELECT = 1
-
 .PHONY: run test test-full test-slurm golden lint doc bench setup clean vulkan
 
 run: setup

@@ -93,10 +93,11 @@ impl Import {
             let message = format!("there is no {}", self.photos.display());
             return Err(Error::usage(message, "give a folder of photos, or a video"));
         }
-        for (value, name) in [(self.rate, "--rate"), (self.least, "--least")] {
-            if !(value > 0.0 && value.is_finite()) {
+        for (value, name, most) in [(self.rate, "--rate", 1000.0), (self.least, "--least", 1.0)] {
+            if !(value > 0.0 && value <= most) {
                 let message = format!("{name} is {value}");
-                return Err(Error::usage(message, "give a number above 0"));
+                let help = format!("give a number above 0, and at most {most}");
+                return Err(Error::usage(message, help));
             }
         }
         match made.iter().find(|path| path.exists()) {

@@ -1,5 +1,5 @@
-//! What is written whole or not at all: beside its place first, then in it. Knows nothing of what
-//! that is.
+//! Files and folders that are written whole or not at all: beside their place first, then moved to
+//! it. Knows nothing of what is in them.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -38,7 +38,7 @@ pub fn folder<T>(path: &Path, write: impl FnOnce(&Path) -> Result<T, Error>) -> 
     Ok(written)
 }
 
-/// That a place cannot be written to.
+/// The error for a place that cannot be written to.
 pub fn refused(path: &Path, error: &dyn Display) -> Error {
     Error::usage(
         format!("cannot write {}: {error}", path.display()),

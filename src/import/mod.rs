@@ -17,8 +17,8 @@ pub use error::ImportError;
 pub use step::{Progress, Step};
 pub use tool::{Places, Tool};
 
-/// Photos more than these are matched with their neighbours in time alone, if they are frames of a
-/// video: pairs grow with the square.
+/// Of a video with more frames, only frames that follow one another are compared: the number of
+/// pairs grows with the square.
 const MOST_PAIRED_FRAMES: usize = 300;
 
 /// What to find poses for, and how.
@@ -45,8 +45,8 @@ pub struct Imported {
 }
 
 impl Import {
-    /// Makes the folder. Until all is well it has another name, which a failure leaves for people
-    /// to look into, and which the next try begins by removing.
+    /// Makes the folder. It is called `FOLDER.part` until all is well. A failure leaves it, so that
+    /// people can look into it; the next try removes it first.
     pub fn run(&self, tool: &Tool, progress: &mut dyn Progress) -> Result<Imported, ImportError> {
         let work = self.work();
         remove(&work)?;
@@ -62,9 +62,9 @@ impl Import {
 
     /// Where the folder is made.
     fn work(&self) -> PathBuf {
-        let mut name = self.folder.as_os_str().to_owned();
+        let mut name = self.folder.file_name().unwrap_or_default().to_owned();
         name.push(".part");
-        name.into()
+        self.folder.with_file_name(name)
     }
 
     fn reconstruct(
@@ -82,7 +82,7 @@ impl Import {
         run(Step::Features { lens, one_lens }, progress)?;
         run(Step::Matches { in_time }, progress)?;
         let mut best = 0;
-        // The global mapper is the fastest, and finds least where focal lengths are unknown.
+        // The global mapper is faster, but finds less where focal lengths are unknown.
         for global in tool.mappers() {
             remove(&work.join("sparse"))?;
             fs::create_dir(work.join("sparse")).map_err(|error| ImportError::file(work, error))?;

@@ -82,9 +82,12 @@ fn link_all(folder: &Path, images: &Path) -> Result<(), ImportError> {
         let link = images.join(name);
         let parent = link.parent().unwrap_or(images);
         fs::create_dir_all(parent).map_err(|error| ImportError::file(parent, error))?;
-        fs::hard_link(&photo, &link)
-            .or_else(|_| fs::copy(&photo, &link).map(drop))
-            .map_err(|error| ImportError::file(&photo, error))?;
+        // A link to a symbolic link would lead nowhere from its new place.
+        let file = fs::canonicalize(&photo);
+        file.and_then(|file| {
+            fs::hard_link(&file, &link).or_else(|_| fs::copy(&file, &link).map(drop))
+        })
+        .map_err(|error| ImportError::file(&photo, error))?;
     }
     Ok(())
 }

@@ -45,7 +45,7 @@ impl Step<'_> {
     }
 }
 
-/// Told how far a step is.
+/// What is told how far a step is.
 pub trait Progress {
     /// A step begins, of which nothing else is known.
     fn begin(&mut self, what: &'static str);
@@ -75,10 +75,10 @@ pub fn run(
     // Both outputs in one pipe, so that lines stay in their order.
     let (reader, writer) = std::io::pipe().map_err(refuse)?;
     let other = writer.try_clone().map_err(refuse)?;
-    let child = command.stdin(Stdio::null()).stdout(writer).stderr(other);
-    let started = child.spawn();
+    command.stdin(Stdio::null()).stdout(writer).stderr(other);
+    let started = command.spawn();
     // The command holds the pipe's other end; with it open there would be no end of lines.
-    child.stdout(Stdio::null()).stderr(Stdio::null());
+    command.stdout(Stdio::null()).stderr(Stdio::null());
     let mut child = started.map_err(|error| ImportError::Failed {
         what,
         status: "not started".into(),

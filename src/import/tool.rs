@@ -163,7 +163,7 @@ impl Tool {
         // Without CUDA the same work is done by OpenGL, which needs a window system.
         let gpu = known
             .split_whitespace()
-            .find(|word| word.ends_with(".use_gpu") && !word.contains("Ba"));
+            .find(|word| word.ends_with(".use_gpu"));
         if let (Some(gpu), false) = (gpu, self.cuda) {
             command.args([gpu, "0"]);
         }

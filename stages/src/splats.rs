@@ -4,13 +4,13 @@
 use artifacts_schema::View;
 use formats::Camera;
 use nerf::{Field, RenderOptions};
-use splat::{Cloud, Colors, Fit, FitOptions, Picture, SeedError, SeedOptions, Seeds};
+use splat::{Cloud, Colors, Fit, Picture, SeedError, Seeds};
 
 use crate::convert;
 
 /// Pixels of all pictures together, at most: with depth they take 20 bytes each.
 const MOST_PIXELS: u64 = 24 << 20;
-/// Of cameras without held-out ones beside them every so many are held out.
+/// Where no photos are held out, every so many cameras are.
 const HOLD_OUT: usize = 8;
 
 /// How splats are made.
@@ -97,12 +97,7 @@ pub fn splats(
         .iter()
         .map(|camera| Sight::new(field, camera))
         .collect();
-    let mut fit = Fit::new(
-        seeded(&sights, options)?,
-        FitOptions {
-            steps: options.steps,
-        },
-    );
+    let mut fit = Fit::new(seeded(&sights, options)?, options.steps);
     for step in 1..=options.steps {
         let sight = &sights[fit.next_picture(sights.len())];
         told(step, fit.step(&sight.camera, &sight.picture));
@@ -112,7 +107,7 @@ pub fn splats(
 
 fn seeded(sights: &[Sight], options: &SplatOptions) -> Result<Cloud, SeedError> {
     let pixels = sights.iter().map(|sight| sight.depth.len()).sum();
-    let mut seeds = Seeds::new(&SeedOptions { most: options.most }, pixels);
+    let mut seeds = Seeds::new(options.most, pixels);
     for sight in sights {
         let coverage: Vec<f32> = sight.picture.pixels.iter().map(|pixel| pixel[3]).collect();
         seeds.look(&sight.camera, &sight.depth, &coverage);

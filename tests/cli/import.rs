@@ -45,6 +45,10 @@ fn import(space: &Space, more: &[&str]) -> Said {
 #[test]
 fn photos_without_poses_become_a_pipeline_that_runs() {
     let space = photos();
+    // One of the photos lies elsewhere.
+    let photo = space.path("shoes/train_000.png");
+    fs::rename(&photo, space.path("elsewhere.png")).unwrap();
+    std::os::unix::fs::symlink("../elsewhere.png", &photo).unwrap();
     let before = space.files("shoes");
     let said = import(&space, &[]);
     assert_eq!(said.code, 0, "{}", said.err);
@@ -117,6 +121,9 @@ fn what_cannot_be_done_is_said_before_anything_is() {
     assert!(said.err.contains("empty holds no photos"), "{}", said.err);
     let said = space.say(&["import", "film.mp4", "--colmap", "./colmap"]);
     assert_eq!(said.code, 2, "{}", said.err);
+    let said = import(&space, &["--least", "60"]);
+    assert_eq!(said.code, 2, "{}", said.err);
+    assert!(said.err.contains("at most 1"), "{}", said.err);
     fs::write(space.path("shoes.ron"), "mine").unwrap();
     let said = import(&space, &[]);
     assert_eq!(said.code, 2, "{}", said.err);
@@ -125,7 +132,7 @@ fn what_cannot_be_done_is_said_before_anything_is() {
         "{}",
         said.err
     );
-    let said = import(&space, &["-o", "other"]);
+    let said = import(&space, &["-o", "other/"]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert!(space.path("other/sparse").exists() && space.path("other.ron").exists());
 }

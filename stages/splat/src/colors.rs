@@ -28,7 +28,7 @@ struct Sums {
 }
 
 impl Colors {
-    /// Of no pictures yet.
+    /// Nothing has been looked at yet.
     pub fn new(cloud: &Cloud) -> Self {
         let none = Sums {
             matrix: [[0.0; MOST]; MOST],

@@ -22,19 +22,12 @@ const END: f32 = 0.1;
 /// own must not cover another's.
 const FARTHEST: f32 = 4.0;
 
-/// How long to fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FitOptions {
-    /// How many steps.
-    pub steps: u32,
-}
-
 /// A cloud that is being fitted.
 pub struct Fit {
     cloud: Cloud,
     began: Vec<Vec3>,
     moments: Vec<Own>,
-    options: FitOptions,
+    steps: u32,
     done: u32,
 }
 
@@ -47,20 +40,20 @@ struct Own {
 }
 
 impl Fit {
-    /// Of a cloud with its first colours.
-    pub fn new(cloud: Cloud, options: FitOptions) -> Self {
+    /// Begins with a cloud that has its first colours, for so many steps.
+    pub fn new(cloud: Cloud, steps: u32) -> Self {
         Self {
             began: cloud.splats.iter().map(|splat| splat.log_scale).collect(),
             moments: vec![Own::default(); cloud.splats.len()],
             cloud,
-            options,
+            steps,
             done: 0,
         }
     }
 
     /// Whether there is more to do.
     pub fn goes_on(&self) -> bool {
-        self.done < self.options.steps
+        self.done < self.steps
     }
 
     /// Which of `count` pictures is next: each once a round, the next rounds in other orders.
@@ -79,7 +72,7 @@ impl Fit {
     pub fn step(&mut self, camera: &Camera, truth: &Picture) -> f64 {
         let (error, by) = error_backward(&self.cloud, camera, truth);
         self.done += 1;
-        let part = self.done as f32 / self.options.steps.max(1) as f32;
+        let part = self.done as f32 / self.steps.max(1) as f32;
         let slow = END + (1.0 - END) * 0.5 * (1.0 + (std::f32::consts::PI * part).cos());
         let step = Step::new(self.done);
         let splats = self.cloud.splats.par_iter_mut().zip(&mut self.moments);
@@ -129,7 +122,7 @@ mod tests {
     #[test]
     fn every_round_goes_through_all_pictures() {
         for count in [1, 2, 7, 12] {
-            let mut fit = Fit::new(Cloud::default(), FitOptions { steps: 99 });
+            let mut fit = Fit::new(Cloud::default(), 99);
             for round in 0..3 {
                 let mut seen: Vec<usize> = (0..count)
                     .map(|place| {

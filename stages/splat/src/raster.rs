@@ -174,7 +174,7 @@ fn pixel_backward(list: &[Ellipse], touches: &[Touch], by_color: [f32; 4], by: &
     }
 }
 
-/// [`alpha`]'s.
+/// The derivative through [`alpha`].
 fn alpha_backward(ellipse: &Ellipse, touch: &Touch, by_alpha: f32, by: &mut ByEllipse) {
     by.opacity += touch.weight * by_alpha;
     let by_square = -0.5 * ellipse.opacity * touch.weight * by_alpha;

@@ -26,13 +26,6 @@ const LEVELS: f32 = 2.0;
 /// The logits of opacities that seeds may have: what is almost opaque has no gradient.
 const LOGITS: [f32; 2] = [-2.0, 3.0];
 
-/// How many splats there may be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SeedOptions {
-    /// At most so many.
-    pub most: usize,
-}
-
 /// Why there are no splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SeedError {
@@ -60,15 +53,15 @@ pub struct Seed {
 }
 
 impl Seeds {
-    /// For pictures that have so many pixels together.
-    pub fn new(options: &SeedOptions, pixels: usize) -> Self {
-        let room = SPARE * options.most.max(1);
+    /// For at most `most` splats, of pictures that have so many pixels together.
+    pub fn new(most: usize, pixels: usize) -> Self {
+        let room = SPARE * most.max(1);
         let mut stride = 1;
         while pixels / (stride as usize * stride as usize) > room {
             stride += 1;
         }
         Self {
-            most: options.most.max(1),
+            most: most.max(1),
             stride,
             points: Vec::new(),
         }
@@ -242,7 +235,7 @@ mod tests {
 
     /// A wall at z = 0, seen from 4 in front of it by cameras beside each other.
     fn wall(most: usize) -> Cloud {
-        let mut seeds = Seeds::new(&SeedOptions { most }, 3 * 40 * 30);
+        let mut seeds = Seeds::new(most, 3 * 40 * 30);
         for i in 0..3 {
             let place = DVec3::new(0.05 * f64::from(i), 0.0, 4.0);
             let pose = DMat4::from_translation(place);
@@ -273,7 +266,7 @@ mod tests {
 
     #[test]
     fn nothing_gives_no_splats() {
-        let seeds = Seeds::new(&SeedOptions { most: 10 }, 100);
+        let seeds = Seeds::new(10, 100);
         assert_eq!(seeds.cloud(0), Err(SeedError::Nothing));
     }
 }

@@ -1,6 +1,6 @@
 //! Lenses as other programs write them down. Knows no poses.
 
-use formats::{Camera, Distortion};
+use formats::{Camera, Distortion, Lens};
 use serde_json::{Map, Value, json};
 
 use super::{Layout, LayoutError};
@@ -36,27 +36,18 @@ pub(super) fn fields(layout: Layout, camera: &Camera) -> Result<Map<String, Valu
     if held(layout, &lens) != lens {
         return Err(unheld(layout, &lens));
     }
-    let mut fields = Map::new();
-    let mut put = |name: &str, value: Value| fields.insert(name.to_owned(), value);
-    put("w", json!(camera.width));
-    put("h", json!(camera.height));
-    put("fl_x", json!(camera.fl_x));
-    put("fl_y", json!(camera.fl_y));
-    put("cx", json!(camera.cx));
-    put("cy", json!(camera.cy));
-    let names = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
-    for (name, value) in names.into_iter().zip(lens.coefficients()) {
-        if value != 0.0 {
-            put(name, json!(value));
-        }
-    }
-    if lens.fisheye {
-        put("camera_model", json!("OPENCV_FISHEYE"));
-        // What instant-ngp asks for.
-        put("is_fisheye", json!(true));
-    } else {
-        put("camera_model", json!("OPENCV"));
-    }
+    // Frames have a near and a far of their own.
+    let shared = Lens {
+        near: None,
+        far: None,
+        ..Lens::of(camera)
+    };
+    let mut fields = match json!(shared) {
+        Value::Object(fields) => fields,
+        _ => Map::new(),
+    };
+    let model = formats::lens::model([&lens].into_iter());
+    fields.insert("camera_model".into(), json!(model));
     Ok(fields)
 }
 
