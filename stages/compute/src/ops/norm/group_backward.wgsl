@@ -10,6 +10,6 @@ fn compute(group: vec3u, local: u32, first: u32, end: u32, start: u32, m: vec2f)
     let along = sum_all(local, sums) / f32(p.size);
     for (var i = first + local; i < end; i += 256u) {
         let normal = (x[start + i] - m.x) * m.y;
-        out[start + i] = m.y * (slope(group.y, start + i, i, m) - along.x - normal * along.y);
+        out[start + i] = m.y * fma(-normal, along.y, slope(group.y, start + i, i, m) - along.x);
     }
 }

@@ -4,6 +4,6 @@
 fn compute(group: vec3u, local: u32, first: u32, end: u32, start: u32, m: vec2f) {
     for (var i = first + local; i < end; i += 256u) {
         let c = channel(group.y, i);
-        out[start + i] = activate((x[start + i] - m.x) * m.y * gamma[c] + beta[c]);
+        out[start + i] = activate(fma((x[start + i] - m.x) * m.y, gamma[c], beta[c]));
     }
 }

@@ -16,7 +16,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
     var square = 0.0;
     for (var i = first + local; i < end; i += 256u) {
         let d = x[start + i] - mean;
-        square += d * d;
+        square = fma(d, d, square);
     }
     let about = sum_all(local, vec2f(square, 0.0)).x;
     if (local == 0u) {

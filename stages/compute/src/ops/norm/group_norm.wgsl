@@ -10,14 +10,14 @@
 fn moments(which: u32, local: u32) -> vec2f {
     var sum = 0.0;
     for (var c = local; c < p.chunks; c += 256u) {
-        sum += chunk_moments[which * p.chunks + c].x * f32(min(4096u, p.size - c * 4096u));
+        sum = fma(chunk_moments[which * p.chunks + c].x, f32(min(4096u, p.size - c * 4096u)), sum);
     }
     let mean = sum_all(local, vec2f(sum, 0.0)).x / f32(p.size);
     var square = 0.0;
     for (var c = local; c < p.chunks; c += 256u) {
         let m = chunk_moments[which * p.chunks + c];
         let d = m.x - mean;
-        square += m.y + d * d * f32(min(4096u, p.size - c * 4096u));
+        square += fma(d * d, f32(min(4096u, p.size - c * 4096u)), m.y);
     }
     let variance = sum_all(local, vec2f(square, 0.0)).x / f32(p.size);
     return vec2f(mean, 1.0 / sqrt(variance + p.eps));

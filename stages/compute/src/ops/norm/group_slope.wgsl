@@ -4,5 +4,5 @@
 // The gradient to the normalised value.
 fn slope(which: u32, at: u32, i: u32, m: vec2f) -> f32 {
     let c = channel(which, i);
-    return dy[at] * activation_slope((x[at] - m.x) * m.y * gamma[c] + beta[c]) * gamma[c];
+    return dy[at] * activation_slope(fma((x[at] - m.x) * m.y, gamma[c], beta[c])) * gamma[c];
 }

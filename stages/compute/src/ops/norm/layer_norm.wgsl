@@ -1,5 +1,6 @@
 // A row of `width` elements per workgroup, normalised, scaled and shifted; or the gradient of that,
-// with `dy`.
+// with `dy`. Each `fma` stands where a compiler may join a product and a sum or not: with pieces of arrays it did
+// so elsewhere than without, on an NVIDIA H200, and the bits differed.
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read> gamma: array<f32>;
 // The shift, or the gradient to the output.
@@ -17,7 +18,7 @@ fn moments(start: u32, local: u32) -> vec2f {
     var square = 0.0;
     for (var i = local; i < p.width; i += 256u) {
         let d = x[start + i] - mean;
-        square += d * d;
+        square = fma(d, d, square);
     }
     let variance = sum_all(local, vec2f(square, 0.0)).x / count;
     return vec2f(mean, 1.0 / sqrt(variance + p.eps));
@@ -37,19 +38,19 @@ fn main(
     let m = moments(start, local);
 #for once ${FORWARD}
     for (var i = local; i < p.width; i += 256u) {
-        out[start + i] = (x[start + i] - m.x) * m.y * gamma[i] + other[i];
+        out[start + i] = fma((x[start + i] - m.x) * m.y, gamma[i], other[i]);
     }
 #end
 #for once ${BACKWARD}
     var sums = vec2f();
     for (var i = local; i < p.width; i += 256u) {
         let d = other[start + i] * gamma[i];
-        sums += vec2f(d, d * (x[start + i] - m.x) * m.y);
+        sums = vec2f(sums.x + d, fma(d * (x[start + i] - m.x), m.y, sums.y));
     }
     let along = sum_all(local, sums) / f32(p.width);
     for (var i = local; i < p.width; i += 256u) {
         let normal = (x[start + i] - m.x) * m.y;
-        out[start + i] = m.y * (other[start + i] * gamma[i] - along.x - normal * along.y);
+        out[start + i] = m.y * fma(-normal, along.y, fma(other[start + i], gamma[i], -along.x));
     }
 #end
 }

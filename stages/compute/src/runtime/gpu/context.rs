@@ -51,10 +51,13 @@ pub(super) struct Work {
     pub(super) counts: Counts,
 }
 
+/// The arrays that a kernel of a weak adapter sees: as many as under lavapipe.
+const WEAK_BINDINGS: u32 = 32;
+
 impl Gpu {
     /// Opens the adapter numbered `index`, or the first that is hardware; with a `window` as if it
-    /// were a weak one, whose kernels see so many bytes of an array at once, and name no numbers of
-    /// 16 bits.
+    /// were a weak one, whose kernels see so many bytes of an array at once, and few of them, and
+    /// name no numbers of 16 bits.
     pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
         let mut limits = adapter.limits();
@@ -62,6 +65,8 @@ impl Gpu {
         if let Some(window) = window {
             limits.max_storage_buffer_binding_size =
                 limits.max_storage_buffer_binding_size.min(window);
+            limits.max_storage_buffers_per_shader_stage =
+                limits.max_storage_buffers_per_shader_stage.min(WEAK_BINDINGS);
             required_features = wgpu::Features::empty();
         }
         let required_limits = limits.clone();
