@@ -44,9 +44,9 @@ fn a_picture_of_odd_size_comes_back_in_its_size() {
         decoded.to_vec(),
         crop(&vae.decode(&whole), 0, 0, 47, 63).to_vec()
     );
-    // Its model card gives the round trip 27.9 dB.
+    // Its model card gives the round trip 36.6 dB.
     let psnr = -10.0 * (f64::from(mean_square(&sub(&decoded, &image))) / 4.0).log10();
-    assert!(psnr > 26.0, "the picture comes back at {psnr:.1} dB");
+    assert!(psnr > 34.0, "the picture comes back at {psnr:.1} dB");
 }
 
 #[test]

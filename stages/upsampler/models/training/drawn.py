@@ -1,10 +1,15 @@
 """Drawn training pictures: shapes over each other, and planes in perspective with masonry, words, checks, grain.
 
+    drawn.py FOLDER COUNT
+
 Unlimited and CC0. Regular patterns and glyphs are what a small network learns last from photos. Nothing here draws what the
 program's test scenes draw. Knows no network.
 """
 import glob
 import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -175,7 +180,18 @@ def leaves(random, side):
     return np.array(canvas.resize((side, side), Image.BOX))
 
 
-def pictures(count, side=352, seed=11):
-    """So many drawn pictures, two planes for each picture of leaves."""
-    random = np.random.default_rng(seed)
-    return [leaves(random, side) if index % 3 == 2 else planes(random, side) for index in range(count)]
+def draw(folder, index, side=352, seed=11):
+    """Writes one picture: two of planes, then one of leaves."""
+    random = np.random.default_rng([seed, index])
+    drawn = leaves(random, side) if index % 3 == 2 else planes(random, side)
+    Image.fromarray(drawn).save(folder / f"{index:04}.png")
+
+
+def main(folder, count):
+    folder.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor() as pool:
+        list(pool.map(draw, [folder] * count, range(count)))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

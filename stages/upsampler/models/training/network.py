@@ -60,19 +60,22 @@ class Muon(torch.optim.Optimizer):
     @torch.no_grad()
     def step(self):
         for group in self.param_groups:
+            shapes = {}
             for parameter in group["params"]:
-                self._move(parameter, group["lr"], group["momentum"])
+                shapes.setdefault(parameter.shape, []).append(parameter)
+            for parameters in shapes.values():
+                self._move(parameters, group["lr"], group["momentum"])
 
-    def _move(self, parameter, rate, momentum):
-        state = self.state[parameter]
-        if "mean" not in state:
-            state["mean"] = torch.zeros_like(parameter)
-        state["mean"].lerp_(parameter.grad, 1 - momentum)
-        direction = parameter.grad.lerp(state["mean"], momentum).flatten(1)
-        x = direction / (direction.norm() + 1e-12)
+    def _move(self, parameters, rate, momentum):
+        """Moves parameters of one shape, which are one batch of matrices."""
+        gradients = [parameter.grad for parameter in parameters]
+        means = [self.state[p].setdefault("mean", torch.zeros_like(p)) for p in parameters]
+        torch._foreach_lerp_(means, gradients, 1 - momentum)
+        x = torch.stack([gradient.lerp(mean, momentum).flatten(1) for gradient, mean in zip(gradients, means)])
+        x = x / (x.norm(dim=(1, 2), keepdim=True) + 1e-12)
         for _ in range(5):
-            gram = x @ x.T
+            gram = x @ x.mT
             x = 3.4445 * x + (-4.7750 * gram + 2.0315 * gram @ gram) @ x
         # A matrix with more rows than columns would move less than others.
-        stretch = max(1, x.shape[0] / x.shape[1]) ** 0.5
-        parameter.add_(x.view_as(parameter), alpha=-rate * stretch)
+        stretch = max(1, x.shape[1] / x.shape[2]) ** 0.5
+        torch._foreach_add_(parameters, list(x.view(-1, *parameters[0].shape)), alpha=-rate * stretch)

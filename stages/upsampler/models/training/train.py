@@ -1,11 +1,11 @@
 """Trains the embedded upsampler, and goes on from its checkpoint.
 
-    train.py CHECKPOINT --photos FOLDER... --judge FOLDER --minutes N [--device cuda] [--threads N]
+    train.py CHECKPOINT --photos FOLDER... --drawn FOLDER --judge FOLDER --minutes N [--device cuda] [--threads N]
 
 The rate holds for a part of the time and then falls to nothing; `CHECKPOINT.held` is the state before it fell, from which a
 longer run goes on. `--export FILE` writes the averaged weights as safetensors in 16 bits, and `--start FILE` begins with such
-weights where there is no checkpoint. Needs torch, numpy, pillow and
-safetensors. Start it with `nice`: the state is saved every minute, and nothing is lost when it is stopped.
+weights where there is no checkpoint. Needs torch, numpy, pillow and safetensors. Start it with `nice`: the state is saved every
+minute, and nothing is lost when it is stopped.
 """
 import argparse
 import copy
@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from PIL import Image
 
-from drawn import pictures as drawn_pictures
 from network import Muon, Residual, reduce
 from pictures import Crops, photos
 
@@ -39,9 +38,10 @@ def arguments():
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--batch", type=int, default=6)
     parser.add_argument("--patch", type=int, default=48, help="side of a low-resolution crop")
-    parser.add_argument("--drawn", type=float, default=0.33, help="part of the crops that are of drawn pictures")
-    parser.add_argument("--pictures", type=int, default=360, help="drawn pictures")
+    parser.add_argument("--drawn", nargs="+", default=[], help="folders of drawn pictures")
+    parser.add_argument("--share", type=float, default=0.33, help="part of the crops that are of drawn pictures")
     parser.add_argument("--hold", type=float, default=0.4, help="part of the time before the rate falls")
+    parser.add_argument("--rate", type=float, default=1, help="part of the usual rates, for weights that are nearly there")
     parser.add_argument("--start", type=Path, default=None)
     parser.add_argument("--export", type=Path, default=None)
     return parser.parse_args()
@@ -54,10 +54,11 @@ class Training:
         self.options = options
         self.network = Residual(options.width, options.pairs).to(options.device, memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.network)
+        self.forward = torch.compile(self.network) if options.device == "cuda" else self.network
         hidden = [p for name, p in self.network.named_parameters() if p.ndim == 4 and not name.startswith(("first", "last"))]
         chosen = {id(p) for p in hidden}
         others = [p for p in self.network.parameters() if id(p) not in chosen]
-        self.optimizers = [Muon(hidden, 0.01), torch.optim.Adam(others, 1e-3, betas=(0.9, 0.99))]
+        self.optimizers = [Muon(hidden, 0.01 * options.rate), torch.optim.Adam(others, 1e-3 * options.rate, betas=(0.9, 0.99))]
         self.rates = [optimizer.param_groups[0]["lr"] for optimizer in self.optimizers]
         self.step = 0
         self.seconds = 0.0
@@ -88,15 +89,16 @@ class Training:
         return min(1.0, self.seconds / (60 * self.options.minutes))
 
     def learn(self, high, low):
-        """One step: absolute error first, squared error in the last two fifths, since PSNR is what judges."""
+        """One step: absolute error first, squared error in the last two fifths or from a start, since PSNR is what judges."""
         done = self.done()
         hold = self.options.hold
         fall = 1 if done < hold else (1 - done) / (1 - hold)
         for optimizer, rate in zip(self.optimizers, self.rates):
             optimizer.param_groups[0]["lr"] = rate * min(1, (self.step + 1) / 100) * (fall + 0.002)
         with torch.autocast(self.options.device, torch.bfloat16, enabled=self.options.bf16):
-            error = self.network(low) - high
-        loss = error.abs().mean() if done < 0.6 else error.square().mean() * 6
+            error = self.forward(low) - high
+        squared = done >= 0.6 or self.options.start
+        loss = error.square().mean() * 6 if squared else error.abs().mean()
         for optimizer in self.optimizers:
             optimizer.zero_grad()
         loss.backward()
@@ -105,8 +107,7 @@ class Training:
         self.step += 1
         with torch.no_grad():
             weight = 1 - min(0.999, self.step / (self.step + 20))
-            for mean, parameter in zip(self.average.parameters(), self.network.parameters()):
-                mean.lerp_(parameter, weight)
+            torch._foreach_lerp_(list(self.average.parameters()), list(self.network.parameters()), weight)
 
     @torch.no_grad()
     def judge(self, images):
@@ -138,6 +139,8 @@ def export(network, path):
 def main():
     options = arguments()
     torch.set_num_threads(options.threads)
+    torch.backends.cuda.matmul.allow_tf32 = True
+    torch.backends.cudnn.benchmark = True
     torch.manual_seed(0)
     training = Training(options)
     if options.checkpoint.exists():
@@ -148,8 +151,16 @@ def main():
         return export(training.average, options.export)
     # A run that goes on sees other crops than the one before.
     random = np.random.default_rng(training.step)
-    sets = [Crops(photos(options.photos), options.patch, random), Crops(drawn_pictures(options.pictures), options.patch, random)]
+    sets = [Crops(photos(folders), options.patch, options.device, training.step) for folders in (options.drawn, options.photos)]
+
+    def batch():
+        drawn = int(random.binomial(options.batch, options.share))
+        parts = [crops.batch(n) for crops, n in zip(sets, (drawn, options.batch - drawn)) if n]
+        return [torch.cat(images) for images in zip(*parts)]
+
     tests = judges(options.judge)
+    # The first step may compile; it takes no part of the time.
+    training.learn(*batch())
     last = time.time()
     report = 0.0
     while True:
@@ -167,11 +178,7 @@ def main():
             last = time.time()
         if ended:
             return None
-        count = options.batch
-        drawn = int(random.binomial(count, options.drawn))
-        parts = [crops.batch(n) for crops, n in zip(sets, (count - drawn, drawn)) if n]
-        high, low = (torch.cat(images).to(options.device) for images in zip(*parts))
-        training.learn(high, low.contiguous(memory_format=torch.channels_last))
+        training.learn(*batch())
 
 
 if __name__ == "__main__":
