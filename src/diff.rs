@@ -201,10 +201,8 @@ mod tests {
 
     #[test]
     fn an_equal_result_ends_the_difference() {
-        let (mut a, mut b) = (
-            side(&[("a", "1", &[]), ("b", "1", &["a"])]),
-            side(&[("a", "2", &[]), ("b", "1", &["a"])]),
-        );
+        let mut a = side(&[("a", "1", &[]), ("b", "1", &["a"])]);
+        let mut b = side(&[("a", "2", &[]), ("b", "1", &["a"])]);
         for side in [&mut a, &mut b] {
             let Manifest(entries) = &mut side.stages.get_mut("b").unwrap().manifest;
             entries.insert("inputs.from_a".into(), "the same".into());

@@ -181,10 +181,8 @@ impl Stage for Evaluate {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let (field, baseline) = (
-            convert::field(io.read("field")?)?,
-            convert::field(io.read("baseline")?)?,
-        );
+        let field = convert::field(io.read("field")?)?;
+        let baseline = convert::field(io.read("baseline")?)?;
         let truths: ImageSet = io.read("truth")?;
         let lows: ImageSet = io.read("low")?;
         let train: ImageSet = io.read("train")?;

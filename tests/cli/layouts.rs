@@ -95,7 +95,8 @@ fn colmap_holds_lenses_and_poses_to_the_last_digits() {
             folder: space.path("colmap"),
             ..Colmap::default()
         });
-        let (train, test) = (photos(&space, TRAIN), photos(&space, TEST));
+        let train = photos(&space, TRAIN);
+        let test = photos(&space, TEST);
         let mut photos = [train.photos, test.photos].concat();
         photos.sort_by(|a, b| a.name.cmp(&b.name));
         assert_same(&scene.photos, scene.to_source, &photos, 1e-12);
@@ -117,7 +118,8 @@ fn page(space: &Space, file: &str) -> Value {
 #[test]
 fn transforms_hold_cameras_boxes_and_splits_exactly() {
     let space = plain();
-    let (train, test) = (photos(&space, TRAIN), photos(&space, TEST));
+    let train = photos(&space, TRAIN);
+    let test = photos(&space, TEST);
     for layout in ["nerfstudio", "brush", "instant-ngp"] {
         space.ok(&["export", layout, TRAIN, TEST, "-o", layout]);
         let scene = photos(&space, layout);

@@ -128,8 +128,8 @@ impl Weights {
 /// where it holds other numbers than F32, F16 or BF16, and where one of them is not finite.
 fn stored_weight(file: &TensorFile, name: &str, device: &Device) -> Result<Weight, TensorError> {
     let entry = file.entry(name)?;
-    let (shape, dtype) = (entry.shape(), entry.dtype());
-    Weight::stored(device, shape, &dtype, file.file().shared(), entry.bytes())
+    let dtype = entry.dtype();
+    Weight::stored(device, entry.shape(), &dtype, file.file().shared(), entry.bytes())
         .map_err(|fault| file.wrong(name, fault))
 }
 
