@@ -15,7 +15,7 @@ use self::read::{Read, Reader};
 use self::statistics::{Better, Paired, mean, paired, spread};
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::runs::Run;
 
 /// The arms of a run side by side.

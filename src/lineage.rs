@@ -9,7 +9,7 @@ use artifacts_schema::{Artifact, ArtifactKind, Field, Provenance};
 use crate::content;
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
-use crate::store::result::{Output, Record};
+use crate::store::record::{Output, Record};
 use crate::store::runs::Run;
 
 /// The file of a field.

@@ -18,7 +18,8 @@ use crate::pipeline::graph::{Graph, Node, Wire};
 use crate::remote::Remote;
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::{Lookup, Record};
+use crate::store::record::Record;
+use crate::store::result::Lookup;
 
 /// Everything that keys and decisions depend on.
 pub struct Context<'a> {

@@ -8,7 +8,7 @@ use crate::cli::output::table;
 use crate::progress::figure;
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
-use crate::store::result::{Output, Record};
+use crate::store::record::{Output, Record};
 use crate::store::view::View;
 
 /// A metrics artifact of a stage.

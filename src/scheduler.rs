@@ -31,7 +31,7 @@ use crate::explain::Reason;
 use crate::plan::{Assessment, Context, Found, Inputs};
 use crate::progress::{Event, Progress};
 use crate::store::error::StoreError;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::runs::{End, StageRun};
 use crate::store::view::View;
 use crate::task::Failure;

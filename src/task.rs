@@ -18,7 +18,7 @@ use crate::peak::watched;
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
 use crate::store::holder::Holder;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::work::{Facts, Work};
 
 /// Why a stage has no result.

@@ -14,7 +14,7 @@ use super::session::Session;
 use crate::diff::{Part, Side, Verdict, Which, compare};
 use crate::error::Error;
 use crate::store::Store;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::runs::Run;
 
 /// Options of `diff`.

@@ -15,7 +15,7 @@ use super::session::Session;
 use crate::content::Content;
 use crate::error::Error;
 use crate::store::Store;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::view::View;
 
 /// Options of `inspect`.
@@ -81,7 +81,7 @@ fn outputs(name: &str, record: &Record, view: &View) {
             artifact.digest,
             folder.display()
         ));
-        let row = |file: &crate::store::result::StoredFile| {
+        let row = |file: &crate::store::record::StoredFile| {
             vec![format!("  {}", file.path), size(file.bytes)]
         };
         print(&table(

@@ -12,7 +12,7 @@ use super::session::Session;
 use crate::error::Error;
 use crate::plan::{Context, Forecast};
 use crate::store::error::{At, StoreError};
-use crate::store::result::Record;
+use crate::store::record::Record;
 
 /// Which single stage to run.
 #[derive(Args)]

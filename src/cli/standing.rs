@@ -16,7 +16,7 @@ use crate::report;
 use crate::scheduler::Outcome;
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::runs::End;
 use crate::store::signature::Signature;
 use crate::store::standing::Standing;

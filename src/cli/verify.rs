@@ -25,7 +25,7 @@ use crate::plan::{Context, Forecast};
 use crate::progress::{self, Event, Verbosity};
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
-use crate::store::result::{Output, Record};
+use crate::store::record::{Output, Record};
 use crate::task::{device_of, panic_text};
 
 /// Options of `verify`.

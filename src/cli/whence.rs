@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::store::Store;
 use crate::store::blob::digest_file;
 use crate::store::census::{Producers, producers};
-use crate::store::result::Record;
+use crate::store::record::Record;
 
 /// Options of `whence`.
 #[derive(Args)]

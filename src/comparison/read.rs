@@ -10,7 +10,8 @@ use crate::experiment::{Arm, Experiment};
 use crate::report;
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::{Lookup, Output, Record};
+use crate::store::record::{Output, Record};
+use crate::store::result::Lookup;
 use crate::store::runs::{End, Run, StageRun};
 
 /// What is read of an arm before it is compared.

@@ -9,7 +9,7 @@ use artifacts_schema::{Artifact, Figures, Picture};
 use crate::comparison::{Comparison, Scored};
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
-use crate::store::result::Record;
+use crate::store::record::Record;
 
 /// Bytes of all pictures together, before they are written as text, which takes a third more: the
 /// file stays below 20 MB.

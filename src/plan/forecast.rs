@@ -8,7 +8,7 @@ use crate::explain::Reason;
 use crate::key::Manifest;
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
-use crate::store::result::Record;
+use crate::store::record::Record;
 
 /// What will become of a stage.
 pub enum Forecast {

@@ -10,7 +10,7 @@ use artifacts_schema::Digest;
 use stages::Message;
 
 use crate::store::holder::Holder;
-use crate::store::result::Record;
+use crate::store::record::Record;
 
 /// Something that happened.
 pub enum Event<'a> {

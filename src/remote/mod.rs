@@ -19,7 +19,7 @@ use tokio::runtime::Runtime;
 
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::Record;
+use crate::store::record::Record;
 pub use address::AddressError;
 pub use fault::Fault;
 use health::Health;

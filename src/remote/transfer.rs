@@ -12,7 +12,7 @@ use object_store::{ObjectStoreExt, PutMode, PutPayload};
 use super::Remote;
 use super::fault::Fault;
 use crate::store::error::At;
-use crate::store::result::{Record, StoredFile};
+use crate::store::record::{Record, StoredFile};
 use crate::store::{Store, place};
 
 /// Blobs travel in pieces of this size, so that none is ever whole in memory and no request takes

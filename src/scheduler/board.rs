@@ -8,7 +8,7 @@ use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{Event, Progress};
 use crate::store::holder::Holder;
-use crate::store::result::Record;
+use crate::store::record::Record;
 use crate::store::runs::{End, StageRun};
 use crate::task::Failure;
 

@@ -17,7 +17,8 @@ use crate::extension;
 use crate::pipeline::graph::Wire;
 use crate::progress::Event;
 use crate::store::error::StoreError;
-use crate::store::result::{Lookup, Record};
+use crate::store::record::Record;
+use crate::store::result::Lookup;
 use crate::store::work::Work;
 use crate::task::{CPU, Task, device_of};
 

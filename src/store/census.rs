@@ -9,7 +9,7 @@ use artifacts_schema::Digest;
 use rayon::prelude::*;
 
 use super::error::{At, StoreError};
-use super::result::{Record, StoredFile};
+use super::record::{Record, StoredFile};
 use super::{Store, read_json};
 
 /// Something in a folder of a store.

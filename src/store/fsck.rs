@@ -22,7 +22,7 @@ use super::census::{Entry, label, references};
 use super::error::{At, StoreError};
 use super::fault::{Fault, Finding, Remedy};
 use super::link::same_entry;
-use super::result::{Record, is_inside};
+use super::record::{Record, is_inside};
 use super::runs::Run;
 use super::view::View;
 use crate::key::Manifest;

@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use super::census::Entry;
 use super::error::{At, StoreError};
-use super::result::Record;
+use super::record::Record;
 use super::runs::Run;
 use super::usage::{holders, sizes};
 use super::{Store, read_json};

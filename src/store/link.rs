@@ -12,7 +12,7 @@ use walkdir::WalkDir;
 use super::Store;
 use super::error::{At, StoreError};
 use super::index::Kind;
-use super::result::{Output, StoredFile};
+use super::record::{Output, StoredFile};
 use super::signature::Signature;
 
 /// How often to begin anew to show a folder that another process is about to show, too.

@@ -18,8 +18,10 @@ pub mod link;
 pub mod manifests;
 mod memo;
 pub mod pins;
+pub mod record;
 pub mod result;
 pub mod runs;
+mod seen;
 pub mod signature;
 pub mod standing;
 pub mod state;
@@ -47,7 +49,7 @@ use disk::Disk;
 use error::{At, StoreError};
 use index::Index;
 use lease::Patience;
-use result::Record;
+use record::Record;
 
 /// The layout's version.
 const VERSION: &str = "1";

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::index::Kind;
-use super::result::Record;
+use super::record::Record;
 use super::signature::Signature;
 use super::{Store, parent};
 

@@ -6,7 +6,7 @@ use artifacts_schema::Digest;
 
 use super::Store;
 use super::error::StoreError;
-use super::result::Record;
+use super::record::Record;
 
 /// The blobs of some results, against all others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]

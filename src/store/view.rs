@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::error::{At, StoreError};
-use super::result::Record;
+use super::record::Record;
 use super::{Store, parent, read_json};
 
 /// The file that remembers which folders are ours, so that nothing else is ever removed.

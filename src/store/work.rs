@@ -16,7 +16,7 @@ use walkdir::WalkDir;
 use super::error::{At, StoreError};
 use super::holder::Holder;
 use super::lease::{Claim, Lease};
-use super::result::{Glance, Output, Record, StoredFile};
+use super::record::{Glance, Output, Record, StoredFile};
 use super::signature::Signature;
 use super::{Store, parent};
 

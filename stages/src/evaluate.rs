@@ -144,7 +144,7 @@ impl Stage for Evaluate {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn check(&self) -> Result<(), StageError> {

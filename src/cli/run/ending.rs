@@ -14,7 +14,7 @@ use crate::report;
 use crate::scheduler::Outcome;
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result;
+use crate::store::record::Record;
 use crate::store::runs::{End, Run};
 use crate::store::view::View;
 use crate::task::Failure;
@@ -38,7 +38,7 @@ impl Ending<'_> {
     pub fn tell<'r>(
         &self,
         ended: &[(&str, End)],
-        results: impl Iterator<Item = (&'r str, &'r result::Record)> + Clone,
+        results: impl Iterator<Item = (&'r str, &'r Record)> + Clone,
     ) -> Result<(), StoreError> {
         let names = |end| names(ended, end);
         if self.json {
@@ -84,7 +84,7 @@ impl Ending<'_> {
 /// The tables of all results, one after the other.
 fn tables<'r>(
     store: &Store,
-    results: impl Iterator<Item = (&'r str, &'r result::Record)>,
+    results: impl Iterator<Item = (&'r str, &'r Record)>,
 ) -> Result<Vec<String>, StoreError> {
     let mut all = Vec::new();
     for (stage, result) in results {

@@ -129,8 +129,14 @@ impl Weights {
 fn stored_weight(file: &TensorFile, name: &str, device: &Device) -> Result<Weight, TensorError> {
     let entry = file.entry(name)?;
     let dtype = entry.dtype();
-    Weight::stored(device, entry.shape(), &dtype, file.file().shared(), entry.bytes())
-        .map_err(|fault| file.wrong(name, fault))
+    Weight::stored(
+        device,
+        entry.shape(),
+        &dtype,
+        file.file().shared(),
+        entry.bytes(),
+    )
+    .map_err(|fault| file.wrong(name, fault))
 }
 
 /// The real numbers of this name in an array of their own.

@@ -50,8 +50,9 @@ pub struct Figure {
 /// Draws the panels from left to right, each with its label, its picture and two crops magnified
 /// four times.
 ///
-/// The crops lie where the first panel, by custom the truth, has most detail, at the same places in
-/// every panel and outlined in its picture. Colours are clamped to 0..1 and shown as they are
+/// One crop lies where the first panel, by custom the truth, has most detail; the other where the
+/// last panel has gained most on the second. They are at the same places in every panel and outlined
+/// in its picture. Colours are clamped to 0..1 and shown as they are
 /// (sRGB). Panics without panels, or if their sizes differ.
 pub fn comparison(panels: &[Panel]) -> Figure {
     let [truth, ..] = panels else {
@@ -159,7 +160,9 @@ impl Layout {
         let picture_top = MARGIN + lines * (TEXT_HEIGHT + GAP / 2);
         let crops_top = picture_top + overview.length(truth.height()) + GAP;
         let side = (panel_width - GAP) / 2 / ZOOM;
-        let crops = detail::most_detailed(truth, side.min(truth.width()), side.min(truth.height()));
+        let images: Vec<_> = panels.iter().map(|panel| panel.image).collect();
+        let crops =
+            detail::worth_a_look(&images, side.min(truth.width()), side.min(truth.height()));
         let height = crops_top + crops[0].height * ZOOM + MARGIN;
         Layout {
             overview,

@@ -1,23 +1,41 @@
-//! Finds where a picture has most detail, for crops worth a look. Knows nothing of drawing.
+//! Finds what of pictures is worth a look from near. Knows nothing of drawing.
 
 use super::canvas::Rect;
 use crate::Image;
 
-/// The windows of `width * height` with the most detail: the best, then the best once the first is
-/// blotted out; in the order of their columns. Both sides must fit the image. The upper left one
-/// wins a tie.
-pub(super) fn most_detailed(image: Image, width: usize, height: usize) -> [Rect; 2] {
-    let mut detail = gradients(image);
-    let first = best_window(&detail, image.width(), width, height);
+/// Two windows of `width * height`, in the order of their columns: the one where the first picture,
+/// the truth, has most detail, which is hard for all; and the one where the last picture is closer
+/// to the truth than the second by most. Of two pictures or one: where the truth has most detail
+/// beside the first window. Both sides must fit the pictures. The upper left window wins a tie.
+pub(super) fn worth_a_look(images: &[Image], width: usize, height: usize) -> [Rect; 2] {
+    let truth = images[0];
+    let detail = gradients(truth);
+    let first = best_window(&detail, truth.width(), width, height);
+    let mut worth = match images {
+        [truth, second, .., last] => gain(*truth, *second, *last),
+        _ => detail,
+    };
     for y in first.top..first.top + height {
-        detail[y * image.width() + first.left..][..width].fill(0.0);
+        worth[y * truth.width() + first.left..][..width].fill(0.0);
     }
-    let second = best_window(&detail, image.width(), width, height);
+    let second = best_window(&worth, truth.width(), width, height);
     if second.left < first.left {
         [second, first]
     } else {
         [first, second]
     }
+}
+
+/// By how much less the square of the error of `last` is than that of `second`, per pixel.
+fn gain(truth: Image, second: Image, last: Image) -> Vec<f64> {
+    let mut gain = vec![0.0; truth.width() * truth.height()];
+    for channel in 0..3 {
+        let [truth, second, last] = [truth, second, last].map(|image| image.channel(channel));
+        for (i, gain) in gain.iter_mut().enumerate() {
+            *gain += (second[i] - truth[i]).powi(2) - (last[i] - truth[i]).powi(2);
+        }
+    }
+    gain
 }
 
 /// `|dx| + |dy|` of the green channel per pixel, zero on the last column and row.
@@ -111,12 +129,27 @@ mod tests {
     #[test]
     fn the_two_patches_with_texture_are_found_from_left_to_right() {
         let rgb = patches();
-        let [left, right] = most_detailed(Image::new(40, 30, &rgb), 10, 10);
+        let [left, right] = worth_a_look(&[Image::new(40, 30, &rgb)], 10, 10);
         let covers = |rect: Rect, x: usize, y: usize| {
             (rect.left..=rect.left + 2).contains(&x) && (rect.top..=rect.top + 2).contains(&y)
         };
         assert!(covers(left, 3, 18), "{left:?}");
         assert!(covers(right, 20, 4), "{right:?}");
+    }
+
+    #[test]
+    fn the_second_window_is_where_the_last_picture_gained_most() {
+        let truth = patches();
+        let flat = vec![0.5; truth.len()];
+        // The weaker patch is all that the last picture has.
+        let mut last = flat.clone();
+        for i in (0..40 * 30).filter(|i| i / 40 >= 18) {
+            last[3 * i..3 * i + 3].copy_from_slice(&truth[3 * i..3 * i + 3]);
+        }
+        let images = [&truth, &flat, &last].map(|rgb| Image::new(40, 30, rgb));
+        let [left, right] = worth_a_look(&images, 8, 8);
+        assert_eq!((left.left, left.top), (3, 18), "what was gained");
+        assert_eq!((right.left, right.top), (20, 4), "what is hardest");
     }
 
     #[test]
@@ -129,7 +162,7 @@ mod tests {
             height: 30,
         };
         assert_eq!(
-            most_detailed(Image::new(40, 30, &rgb), 40, 30),
+            worth_a_look(&[Image::new(40, 30, &rgb)], 40, 30),
             [whole, whole]
         );
     }

@@ -7,6 +7,7 @@
 
 mod batch;
 mod check;
+mod moments;
 mod params;
 mod programs;
 mod render;

@@ -3,17 +3,17 @@
 //! are the same format.
 
 use super::batch::Batch;
-use super::params::{NetworkStep, Outcome, Pass, TableStep};
+use super::moments::{Gradients, Moments};
+use super::params::{Outcome, Pass};
 use super::resident::{Resident, entries};
 use super::survey::Survey;
 use super::trace::{Rays, Traced, by_256, start};
 use super::work::{self, Extent, Work};
-use crate::adam::{CORRECTED, correction};
 use crate::field::Field;
 use crate::loss::psnr;
 use crate::tensors::Tensors;
 use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
-use compute::kernels::{Buffer, Gpu, Job, Requested, folded, zeros};
+use compute::kernels::{Buffer, Gpu, Requested, zeros};
 use std::sync::Arc;
 
 /// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the
@@ -31,52 +31,18 @@ pub struct GpuTrainer {
     moments: Moments,
     /// Gradient to the table, two numbers of two words per entry.
     d_table: Buffer,
-    /// Bias corrections by the number of steps.
-    corrections: Buffer,
     /// What the last step gave the kernels to do.
     work: Vec<(&'static str, Work)>,
-}
-
-/// Adam's state.
-struct Moments {
-    /// First, then second moments of the networks' weights.
-    network: Buffer,
-    /// The table's values and their moments, of which a word holds an entry's two.
-    values: Buffer,
-    first: Buffer,
-    second: Buffer,
-    steps: Buffer,
-}
-
-impl Moments {
-    fn new(gpu: &Gpu, host: &Trainer) -> Self {
-        let table = &host.table_moments;
-        let network = &host.network_moments;
-        let steps: Vec<u32> = table.steps.iter().map(|&n| n.into()).collect();
-        Self {
-            network: gpu.upload(bytemuck::cast_slice(
-                &[&network.first[..], &network.second].concat(),
-            )),
-            values: gpu.upload(bytemuck::cast_slice(&table.values)),
-            first: gpu.upload(bytemuck::cast_slice(&table.first)),
-            second: gpu.upload(bytemuck::cast_slice(&table.second)),
-            steps: gpu.upload(bytemuck::cast_slice(&steps)),
-        }
-    }
 }
 
 impl GpuTrainer {
     /// Goes on from where a trainer on the CPU stands.
     pub fn new(gpu: &Arc<Gpu>, host: Trainer) -> Self {
         let resident = Resident::new(gpu, &host.field);
-        let corrections: Vec<f32> = (1..=CORRECTED as i32)
-            .map(|n| correction(n) as f32)
-            .collect();
         Self {
             survey: Survey::new(&resident, &host.field),
             moments: Moments::new(gpu, &host),
             d_table: zeros(gpu, 4 * host.field.table.len()),
-            corrections: gpu.upload(bytemuck::cast_slice(&corrections)),
             gpu: gpu.clone(),
             work: Vec::new(),
             resident,
@@ -113,7 +79,13 @@ impl GpuTrainer {
             .gpu
             .buffer(PARTS as usize * self.host.field.network.weights.len());
         let (stats, asked) = self.learn(&batch, &parts);
-        self.descend(&parts, &stats);
+        let gradients = Gradients {
+            parts: &parts,
+            table: &self.d_table,
+            stats: &stats,
+        };
+        self.moments
+            .descend(&self.gpu, &self.resident, &self.host, gradients);
         self.host.step += 1;
         if self.host.step.is_multiple_of(OCCUPANCY_EVERY) {
             let round = self.host.field.occupancy.updates;
@@ -208,65 +180,6 @@ impl GpuTrainer {
         d_raw
     }
 
-    /// A step down, unless the loss is no number.
-    fn descend(&self, parts: &Buffer, stats: &Buffer) {
-        let Self {
-            gpu,
-            resident:
-                Resident {
-                    programs,
-                    table,
-                    weights,
-                    ..
-                },
-            moments,
-            host,
-            ..
-        } = self;
-        let rate = host.options.rate_after(host.step);
-        let count = host.field.network.weights.len();
-        let step = NetworkStep {
-            parts: PARTS,
-            rate: (rate * correction(host.step as i32 + 1)) as f32,
-            l2: host.options.l2 as f32,
-        };
-        start(
-            gpu,
-            &programs.adam_network,
-            &[parts, stats, weights, &moments.network],
-            step,
-            by_256(count),
-        );
-        let entries = host.field.table.len();
-        let Moments {
-            values,
-            first,
-            second,
-            steps,
-            ..
-        } = moments;
-        gpu.start(&Job {
-            kernel: &programs.adam_table,
-            arrays: &[
-                stats,
-                &self.corrections,
-                &self.d_table,
-                values,
-                first,
-                second,
-                steps,
-                table,
-            ],
-            params: TableStep {
-                entries: entries as u32,
-                rate: rate as f32,
-                corrected: CORRECTED as u32,
-            },
-            groups: folded(entries.div_ceil(256)),
-            operations: 0,
-        });
-    }
-
     /// What the step came to, and the size of the next batch.
     fn finish(&mut self, rays: usize, stats: &[f32]) -> StepStats {
         let host = &mut self.host;
@@ -301,98 +214,15 @@ impl GpuTrainer {
             host,
             ..
         } = self;
-        let entries_count = host.field.table.len();
+        moments.fetch(gpu, host);
         let weights = host.field.network.weights.len();
-        let words = |buffer: &Buffer| {
-            gpu.read(buffer, entries_count)
-                .into_iter()
-                .map(f32::to_bits)
-        };
-        let packed = |buffer: &Buffer| {
-            words(buffer)
-                .map(|word| [word as u16, (word >> 16) as u16])
-                .collect()
-        };
-        host.field.table = entries(words(&resident.table));
-        host.table_moments.values = gpu
-            .read(&moments.values, 2 * entries_count)
-            .as_chunks()
-            .0
-            .to_vec();
-        host.table_moments.first = packed(&moments.first);
-        host.table_moments.second = packed(&moments.second);
-        host.table_moments.steps = words(&moments.steps).map(|n| n as u16).collect();
+        let table = gpu.read(&resident.table, host.field.table.len());
+        host.field.table = entries(table.into_iter().map(f32::to_bits));
         host.field.network.weights = gpu.read(&resident.weights, weights);
-        let mut network = gpu.read(&moments.network, 2 * weights);
-        host.network_moments.second = network.split_off(weights);
-        host.network_moments.first = network;
         host.field.occupancy.values = gpu.read(&resident.values, resident.cells);
         host.field.occupancy.refresh();
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::batch::TrainView;
-    use crate::config::FieldConfig;
-    use crate::options::TrainOptions;
-    use compute::{Device, testing};
-    use formats::{Camera, Pixels};
-
-    /// Losses of a few steps whose batches are traced in passes, as if a ray might have so many
-    /// samples.
-    fn losses(device: &Device, most_steps: Option<usize>) -> Vec<f64> {
-        let config = FieldConfig {
-            levels: 2,
-            log2_table: 8,
-            march_steps: 16,
-            ..Default::default()
-        };
-        let pose = glam::DMat4::from_translation(glam::DVec3::new(0.5, 0.5, 2.0));
-        let camera = Camera::centered((8, 8), 8.0, pose, [1.0, 2.0]);
-        let rgb = (0..192).map(|i| (i % 7) as f32 / 7.0).collect();
-        let view = TrainView {
-            camera,
-            pixels: Pixels::opaque(rgb),
-            mask: None,
-            weight: 1.0,
-            supersample: 1,
-        };
-        let field = Field::new(&config, [[0.0; 3], [1.0; 3]], 1);
-        let host = Trainer::new(
-            field,
-            vec![view],
-            &TrainOptions {
-                samples: 512,
-                ..Default::default()
-            },
-            1,
-        );
-        let mut trainer = GpuTrainer::new(device.open_gpu().unwrap(), host);
-        if let Some(most_steps) = most_steps {
-            trainer.resident.most_steps = most_steps;
-        }
-        (0..6).map(|_| trainer.step().loss).collect()
-    }
-
-    #[test]
-    fn several_passes_learn_what_one_does() {
-        let Some(device) = testing::gpu() else { return };
-        let before = device.counts().unwrap();
-        let whole = losses(&device, None);
-        let of_one = device.counts().unwrap() - before;
-        let in_parts = losses(&device, Some(1 << 16));
-        let of_parts = device.counts().unwrap() - before - of_one;
-        assert!(
-            of_parts.dispatches > of_one.dispatches + 60,
-            "{of_one:?} {of_parts:?}"
-        );
-        for (step, (whole, part)) in whole.iter().zip(&in_parts).enumerate() {
-            assert!(
-                (whole / part - 1.0).abs() < 1e-4,
-                "step {step}: {part} beside {whole}"
-            );
-        }
-    }
-}
+mod tests;

@@ -65,8 +65,9 @@ impl Gpu {
         if let Some(window) = window {
             limits.max_storage_buffer_binding_size =
                 limits.max_storage_buffer_binding_size.min(window);
-            limits.max_storage_buffers_per_shader_stage =
-                limits.max_storage_buffers_per_shader_stage.min(WEAK_BINDINGS);
+            limits.max_storage_buffers_per_shader_stage = limits
+                .max_storage_buffers_per_shader_stage
+                .min(WEAK_BINDINGS);
             required_features = wgpu::Features::empty();
         }
         let required_limits = limits.clone();

@@ -1,0 +1,125 @@
+//! Results that were found sound, as the index remembers them: while neither a record nor its blobs
+//! have changed, nobody reads them through again.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::SystemTime;
+
+use artifacts_schema::Digest;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::Store;
+use super::index::{Kind, Place};
+use super::record::{Glance, Record, StoredFile};
+use super::signature::Signature;
+
+/// So many times what is wanted may be looked up ahead.
+const AHEAD: usize = 4;
+
+/// A sound result, as the index remembers it.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Seen {
+    /// Of the record's file.
+    pub(super) result: Signature,
+    /// Of the blobs, in the order of the files.
+    pub(super) blobs: Vec<Signature>,
+    pub(super) record: Record,
+}
+
+impl Store {
+    /// Whether the index remembers far more results than are `wanted`.
+    pub fn remembers_many(&self, wanted: usize) -> bool {
+        self.index.places(Kind::Result).len() > AHEAD * wanted
+    }
+
+    /// Looks up at once what the index remembers, until there is `enough`: all threads together are
+    /// faster than one key after the other.
+    pub fn look_ahead(&self, enough: &AtomicBool) {
+        let find = |place: &Place| {
+            let seen = self
+                .index
+                .read(place)
+                .filter(|_| !enough.load(Ordering::Relaxed));
+            seen.and_then(|seen| self.confirm(seen))
+                .map(|record| (record.key, record))
+        };
+        let found: Vec<_> = self
+            .index
+            .places(Kind::Result)
+            .par_iter()
+            .filter_map(find)
+            .collect();
+        if let Ok(mut known) = self.known.lock() {
+            *known = found.into_iter().collect();
+        }
+    }
+
+    /// A result that was found sound at an earlier time, if neither its record nor any of its blobs
+    /// has changed since.
+    pub(super) fn unchanged(&self, key: &Digest) -> Option<Record> {
+        self.confirm(self.index.get(Kind::Result, key)?)
+            .filter(|record| record.key == *key)
+    }
+
+    fn confirm(
+        &self,
+        Seen {
+            result,
+            blobs,
+            mut record,
+        }: Seen,
+    ) -> Option<Record> {
+        let mut stamps = blobs.iter();
+        for file in record
+            .outputs
+            .values_mut()
+            .flat_map(|output| &mut output.files)
+        {
+            file.glance = Glance(Signature::at(&self.blob_path(&file.blob)));
+            if file.glance.0.as_ref() != Some(stamps.next()?) {
+                return None;
+            }
+        }
+        (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
+    }
+
+    /// Remembers results that this process has just written, so that the next one need not read
+    /// them through: those whose blobs are still as they were written, and were left alone for long
+    /// enough that it would show if they were not.
+    pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
+        let now = SystemTime::now();
+        for record in records {
+            let still = |file: &StoredFile| {
+                Signature::at(&self.blob_path(&file.blob)).filter(|now| {
+                    file.glance
+                        .0
+                        .is_some_and(|before| now.has_content_of(&before))
+                })
+            };
+            let blobs = record.files().map(|(_, file)| still(file)).collect();
+            if let (Some(result), Some(blobs)) =
+                (Signature::at(&self.result_path(&record.key)), blobs)
+            {
+                self.remember(
+                    now,
+                    Seen {
+                        result,
+                        blobs,
+                        record: record.clone(),
+                    },
+                );
+            }
+        }
+    }
+
+    pub(super) fn remember(&self, now: SystemTime, seen: Seen) {
+        if seen
+            .blobs
+            .iter()
+            .chain([&seen.result])
+            .all(|signature| signature.is_settled(now))
+        {
+            self.index.put(Kind::Result, &seen.record.key, &seen);
+        }
+    }
+}
