@@ -1,20 +1,21 @@
 //! `Optimize`: residual latents by score distillation (paper section 2.2, algorithm 1). Knows
 //! nothing of images.
 
+mod outputs;
+mod view;
+
 use std::path::PathBuf;
 
-use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Log, Residuals};
-use compute::elementwise::add;
-use compute::{Device, Precision};
+use artifacts_schema::{ArtifactKind, ImageSet, Latents};
+use compute::Precision;
 use diffusion::guidance::{Guidance, Loss, Timesteps};
-use diffusion::optimize::{
-    Optimization, OptimizeError, Optimized, Optimizer, Options, StepLog, ViewLatents,
-};
+use diffusion::optimize::{Optimization, OptimizeError, Optimizer, Options, StepLog};
 use diffusion::{ModelSource, Prior};
-use formats::rows;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::outputs::write;
+use self::view::view;
 use crate::convert;
 use crate::error::StageError;
 use crate::keeper::Keeper;
@@ -105,41 +106,6 @@ impl Optimize {
             prompt: self.prompt.clone(),
             negative_prompt: self.negative_prompt.clone(),
         }
-    }
-}
-
-/// A latent with the photo that the prior sees beside it.
-fn view(latent: &LatentView, low: &ImageSet, device: &Device) -> Result<ViewLatents, StageError> {
-    let photo = convert::view_named(low, &latent.name)?;
-    let size = |side: u32| side as usize;
-    let low = convert::signed_array(photo, device).reshape(&[
-        3,
-        size(photo.camera.height),
-        size(photo.camera.width),
-    ]);
-    let rows = rows::of(&latent.camera.camera_to_world);
-    Ok(ViewLatents {
-        name: latent.name.clone(),
-        latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
-        low,
-        camera: std::array::from_fn(|i| rows[i / 4][i % 4] as f32),
-    })
-}
-
-/// The latents with other tensors.
-fn with_tensors(latents: &Latents, tensors: impl Iterator<Item = formats::Tensor>) -> Latents {
-    let views = latents
-        .views
-        .iter()
-        .zip(tensors)
-        .map(|(view, tensor)| LatentView {
-            tensor,
-            ..view.clone()
-        })
-        .collect();
-    Latents {
-        views,
-        ..latents.clone()
     }
 }
 
@@ -311,45 +277,6 @@ fn figures(log: &StepLog) -> Vec<(&'static str, f64)> {
     guidance
         .chain(log.lora_loss.map(|loss| ("lora", loss)))
         .collect()
-}
-
-fn write(
-    latents: &Latents,
-    views: &[ViewLatents],
-    optimized: Optimized,
-    io: &Io,
-) -> Result<(), StageError> {
-    let batched = |array: &compute::Array| {
-        let shape: Vec<usize> = [1].iter().chain(array.shape()).copied().collect();
-        convert::tensor(&array.reshape(&shape))
-    };
-    let residuals = optimized.residuals.iter();
-    let refined = with_tensors(
-        latents,
-        residuals
-            .clone()
-            .zip(views)
-            .map(|(h, view)| batched(&add(&view.latent, h))),
-    );
-    io.write("latents", &refined)?;
-    io.write(
-        "residuals",
-        &Residuals(with_tensors(latents, residuals.map(batched))),
-    )?;
-    if let Some(lora) = &optimized.lora {
-        io.write("lora", &convert::lora(lora))?;
-    }
-    let lines = optimized
-        .log
-        .iter()
-        .map(serde_json::to_value)
-        .collect::<Result<_, _>>();
-    io.write(
-        "log",
-        &Log {
-            lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))?,
-        },
-    )
 }
 
 #[cfg(test)]

@@ -1,0 +1,31 @@
+//! A view as guidance sees it: its latent, the photo beside it, and the camera.
+
+use artifacts_schema::{ImageSet, LatentView};
+use compute::Device;
+use diffusion::optimize::ViewLatents;
+use formats::rows;
+
+use crate::convert;
+use crate::error::StageError;
+
+/// A latent with the photo that the prior sees beside it.
+pub(super) fn view(
+    latent: &LatentView,
+    low: &ImageSet,
+    device: &Device,
+) -> Result<ViewLatents, StageError> {
+    let photo = convert::view_named(low, &latent.name)?;
+    let size = |side: u32| side as usize;
+    let low = convert::signed_array(photo, device).reshape(&[
+        3,
+        size(photo.camera.height),
+        size(photo.camera.width),
+    ]);
+    let rows = rows::of(&latent.camera.camera_to_world);
+    Ok(ViewLatents {
+        name: latent.name.clone(),
+        latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
+        low,
+        camera: std::array::from_fn(|i| rows[i / 4][i % 4] as f32),
+    })
+}
