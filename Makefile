@@ -88,10 +88,19 @@ bench: setup
 	@[ -z "$(PYTHON)" ] || $(PYTHON) stages/diffusion/benches/networks.py $(TARGET)/release/srnerf-dag
 
 # The operators and a training step of a field on a GPU beside its roofline; GPU=1 names one by the number that
-# `srnerf-dag doctor` gives, PEAK its GFLOP/s and GB/s.
+# `srnerf-dag doctor` gives, PEAK its GFLOP/s and GB/s. benches/gpu.sh also runs the tests and the main job there.
 .PHONY: bench-gpu
 bench-gpu: setup
 	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --workspace --bench gpu
+
+# A release: a .deb, an archive, a list of its crates, and checksums. `test-dist` installs the package on a bare Debian; it needs root.
+.PHONY: dist test-dist
+dist: setup
+	$(CARGO) build --release --quiet
+	dist/package.sh $(TARGET)/release/srnerf-dag $(TARGET)/dist
+test-dist: dist
+	@command -v debootstrap >/dev/null || $(MAKE) --no-print-directory install PACKAGE=debootstrap FOR='debootstrap'
+	tests/dist/deb.sh $(TARGET)/dist/*.deb
 
 clean:
 	$(CARGO) clean

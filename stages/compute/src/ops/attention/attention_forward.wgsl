@@ -33,6 +33,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
     var sum_${j}_${i} = vec4f();
 #end
 #end
+    // No row of the tile sees a key beyond its own last one.
     let end = select(p.keys, min(p.keys, row0 + 64u), p.causal == 1u);
     for (var column0 = 0u; column0 < end; column0 += 64u) {
 #for i 4
@@ -49,6 +50,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 #end
 #use renew
 #for i 4
+        // Of a row that sees no key yet `most` is FAR itself, and the exponential would be 1.
         s${i} = select(exp(s${i} - most), vec4f(), s${i} == vec4f(FAR));
         tile[(tx * 4u + ${i}u) * 16u + ty] = s${i};
 #end

@@ -54,9 +54,11 @@ fn main(
         return;
     }
     let words = d_table[i];
+    // Most entries: a step touches a small part of the table, and the gradient alone is a fifth of the bytes.
     if (all(words == vec4u())) {
         return;
     }
+    // Cleared even where no step is taken: the next batch adds up from nothing.
     d_table[i] = vec4u();
     if (!is_finite(stats[0])) {
         return;

@@ -5,11 +5,14 @@
 // point, of which a unit is 2^-52, so that the order does not matter.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> samples: array<vec4u>;
+// [samples]: gradients to the raw density and to three raw colours.
 @group(0) @binding(3) var<storage, read> d_raw: array<vec4f>;
 @group(0) @binding(4) var<storage, read> levels: array<Level>;
 @group(0) @binding(5) var<storage, read> table: array<u32>;
 @group(0) @binding(6) var<storage, read> weights: array<f32>;
+// [workgroups, weights]
 @group(0) @binding(7) var<storage, read_write> parts: array<f32>;
+// [entries, 2 features, 2 words]
 @group(0) @binding(8) var<storage, read_write> d_table: array<atomic<u32>>;
 
 var<workgroup> tile: array<vec4f, QUADS * ROWS>;
@@ -18,16 +21,19 @@ var<workgroup> total: u32;
 
 // Adds to a number of two words, the lower first.
 fn add(at: u32, value: f32) {
+    // In units of the upper word, 2^-20. Beyond 2^31 the sign would be lost: so large a gradient stays as large as it can be.
     let scaled = min(abs(value) * 1048576.0, 2147483000.0);
     var high = u32(scaled);
     var low = u32((scaled - f32(high)) * 4294967296.0);
     if ((high | low) == 0u) {
         return;
     }
+    // The two's complement over both words.
     if (value < 0.0) {
         low = 0u - low;
         high = ~high + select(0u, 1u, low == 0u);
     }
+    // Where the lower word ran over, one is carried. Mostly nothing is, and one atomic addition does.
     let old = atomicAdd(&d_table[at], low);
     let carried = high + select(0u, 1u, old + low < low);
     if (carried != 0u) {
@@ -40,6 +46,7 @@ fn add(at: u32, value: f32) {
 // its elements an invocation sums, FUNCTION what is made of a row and its gradient.
 #define layer_backward
 {
+    // The gradient to the weights goes first: it needs the activations, which the second half overwrites.
     let n = t % ${OUTPUTS}u;
     let k = t / ${OUTPUTS}u * ${EACH}u;
     for (var q = 0u; q < QUADS; q++) {
@@ -96,6 +103,7 @@ fn main(
         total = samples[0].x;
     }
     let end = workgroupUniformLoad(&total);
+    // A workgroup without samples: its sum is joined like the others', so it must not hold what was there before.
     if (group.x * 16u >= end) {
         for (var i = t; i < WEIGHTS && p.first == 0u; i += 256u) {
             parts[group.x * WEIGHTS + i] = 0.0;
@@ -112,6 +120,7 @@ fn main(
         var d = vec4f();
         if (t < 16u) {
             var ray = 0u;
+            // Beyond the last sample positions and gradients are zero: such columns add nothing, and no layer need ask.
             places[t] = vec4f();
             if (first + t < end) {
                 let sample = samples[1u + first + t];

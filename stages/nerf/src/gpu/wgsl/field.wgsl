@@ -38,6 +38,8 @@ fn weight_of(place: Place, corner: vec3u) -> f32 {
 // The entry of a vertex among those of all levels.
 fn entry_of(level: Level, v: vec3u) -> u32 {
     let hash = (v.x ^ v.y * 2654435761u ^ v.z * 805459861u) & (level.entries - 1u);
+    // On the box's far side a corner can lie beyond the last entry and begins at the first again; elsewhere `i - level.entries`
+    // is below zero, which as an unsigned number is the larger of the two.
     let i = v.x + level.nx * (v.y + level.ny * v.z);
     let wrapped = min(min(i, i - level.entries), level.entries - 1u);
     return level.offset + select(hash, wrapped, level.dense == 1u);
@@ -108,6 +110,7 @@ workgroupBarrier();
 #end
         }
     }
+    // FROM and TO may overlap: nobody writes before all have read.
     workgroupBarrier();
     if (q < QUADS) {
 #for j ${EACH}

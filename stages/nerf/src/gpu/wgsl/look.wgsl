@@ -27,6 +27,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
     var count = 0u;
     var depth = 0.0;
     loop {
+        // Four steps of each ray before any is looked up: 64 positions keep all invocations busy in the layers. A ray that
+        // ends among them wastes three at most.
         if (t < QUADS) {
 #for d 4
             places[4u * t + ${d}u] = vec4f();
@@ -53,6 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 #use encode TO=0
 #use layer INPUTS=${ENCODING} OUTPUTS=64 AT=${W0} FROM=0 TO=0 FUNCTION=rectified EACH=4
         if (t < QUADS) {
+            // Of the second layer only the density's column is needed.
             var raw = vec4f();
             for (var k = 0u; k < 64u; k++) {
                 raw = fma(vec4f(weights[${W1}u + k * 16u]), tile[t * ROWS + k], raw);
@@ -60,6 +63,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 #for d 4
             {
                 let length = places[4u * t + ${d}u].w;
+                // In the order of the ray: whether a sample is seen depends on those before it.
                 if (length > 0.0 && depth <= DEEPEST) {
                     count++;
                     depth += density_of(raw[${d}]) * length;

@@ -5,6 +5,7 @@
 @group(0) @binding(3) var<storage, read> levels: array<Level>;
 @group(0) @binding(4) var<storage, read> table: array<u32>;
 @group(0) @binding(5) var<storage, read> weights: array<f32>;
+// [samples]: raw density and three raw colours.
 @group(0) @binding(6) var<storage, read_write> raw: array<vec4f>;
 
 var<workgroup> tile: array<vec4f, QUADS * ROWS>;
@@ -17,6 +18,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) t: u32,
 ) {
+    // One invocation reads it for all: barriers in the loop need a bound that the compiler knows to be the same for all.
     if (t == 0u) {
         total = samples[0].x;
     }
@@ -36,6 +38,8 @@ fn main(
 #use encode TO=0
 #use layer INPUTS=${ENCODING} OUTPUTS=64 AT=${W0} FROM=0 TO=0 FUNCTION=rectified EACH=4
 #use layer INPUTS=64 OUTPUTS=16 AT=${W1} FROM=0 TO=0 FUNCTION=kept EACH=1
+        // The raw density is the first of the 16 features that the colour network sees; it is kept before that network
+        // overwrites the tile.
         var density = 0.0;
         if (t < 64u) {
             density = tile[t / 4u * ROWS][t % 4u];

@@ -55,13 +55,16 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 #end
 #end
 #end
+    // Where an invocation loads the same columns of every slab, their places in the image are worked out once.
 #for once ${B_STAYS}
     let column = group.x * TN + (t % (TN / 4u)) * 4u;
 #use places
 #end
     for (var k0 = first; k0 < end; k0 += TK) {
+        // The slab before is still being read.
         workgroupBarrier();
         for (var e = t; e < TK * TM / 4u; e += 256u) {
+            // Neighbours take what lies side by side in memory: along the depth, or along the rows.
             let k = select(e / (TM / 4u), e % TK, A_DEPTH_FIRST == 1u);
             let quad = select(e % (TM / 4u), e / TK, A_DEPTH_FIRST == 1u);
             let row = group.y * TM + quad * 4u;
@@ -91,6 +94,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
             ));
         }
         workgroupBarrier();
+        // Sums go along the depth in its order, whatever the tile: the choice of a tile changes no bit.
         for (var k = 0u; k < TK; k++) {
 #for j ${QN}
             let b${j} = vec4f(tile_b[k * B_PITCH + tx + ${j}u * (TN / RN)]);
