@@ -17,13 +17,13 @@ arch=$(dpkg --print-architecture)
 name=srnerf-dag-$version-linux-$arch
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+staging=$(mktemp -d)
+trap 'rm -rf "$staging"' EXIT
 
 # The files, as they lie in the archive and, under usr/, in the package.
-share=$work/root/usr/share
-mkdir -p "$work/root/usr/bin" "$share/srnerf-dag" "$share/doc/srnerf-dag"
-strip -o "$work/root/usr/bin/srnerf-dag" "$program"
+share=$staging/files/usr/share
+mkdir -p "$staging/files/usr/bin" "$share/srnerf-dag" "$share/doc/srnerf-dag"
+strip -o "$staging/files/usr/bin/srnerf-dag" "$program"
 cp -r pipelines "$share/srnerf-dag/"
 cp LICENSE-MIT LICENSE-APACHE README.md "$share/doc/srnerf-dag/"
 gzip -n9 <CHANGELOG.md >"$share/doc/srnerf-dag/changelog.gz"
@@ -41,30 +41,30 @@ License: MIT or Apache-2.0
 Comment: The texts lie beside this file; on Debian, Apache-2.0 is in /usr/share/common-licenses, too. The embedded networks' weights are CC0.
  The licences of the crates in the program are in the release's .spdx file.
 END
-chmod -R u=rwX,go=rX "$work/root"
+chmod -R u=rwX,go=rX "$staging/files"
 
 # The oldest C library that has all symbols that the program asks for.
 libc=$(objdump -T "$program" | grep -o 'GLIBC_[0-9.]*' | sort -Vu | tail -1 | cut -d_ -f2)
-mkdir "$work/root/DEBIAN"
-cat >"$work/root/DEBIAN/control" <<END
+mkdir "$staging/files/DEBIAN"
+cat >"$staging/files/DEBIAN/control" <<END
 Package: srnerf-dag
 Version: $version
 Architecture: $arch
 Maintainer: the srnerf-dag developers <srnerf-dag@localhost>
 Section: graphics
 Priority: optional
-Installed-Size: $(du -sk --exclude DEBIAN "$work/root" | cut -f1)
+Installed-Size: $(du -sk --exclude DEBIAN "$staging/files" | cut -f1)
 Depends: libc6 (>= $libc), libgcc-s1
 Suggests: libvulkan1, colmap, ffmpeg
 Description: super-resolves radiance fields
  Takes posed low-resolution photos and makes a NeRF that renders at four times their resolution, sharp and consistent between views, by
  iterative 3D synchronization (WACV 2025). Every step is a cached stage that reads and writes EXR and safetensors.
 END
-dpkg-deb --root-owner-group -Zxz --build "$work/root" "$out/srnerf-dag_${version}_$arch.deb" >/dev/null
-rm -r "$work/root/DEBIAN"
+dpkg-deb --root-owner-group -Zxz --build "$staging/files" "$out/srnerf-dag_${version}_$arch.deb" >/dev/null
+rm -r "$staging/files/DEBIAN"
 
-mv "$work/root/usr" "$work/$name"
-tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$SOURCE_DATE_EPOCH" -C "$work" -cJf "$out/$name.tar.xz" "$name"
+mv "$staging/files/usr" "$staging/$name"
+tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$SOURCE_DATE_EPOCH" -C "$staging" -cJf "$out/$name.tar.xz" "$name"
 
 # One paragraph for each crate: name, version, licence.
 {

@@ -11,7 +11,6 @@ use rayon::prelude::*;
 use super::blob::Damage;
 use super::error::{At, StoreError};
 use super::record::Record;
-use super::seen::Seen;
 use super::signature::Signature;
 use super::{Store, json, read_json};
 
@@ -107,16 +106,7 @@ impl Store {
         if let Some(breakage) = first {
             return Ok(Lookup::Broken(breakage));
         }
-        if let (Some(result), Some(blobs)) = (result, blobs) {
-            self.remember(
-                now,
-                Seen {
-                    result,
-                    blobs,
-                    record: record.clone(),
-                },
-            );
-        }
+        self.remember(now, &record, result, blobs);
         Ok(Lookup::Sound(record))
     }
 

@@ -18,12 +18,12 @@ const AHEAD: usize = 4;
 
 /// A sound result, as the index remembers it.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Seen {
+struct Seen {
     /// Of the record's file.
-    pub(super) result: Signature,
+    result: Signature,
     /// Of the blobs, in the order of the files.
-    pub(super) blobs: Vec<Signature>,
-    pub(super) record: Record,
+    blobs: Vec<Signature>,
+    record: Record,
 }
 
 impl Store {
@@ -97,29 +97,31 @@ impl Store {
                 })
             };
             let blobs = record.files().map(|(_, file)| still(file)).collect();
-            if let (Some(result), Some(blobs)) =
-                (Signature::at(&self.result_path(&record.key)), blobs)
-            {
-                self.remember(
-                    now,
-                    Seen {
-                        result,
-                        blobs,
-                        record: record.clone(),
-                    },
-                );
-            }
+            let result = Signature::at(&self.result_path(&record.key));
+            self.remember(now, record, result, blobs);
         }
     }
 
-    pub(super) fn remember(&self, now: SystemTime, seen: Seen) {
-        if seen
-            .blobs
-            .iter()
-            .chain([&seen.result])
-            .all(|signature| signature.is_settled(now))
-        {
-            self.index.put(Kind::Result, &seen.record.key, &seen);
+    /// Remembers a sound result whose file and blobs had these signatures, if all have one and are
+    /// settled.
+    pub(super) fn remember(
+        &self,
+        now: SystemTime,
+        record: &Record,
+        result: Option<Signature>,
+        blobs: Option<Vec<Signature>>,
+    ) {
+        let (Some(result), Some(blobs)) = (result, blobs) else {
+            return;
+        };
+        let settled = |signature: &Signature| signature.is_settled(now);
+        if settled(&result) && blobs.iter().all(settled) {
+            let seen = Seen {
+                result,
+                blobs,
+                record: record.clone(),
+            };
+            self.index.put(Kind::Result, &record.key, &seen);
         }
     }
 }

@@ -151,10 +151,11 @@ def main():
         return export(training.average, options.export)
     # A run that goes on sees other crops than the one before.
     random = np.random.default_rng(training.step)
-    sets = [Crops(photos(folders), options.patch, options.device, training.step) for folders in (options.drawn, options.photos)]
+    sets = [folders and Crops(photos(folders), options.patch, options.device, training.step) for folders in (options.drawn, options.photos)]
+    share = options.share if options.drawn else 0
 
     def batch():
-        drawn = int(random.binomial(options.batch, options.share))
+        drawn = int(random.binomial(options.batch, share))
         parts = [crops.batch(n) for crops, n in zip(sets, (drawn, options.batch - drawn)) if n]
         return [torch.cat(images) for images in zip(*parts)]
 

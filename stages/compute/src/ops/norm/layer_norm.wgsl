@@ -1,6 +1,6 @@
 // A row of `width` elements per workgroup, normalised, scaled and shifted; or the gradient of that,
-// with `dy`. Each `fma` stands where a compiler may join a product and a sum or not: with pieces of arrays it did
-// so elsewhere than without, on an NVIDIA H200, and the bits differed.
+// with `dy`. A compiler may join a product and a sum into one operation, or not. On an NVIDIA H200 it chose otherwise for arrays
+// in pieces than for whole ones, and the bits differed. `fma` leaves it no choice, here and in the group norms.
 @group(0) @binding(1) var<storage, read> x: array<f32>;
 @group(0) @binding(2) var<storage, read> gamma: array<f32>;
 // The shift, or the gradient to the output.
