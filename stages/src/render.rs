@@ -120,7 +120,7 @@ impl Stage for Render {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -9,6 +9,7 @@ use crate::config::FEATURES;
 use crate::exponential::sigmoid;
 use crate::features::Features;
 use crate::field::{Field, sigma, sigma_backward};
+use crate::kernels::matrix::ROWS;
 use crate::march::Segment;
 use crate::network::{Activations, COLOR_OUTPUT, GEOMETRY, Transposed};
 use crate::positions::Positions;
@@ -130,6 +131,25 @@ impl Block {
         rays.features
             .rows(rows, field.encoding_width(), &mut self.activations.encoding);
         field.network.density(&mut self.activations);
+        self.shade(field, rays)
+    }
+
+    /// The same for densities that are known: `geometry` has a row of [`GEOMETRY`] numbers for each
+    /// place among the features.
+    pub fn forward_from(&mut self, field: &Field, rays: &Rays<'_>, geometry: &[f32]) -> &[Seen] {
+        let span = rays.span();
+        let into = &mut self.activations.geometry;
+        into.clear();
+        for &row in &rays.rows[span.clone()] {
+            into.extend_from_slice(&geometry[row as usize * GEOMETRY..][..GEOMETRY]);
+        }
+        into.resize(span.len().next_multiple_of(ROWS) * GEOMETRY, 0.0);
+        self.shade(field, rays)
+    }
+
+    /// From the density network's outputs to what each ray sees.
+    fn shade(&mut self, field: &Field, rays: &Rays<'_>) -> &[Seen] {
+        let span = rays.span();
         self.sigma.clear();
         self.sigma.extend(
             self.activations

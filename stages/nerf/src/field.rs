@@ -118,18 +118,26 @@ impl Field {
         scratch: &mut Activations,
         sigmas: &mut Vec<f32>,
     ) {
+        self.geometry(features, positions, scratch, |rows| {
+            sigmas.extend(rows.chunks_exact(GEOMETRY).map(|row| sigma(row[0])));
+        });
+    }
+
+    /// What the density network gives at some of the positions that were looked up, in order:
+    /// `visit` gets some rows of [`GEOMETRY`] numbers at a time.
+    pub(crate) fn geometry(
+        &self,
+        features: &Features,
+        positions: Range<usize>,
+        scratch: &mut Activations,
+        mut visit: impl FnMut(&[f32]),
+    ) {
         for first in positions.clone().step_by(ROWS) {
             let rows = first..positions.end.min(first + ROWS);
             let count = rows.len();
             features.rows(rows, self.encoding_width(), &mut scratch.encoding);
             self.network.density(scratch);
-            sigmas.extend(
-                scratch
-                    .geometry
-                    .chunks_exact(GEOMETRY)
-                    .take(count)
-                    .map(|row| sigma(row[0])),
-            );
+            visit(&scratch.geometry[..count * GEOMETRY]);
         }
     }
 

@@ -2,9 +2,10 @@
 //! behind would show. Knows nothing of colours or gradients.
 
 use crate::composite;
+use crate::exponential::exp;
 use crate::features::{Features, LookUp};
-use crate::field::Field;
-use crate::network::Activations;
+use crate::field::{Field, sigma};
+use crate::network::{Activations, GEOMETRY};
 use crate::positions::Positions;
 use crate::samples::Samples;
 use std::ops::Range;
@@ -12,6 +13,9 @@ use std::ops::Range;
 /// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to
 /// go far behind a surface.
 const WAVE: usize = 16;
+/// In an image, samples of less weight than this are left out. Haze before a surface is most of
+/// what rays pass through, and all of it together shows less than half a step of an 8-bit value.
+pub const FAINT: f32 = 1e-4;
 /// The row of a sample that is not seen.
 const NONE: u32 = u32::MAX;
 
@@ -23,6 +27,11 @@ pub struct Look {
     pub rows: Vec<u32>,
     /// How many samples were looked at.
     pub looked: usize,
+    /// By place among the features: what the density network gives there, rows of [`GEOMETRY`]
+    /// numbers. Kept by [`Look::along`] alone.
+    pub geometry: Vec<f32>,
+    /// The least weight of a sample that is seen.
+    least: f32,
     open: Vec<Open>,
     /// The next samples of the open rays and where they are; once asked for, the place of the first
     /// among the features.
@@ -50,6 +59,7 @@ impl Look {
         self.rows.clear();
         self.rows.resize(samples.t.len(), NONE);
         self.looked = 0;
+        self.least = 0.0;
         self.next_wave(samples);
     }
 
@@ -93,6 +103,33 @@ impl Look {
             scratch,
             &mut self.depths,
         );
+        self.close(samples);
+    }
+
+    /// The same, which keeps what the density network gives.
+    fn answer_and_keep(
+        &mut self,
+        field: &Field,
+        samples: &Samples,
+        features: &Features,
+        scratch: &mut Activations,
+    ) {
+        let Self {
+            depths, geometry, ..
+        } = self;
+        depths.clear();
+        // The places of padding between waves have rows too.
+        geometry.resize(self.first * GEOMETRY, 0.0);
+        let wave = self.first..self.first + self.wave.len();
+        field.geometry(features, wave, scratch, |rows| {
+            depths.extend(rows.chunks_exact(GEOMETRY).map(|row| sigma(row[0])));
+            geometry.extend_from_slice(rows);
+        });
+        self.close(samples);
+    }
+
+    /// From the densities of the wave, in `depths`, to the rays that are still open.
+    fn close(&mut self, samples: &Samples) {
         for (depth, &sample) in self.depths.iter_mut().zip(&self.wave) {
             *depth *= samples.dt[sample as usize];
         }
@@ -100,9 +137,16 @@ impl Look {
         self.open.retain_mut(|ray| {
             let length = ray.rest.len().min(WAVE);
             let depths = self.depths[row..row + length].iter().copied();
-            let seen = composite::visible(depths, &mut ray.optical_depth);
-            for (row, sample) in (self.first + row..).zip(ray.rest.start..ray.rest.start + seen) {
-                self.rows[sample] = row as u32;
+            let mut transmittance = exp(-ray.optical_depth);
+            let seen = composite::visible(depths.clone(), &mut ray.optical_depth);
+            let wave = (self.first + row..).zip(ray.rest.start..ray.rest.start + seen);
+            for ((row, sample), depth) in wave.zip(depths) {
+                let next = transmittance * exp(-depth);
+                // Written so that what is not a number is seen.
+                if !(transmittance - next < self.least) {
+                    self.rows[sample] = row as u32;
+                }
+                transmittance = next;
             }
             row += length;
             ray.rest.start += length;
@@ -120,19 +164,22 @@ impl Look {
         samples.keep(&kept);
     }
 
-    /// The whole search on one thread.
+    /// The whole search on one thread, for samples of at least this weight.
     pub fn along(
         &mut self,
         field: &Field,
         samples: &mut Samples,
         features: &mut Features,
         scratch: &mut Activations,
+        least: f32,
     ) {
         features.clear(field);
+        self.geometry.clear();
         self.start(samples);
+        self.least = least;
         while self.ask(features) {
             features.look_ups(field).for_each(LookUp::run);
-            self.answer(field, samples, features, scratch);
+            self.answer_and_keep(field, samples, features, scratch);
         }
         self.cut(samples);
     }

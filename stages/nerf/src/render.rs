@@ -3,7 +3,7 @@
 use crate::block::{Block, Rays, Seen};
 use crate::features::Features;
 use crate::field::Field;
-use crate::look::Look;
+use crate::look::{FAINT, Look};
 use crate::march::Segment;
 use crate::pool::Pool;
 use crate::samples::Samples;
@@ -186,20 +186,18 @@ impl Glance {
             features,
             block,
         } = self;
-        look.along(field, samples, features, &mut block.activations);
+        look.along(field, samples, features, &mut block.activations, FAINT);
         let count = samples.rays.len();
         let mut seen = Vec::with_capacity(count);
         for first in (0..count).step_by(RAYS_PER_BLOCK) {
             let range = first..count.min(first + RAYS_PER_BLOCK);
-            seen.extend_from_slice(block.forward(
-                field,
-                &Rays {
-                    samples,
-                    range,
-                    features,
-                    rows: &look.rows,
-                },
-            ));
+            let rays = Rays {
+                samples,
+                range,
+                features,
+                rows: &look.rows,
+            };
+            seen.extend_from_slice(block.forward_from(field, &rays, &look.geometry));
         }
         seen
     }

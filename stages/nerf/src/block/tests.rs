@@ -3,7 +3,7 @@
 use super::*;
 use crate::config::FieldConfig;
 use crate::kernels::hash::encode_backward;
-use crate::look::Look;
+use crate::look::{FAINT, Look};
 use compute::rng::Rng;
 use half::f16;
 
@@ -65,7 +65,7 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
 }
 
 /// Marched and looked along: what a block needs, and how many samples were looked at.
-fn look(field: &Field) -> (Samples, Features, Look) {
+fn look(field: &Field, least: f32) -> (Samples, Features, Look) {
     let mut samples = Samples::default();
     let mut features = Features::default();
     let mut look = Look::default();
@@ -79,6 +79,7 @@ fn look(field: &Field) -> (Samples, Features, Look) {
         &mut samples,
         &mut features,
         &mut Activations::default(),
+        least,
     );
     (samples, features, look)
 }
@@ -90,7 +91,7 @@ const REGULARIZER: Regularizer = Regularizer {
 };
 
 fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient) {
-    let (samples, features, look) = look(field);
+    let (samples, features, look) = look(field, 0.0);
     let d_seen = rays().2;
     let mut block = Block::default();
     let rays = Rays {
@@ -222,10 +223,41 @@ fn fog_is_pulled_down_near_the_camera_only() {
 }
 
 #[test]
+fn what_is_faint_is_left_out_and_hardly_missed() {
+    let mut field = field();
+    // A thinner haze, which no ray ends in.
+    field
+        .network
+        .matrix_mut(1)
+        .iter_mut()
+        .step_by(GEOMETRY)
+        .for_each(|w| *w *= 4.0);
+    let (all, features, whole) = look(&field, 0.0);
+    let (kept, _, thinned) = look(&field, FAINT);
+    assert!(0 < kept.t.len() && kept.t.len() < all.t.len());
+    let see = |samples: &Samples, look: &Look| {
+        let rays = Rays {
+            samples,
+            range: 0..samples.rays.len(),
+            features: &features,
+            rows: &look.rows,
+        };
+        let mut block = Block::default();
+        let seen = block.forward_from(&field, &rays, &look.geometry).to_vec();
+        assert_eq!(seen, block.forward(&field, &rays), "the same densities");
+        seen
+    };
+    let most = all.rays.iter().map(|ray| ray.len()).max().unwrap() as f32 * FAINT;
+    for (thin, whole) in see(&kept, &thinned).iter().zip(see(&all, &whole)) {
+        assert!((thin.transmittance - whole.transmittance).abs() <= most);
+    }
+}
+
+#[test]
 fn what_a_wall_hides_is_cut_off() {
     let mut field = field();
     let see = |field: &Field| {
-        let (samples, features, look) = look(field);
+        let (samples, features, look) = look(field, 0.0);
         let rays = Rays {
             samples: &samples,
             range: 0..samples.rays.len(),
