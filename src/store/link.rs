@@ -58,7 +58,7 @@ impl Store {
         if seen.is_some_and(|seen: Shown| self.showed(&seen, output, folder)) {
             return true;
         }
-        let now = SystemTime::now();
+        let now = self.clock.now();
         let seen = Shown::new(output, folder);
         let files = WalkDir::new(folder)
             .into_iter()

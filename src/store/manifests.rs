@@ -2,7 +2,6 @@
 //! one.
 
 use std::path::PathBuf;
-use std::time::SystemTime;
 
 use artifacts_schema::Digest;
 use rayon::prelude::*;
@@ -47,7 +46,7 @@ impl Store {
 
     /// The same, of keys whose manifests lie in one folder.
     fn missing_in_folder(&self, keys: &[Digest]) -> Vec<Digest> {
-        let now = SystemTime::now();
+        let now = self.clock.now();
         let path = self.manifest_path(&keys[0]);
         let name = name(keys);
         let signature = Signature::at(super::parent(&path));

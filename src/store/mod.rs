@@ -6,6 +6,7 @@
 
 pub mod blob;
 pub mod census;
+mod clock;
 mod disk;
 pub mod error;
 pub mod fault;
@@ -45,6 +46,7 @@ use artifacts_schema::Digest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use clock::Clock;
 use disk::Disk;
 use error::{At, StoreError};
 use index::Index;
@@ -94,6 +96,7 @@ pub struct Store {
     /// Blobs that this process has read and found sound, so that each is read once.
     sound: Mutex<BTreeSet<Digest>>,
     disk: Disk,
+    clock: Clock,
     patience: Patience,
     /// When each lease of others was last touched, and since when we have seen that.
     seen: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>>,
@@ -110,6 +113,7 @@ impl Store {
         let (known, sound, seen) = Default::default();
         let lock = None;
         let read_only = false;
+        let clock = Clock::default();
         let patience = Patience::default();
         let store = Self {
             root: root.to_owned(),
@@ -120,6 +124,7 @@ impl Store {
             known,
             sound,
             disk,
+            clock,
             patience,
             seen,
         };

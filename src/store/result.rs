@@ -3,7 +3,6 @@
 
 use std::fmt;
 use std::fs;
-use std::time::SystemTime;
 
 use artifacts_schema::Digest;
 use rayon::prelude::*;
@@ -71,7 +70,7 @@ impl Store {
         if let Some(record) = known.or_else(|| self.unchanged(key)) {
             return Ok(Lookup::Sound(record));
         }
-        let now = SystemTime::now();
+        let now = self.clock.now();
         let path = self.result_path(key);
         let result = Signature::at(&path);
         let Some(record) = read_json::<Record>(&path)? else {

@@ -87,7 +87,7 @@ impl Store {
     /// them through: those whose blobs are still as they were written, and were left alone for long
     /// enough that it would show if they were not.
     pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
-        let now = SystemTime::now();
+        let now = self.clock.now();
         for record in records {
             let still = |file: &StoredFile| {
                 Signature::at(&self.blob_path(&file.blob)).filter(|now| {

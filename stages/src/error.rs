@@ -41,6 +41,9 @@ pub enum StageError {
     /// An upsampler that could not be loaded.
     #[error(transparent)]
     Upsampler(#[from] upsampler::UpsamplerError),
+    /// Weights of a metric that could not be loaded.
+    #[error(transparent)]
+    Lpips(#[from] metrics::LpipsError),
     /// A device that failed while the stage computed on it.
     #[error(transparent)]
     Device(#[from] compute::GpuError),

@@ -2,10 +2,12 @@
 //! of how they came about.
 
 mod consistency;
+mod networks;
 mod pictures;
 mod scores;
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Figures, ImageSet, View};
 use compute::resize::{Filter, resize};
@@ -15,13 +17,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::consistency::{Shown, warped};
+use self::networks::Networks;
 use self::pictures::{BEHIND, Picked, error_map, side_by_side};
 pub use self::scores::Scored;
 use self::scores::Scores;
 use crate::convert;
 use crate::error::StageError;
 use crate::masked;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
+use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Measures a field on views that no other stage saw, beside two baselines of the low-resolution
 /// field.
@@ -45,6 +48,9 @@ pub struct Evaluate {
     /// For how many views to draw a comparison.
     #[schemars(range(min = 0, max = 1000))]
     pub figures: u32,
+    /// Weights of LPIPS or ST-LPIPS networks, trunk and heads in one `.safetensors` file: a column
+    /// for each.
+    pub lpips: Vec<PathBuf>,
 }
 
 impl Default for Evaluate {
@@ -58,6 +64,7 @@ impl Default for Evaluate {
             train: none(),
             supersample: 2,
             figures: 3,
+            lpips: Vec::new(),
         }
     }
 }
@@ -176,11 +183,28 @@ impl Stage for Evaluate {
         ]
     }
 
+    fn locations(&self) -> &'static [&'static str] {
+        if self.lpips.is_empty() {
+            &[]
+        } else {
+            &["lpips"]
+        }
+    }
+
+    fn sources(&self) -> Result<Vec<Source>, StageError> {
+        networks::sources(&self.lpips)
+    }
+
+    fn source_files(&self) -> Option<Vec<PathBuf>> {
+        Some(self.lpips.clone())
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         Estimate::reading(inputs).computing(64 << 20, 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
+        let networks = Networks::open(&self.lpips)?;
         let field = convert::field(io.read("field")?)?;
         let baseline = convert::field(io.read("baseline")?)?;
         let truths: ImageSet = io.read("truth")?;
@@ -210,7 +234,8 @@ impl Stage for Evaluate {
             let low = Picked::of(low);
             let images = [(BICUBIC, &enlarged), (LR, &lr), (SR, &sr)];
             for (row, image) in images {
-                let measured = scores.measure(image.image(), truth.image(), low.image());
+                let mut measured = scores.measure(image.image(), truth.image(), low.image());
+                measured.extend(networks.measure(truth.image(), image.image()));
                 scores.add(row, &view.name, masked::counted(measured, mask));
             }
             for (row, shown) in &fields {

@@ -1,4 +1,4 @@
-//! PSNR, SSIM, FLIP, SSIMULACRA2, NIQE and consistency, each under an honest name, and the drawing
+//! PSNR, SSIM, FLIP, SSIMULACRA2, LPIPS, NIQE and consistency, each under an honest name, and the drawing
 //! of comparison figures.
 //!
 //! Knows pictures as plain slices of sRGB-encoded numbers. Knows nothing of stages, artefacts,
@@ -11,6 +11,7 @@ mod figure;
 mod flip;
 mod gaussian;
 mod image;
+mod lpips;
 mod niqe;
 mod psnr;
 mod ssim;
@@ -21,6 +22,7 @@ pub use consistency::psnr_lr_consistency;
 pub use figure::{Figure, Panel, comparison};
 pub use flip::{Flip, flip};
 pub use image::Image;
+pub use lpips::{Lpips, LpipsError};
 pub use niqe::{Niqe, niqe};
 pub use psnr::{MAX_PSNR, psnr};
 pub use ssim::ssim;
@@ -29,7 +31,7 @@ pub use warp::{Surface, Warped, warped};
 
 /// The columns of a table of metrics, the most telling first: each name with one sentence on what
 /// it measures, which says `higher is` or `lower is` where one of them is better.
-pub const DEFINITIONS: [(&str, &str); 8] = [
+pub const DEFINITIONS: [(&str, &str); 13] = [
     (
         "psnr_hr",
         "PSNR in dB against a held-out photo: sRGB, all pixels and channels of a view, at most 100; higher is better",
@@ -45,6 +47,26 @@ pub const DEFINITIONS: [(&str, &str); 8] = [
     (
         "ssimulacra2_hr",
         "SSIMULACRA2 against a held-out photo: 100 is identical, 70 is high quality, no floor; higher is better",
+    ),
+    (
+        "lpips_alex",
+        "LPIPS 0.1 with AlexNet against a held-out photo: 0 is identical; lower is better",
+    ),
+    (
+        "lpips_vgg",
+        "LPIPS 0.1 with VGG-16 against a held-out photo: 0 is identical; lower is better",
+    ),
+    (
+        "lpips_squeeze",
+        "LPIPS 0.1 with SqueezeNet 1.1 against a held-out photo: 0 is identical; lower is better",
+    ),
+    (
+        "stlpips_alex",
+        "shift-tolerant LPIPS with AlexNet against a held-out photo: 0 is identical; lower is better",
+    ),
+    (
+        "stlpips_vgg",
+        "shift-tolerant LPIPS with VGG-16 against a held-out photo: 0 is identical; lower is better",
     ),
     (
         "niqe_y",
