@@ -41,7 +41,7 @@ test-tools: setup
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 	$(TOOLS)/bin/python tests/upsampler/packages.py $(TARGET)/release/srnerf-dag
-	$(TOOLS)/bin/pip install --quiet pycolmap plyfile pygltflib usd-core numpy pillow
+	$(TOOLS)/bin/pip install --quiet pycolmap plyfile pygltflib usd-core OpenImageIO safetensors numpy pillow
 	tests/exports/exports.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	@command -v chromium >/dev/null || $(MAKE) --no-print-directory install PACKAGE=chromium FOR='Chromium, to click through a report and a view'
 	$(TOOLS)/bin/pip install --quiet playwright

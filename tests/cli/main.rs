@@ -8,6 +8,7 @@ mod completions;
 mod concurrent;
 mod damage;
 mod damage_store;
+mod dcc;
 mod explain;
 mod export;
 mod golden;
