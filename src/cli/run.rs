@@ -21,6 +21,7 @@ use super::{device, standing, tuning};
 use crate::error::Error;
 use crate::export::quote;
 use crate::plan::Context;
+use crate::progress::tev::{self, Tev};
 use crate::progress::{self, Event, Verbosity};
 use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
@@ -60,6 +61,10 @@ pub struct Run {
     /// Stop as soon as a stage fails
     #[arg(long)]
     fail_fast: bool,
+    /// Show tev, the viewer, the images of each stage as it finishes (--tev=HOST:PORT for one that
+    /// listens elsewhere)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = tev::USUAL)]
+    tev: Option<String>,
     /// No bars: one line for each thing that happens
     #[arg(long)]
     no_progress: bool,
@@ -209,6 +214,9 @@ impl Run {
         let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
+        if let Some(address) = &self.tev {
+            progress = Box::new(Tev::beside(progress, address, view));
+        }
         let device = &session.device;
         let checkpoint_every = self.checkpoint_every;
         let budget = self.budget(&pool, device);

@@ -30,6 +30,7 @@ mod space;
 mod space_kept;
 mod splats;
 mod standing;
+mod tev;
 mod trust;
 mod tutorial;
 mod upsample;
