@@ -72,10 +72,13 @@ test-slurm: setup
 golden: setup
 	SRNERF_GOLDEN=1 $(CARGO) test --release --test cli --quiet golden
 
+# What deny.toml says of crates is held where cargo-deny is there; advisories need a network and are asked for apart.
 lint: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --release --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS=-Dwarnings $(CARGO) doc --release --workspace --no-deps --quiet
+	@if command -v cargo-deny >/dev/null; then cargo-deny --locked --log-level error check licenses bans sources; \
+	else echo 'cargo-deny is not installed (cargo install cargo-deny): licences, sources and duplicates of crates are not checked'; fi
 
 doc: setup
 	$(CARGO) doc --release --workspace --no-deps
