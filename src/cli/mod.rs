@@ -37,6 +37,7 @@ mod run;
 mod session;
 mod standing;
 mod store;
+mod takes;
 mod tuning;
 mod upsample;
 mod verify;

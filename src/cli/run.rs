@@ -1,6 +1,7 @@
 //! `run`: computes what the store does not have, and shows the results.
 
 mod ending;
+mod room;
 
 use std::collections::BTreeSet;
 use std::mem::ManuallyDrop;
@@ -51,6 +52,9 @@ pub struct Run {
     /// this machine or job has
     #[arg(long, value_name = "SIZE", value_parser = options::size)]
     memory: Option<u64>,
+    /// Begin even if a stage is expected to need more memory than this machine or job has
+    #[arg(long)]
+    over_memory: bool,
     /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every
     /// step
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
@@ -211,6 +215,10 @@ impl Run {
         json: bool,
     ) -> Result<Outcome, Error> {
         let pool = thread_pool(self.threads)?;
+        let cached = pool.install(|| context.cached())?;
+        if !self.over_memory {
+            room::check(context, &cached, memory_limit())?;
+        }
         let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
@@ -231,7 +239,7 @@ impl Run {
             budget,
             fail_fast: self.fail_fast,
         };
-        Ok(scheduler.run(progress.as_mut())?)
+        Ok(scheduler.run(cached, progress.as_mut())?)
     }
 
     /// Says what is computed where, if not all of it is on the CPU.
