@@ -48,8 +48,11 @@ pub enum Basis {
         but: Vec<String>,
     },
     /// No such result is known: the stage's own estimate, by its parameters and the sizes of what
-    /// it reads. Where those are not known either it is too small.
-    Guess,
+    /// it reads.
+    Guess {
+        /// Whether all of these sizes are known. Where not, it is too small.
+        sized: bool,
+    },
 }
 
 /// What the latest results took, by kind, the newest first.
@@ -129,6 +132,7 @@ impl Context<'_> {
         record: impl Fn(usize) -> Option<&'r Record>,
     ) -> Cost {
         let node = &self.graph.nodes[at];
+        let sized = node.wires.iter().all(|wire| record(wire.from).is_some());
         let guess = estimate(node, record);
         let manifest = self.manifest(at, &Inputs::new());
         match experience.nearest(node, &manifest) {
@@ -136,7 +140,7 @@ impl Context<'_> {
             None => Cost {
                 seconds: guess.seconds,
                 memory: guess.memory,
-                basis: Basis::Guess,
+                basis: Basis::Guess { sized },
             },
         }
     }
