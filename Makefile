@@ -41,7 +41,7 @@ test-tools: setup
 	tests/snakemake/export.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/snakemake
 	tests/remote/s3.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/moto_server
 	$(TOOLS)/bin/python tests/upsampler/packages.py $(TARGET)/release/srnerf-dag
-	$(TOOLS)/bin/pip install --quiet pycolmap plyfile pygltflib usd-core numpy pillow
+	$(TOOLS)/bin/pip install --quiet pycolmap plyfile pygltflib usd-core OpenImageIO safetensors numpy pillow
 	tests/exports/exports.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	@command -v chromium >/dev/null || $(MAKE) --no-print-directory install PACKAGE=chromium FOR='Chromium, to click through a report and a view'
 	$(TOOLS)/bin/pip install --quiet playwright
@@ -72,10 +72,13 @@ test-slurm: setup
 golden: setup
 	SRNERF_GOLDEN=1 $(CARGO) test --release --test cli --quiet golden
 
+# What deny.toml says of crates is held where cargo-deny is there; advisories need a network and are asked for apart.
 lint: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --release --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS=-Dwarnings $(CARGO) doc --release --workspace --no-deps --quiet
+	@if command -v cargo-deny >/dev/null; then cargo-deny --locked --log-level error check licenses bans sources; \
+	else echo 'cargo-deny is not installed (cargo install cargo-deny): licences, sources and duplicates of crates are not checked'; fi
 
 doc: setup
 	$(CARGO) doc --release --workspace --no-deps
@@ -93,11 +96,13 @@ bench: setup
 bench-gpu: setup
 	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --workspace --bench gpu
 
-# A release: a .deb, an archive, a list of its crates, and checksums. `test-dist` installs the package on a bare Debian; it needs root.
+# A release: a .deb, an archive, a list of its crates, and checksums, the same from any folder. Flags of its own would have all
+# else compiled anew each time: it has a folder of its own. `test-dist` installs the package on a bare Debian; it needs root.
 .PHONY: dist test-dist
 dist: setup
-	$(CARGO) build --release --quiet
-	dist/package.sh $(TARGET)/release/srnerf-dag $(TARGET)/dist
+	RUSTFLAGS="--remap-path-prefix=$(CURDIR)=srnerf-dag --remap-path-prefix=$${CARGO_HOME:-$$HOME/.cargo}=cargo" \
+		$(CARGO) build --release --quiet --locked --target-dir $(TARGET)/dist-build
+	dist/package.sh $(TARGET)/dist-build/release/srnerf-dag $(TARGET)/dist
 test-dist: dist
 	@command -v debootstrap >/dev/null || $(MAKE) --no-print-directory install PACKAGE=debootstrap FOR='debootstrap'
 	tests/dist/deb.sh $(TARGET)/dist/*.deb

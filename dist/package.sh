@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Packs a release: a .deb and an archive with the program, its pipelines, manual pages and completions; a list of all crates in it
-# (SPDX); and checksums of these. Packing the same program of the same commit twice gives the same bytes.
+# (SPDX); and checksums of these. The same commit gives the same bytes, wherever it is built and by whom, if compilers are the same:
+# `make dist` keeps places out of the program, and nothing here looks at what is stripped from it.
 #
 #     dist/package.sh PROGRAM FOLDER
 #
@@ -69,7 +70,7 @@ tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$SOURCE_DATE_EPOCH
 # One paragraph for each crate: name, version, licence.
 {
     printf 'SPDXVersion: SPDX-2.3\nDataLicense: CC0-1.0\nSPDXID: SPDXRef-DOCUMENT\nDocumentName: %s\n' "$name"
-    printf 'DocumentNamespace: https://spdx.org/spdxdocs/%s-%s\n' "$name" "$(sha256sum <"$program" | cut -c1-32)"
+    printf 'DocumentNamespace: https://spdx.org/spdxdocs/%s-%s\n' "$name" "$(sha256sum <"$staging/$name/bin/srnerf-dag" | cut -c1-32)"
     printf 'Creator: Tool: package.sh\nCreated: %s\n' "$(date -u -d "@$SOURCE_DATE_EPOCH" +%Y-%m-%dT%H:%M:%SZ)"
     cargo tree --locked --edges normal --prefix none --format '{p}|{l}' | sed 's/ ([^|]*)|/|/; s/ (\*)$//' | sort -u |
         awk -F'|' '{

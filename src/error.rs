@@ -95,6 +95,24 @@ pub enum Error {
         /// The first stage before it that has no result.
         missing: String,
     },
+    /// A stage that is too large for this machine.
+    #[error(
+        "`{stage}` is expected to need {needed} of memory ({why}), and this machine or job has {there}; nothing was run"
+    )]
+    #[diagnostic(help(
+        "run it where there is more, make it smaller (smaller images, a smaller model, fewer `samples` or a smaller `batch`), \
+         or run it all the same: --over-memory"
+    ))]
+    NoRoom {
+        /// The stage.
+        stage: String,
+        /// What it needs.
+        needed: String,
+        /// How that is known.
+        why: String,
+        /// What there is.
+        there: String,
+    },
     /// The store.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -179,7 +197,7 @@ impl Error {
             | Self::Model(_)
             | Self::Tensors(_)
             | Self::Upsampler(_) => PIPELINE,
-            Self::NoInput { .. } => PIPELINE,
+            Self::NoInput { .. } | Self::NoRoom { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } | Self::Output(_) => STORE,
             Self::Found { .. } => FOUND,
             Self::Interrupted => INTERRUPTED,

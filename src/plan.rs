@@ -1,6 +1,7 @@
 //! What a run would do: which stages have their results, which must be computed, and why. Changes
 //! nothing.
 
+mod cost;
 mod forecast;
 mod sources;
 
@@ -9,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use artifacts_schema::Digest;
 use stages::Source;
 
+pub use self::cost::{Basis, Cost, Experience};
 pub use self::forecast::Forecast;
 pub use self::sources::{SourceError, sources};
 

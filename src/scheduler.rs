@@ -70,15 +70,20 @@ enum News {
 }
 
 impl Scheduler<'_> {
-    /// Runs all stages that are needed. An error here is one of the store; a stage's is part of the
-    /// outcome.
-    pub fn run(&self, progress: &mut dyn Progress) -> Result<Outcome, StoreError> {
+    /// Runs all stages that are needed but those that are `cached`. An error here is one of the
+    /// store; a stage's is part of the outcome.
+    pub fn run(
+        &self,
+        cached: Vec<Found>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome, StoreError> {
         let mut board = Board::new(self.context, progress);
         let (sender, news) = mpsc::channel();
         std::thread::scope(|scope| {
             // The others must not go on for hours before anyone hears that the store cannot be
             // used.
-            self.drive(&mut board, scope, &sender, &news)
+            self.adopt(&mut board, cached)
+                .and_then(|()| self.drive(&mut board, scope, &sender, &news))
                 .inspect_err(|_| self.cancelled.store(true, Ordering::Relaxed))
         })?;
         Ok(board.close(self.stopped()))
@@ -91,7 +96,6 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
         news: &Receiver<News>,
     ) -> Result<(), StoreError> {
-        self.adopt(board)?;
         let mut ticked = Instant::now();
         loop {
             self.begin_all(board, scope, sender)?;
@@ -110,9 +114,8 @@ impl Scheduler<'_> {
 
     /// Takes over, all at once, the results that are there already: with thousands of them, one by
     /// one would take long.
-    fn adopt(&self, board: &mut Board) -> Result<(), StoreError> {
+    fn adopt(&self, board: &mut Board, cached: Vec<Found>) -> Result<(), StoreError> {
         let store = self.context.store;
-        let cached = self.pool.install(|| self.context.cached())?;
         let show = |found: &Found| self.show(found.at, &found.record);
         self.pool.install(|| cached.par_iter().try_for_each(show))?;
         let lost = self

@@ -7,11 +7,15 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use scene::Layout;
 
+use super::export_cameras::CameraFile;
+use super::export_exr::Exr;
+use super::export_latents::Latents;
 use super::export_layout::Views;
 use super::export_ply::Ply;
 use super::export_splat::Splat;
 use super::export_tensorboard::TensorBoard;
 use super::export_transforms::Transforms;
+use super::export_video::Video;
 use super::options::{Changes, Choice, PipelineOptions};
 use super::output::print;
 use super::session::Session;
@@ -30,6 +34,14 @@ pub enum Export {
     Ply(Ply),
     /// A field as Gaussian splats, for viewers, engines and editors: .ply, .glb or .usda
     Splat(Splat),
+    /// An image set as a sequence of OpenEXR frames with depth and normals, for compositors
+    Exr(Exr),
+    /// The cameras of an image set: .usda, .gltf or .glb
+    Cameras(CameraFile),
+    /// An image set as a moving picture: .mp4, .webm or .webp
+    Video(Video),
+    /// Latent images for ComfyUI
+    Latents(Latents),
     /// Image sets as a NeRF-synthetic scene: transforms_train.json, transforms_test.json and RGBA
     /// PNGs
     Transforms(Transforms),
@@ -66,6 +78,10 @@ impl Export {
         match self {
             Self::Ply(ply) => ply.run(json)?,
             Self::Splat(splat) => splat.run(json)?,
+            Self::Exr(exr) => exr.run(json)?,
+            Self::Cameras(cameras) => cameras.run(json)?,
+            Self::Video(video) => video.run(json)?,
+            Self::Latents(latents) => latents.run(json)?,
             Self::Transforms(transforms) => transforms.run(json)?,
             Self::TensorBoard(tensorboard) => tensorboard.run(json)?,
             Self::Nerfstudio(views) => views.run(Layout::Nerfstudio, json)?,

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use artifacts_schema::ImageSet;
 use clap::Args;
 use formats::Camera;
-use glam::DVec3;
 use nerf::Field;
 use serde_json::json;
 use splat::Cloud;
-use splat::files::{Format, Up};
+use splat::files::Format;
 use stages::convert;
 use stages::splats::{self, Closeness, SplatOptions};
 
+use super::export_cameras::up;
 use super::output::{print, print_json, tell};
 use super::{artifact, named, whole};
 use crate::error::Error;
@@ -86,7 +86,7 @@ impl Splat {
             })?;
         let closeness = scene.closeness(&cloud);
         whole::file(&self.output, |mut out| {
-            format.write(&cloud, scene.up(), &mut out)
+            format.write(&cloud, up(&scene.cameras), &mut out)
         })?;
         self.report(&scene, &cloud, &closeness, json);
         Ok(())
@@ -225,15 +225,6 @@ impl Scene {
         match &self.held_out {
             HeldOut::Photos(set) => splats::closeness_to_photos(&self.field, cloud, &set.views),
             HeldOut::Cameras(cameras) => splats::closeness(&self.field, cloud, cameras),
-        }
-    }
-
-    /// The axis that is more upwards in the cameras' pictures.
-    fn up(&self) -> Up {
-        let up = scene::upwards(&self.cameras);
-        match up.dot(DVec3::Z) > up.dot(DVec3::Y) {
-            true => Up::Z,
-            false => Up::Y,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `plan`: says what `run` would do, and why. Writes nothing, but into a cache of the store that
 //! there was nothing to do.
 
+use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
 use std::time::SystemTime;
 
@@ -11,13 +12,14 @@ use serde_json::{Value, json};
 use super::options::{Choice, PipelineOptions};
 use super::output::{print, print_json, table};
 use super::session::Session;
-use super::{device, standing};
+use super::{device, standing, takes};
 use crate::error::Error;
 use crate::experiment::{Experiment, arm_of};
 use crate::explain::Reason;
 use crate::pipeline::graph::Node;
-use crate::plan::Forecast;
+use crate::plan::{Context, Cost, Experience, Forecast};
 use crate::store::Store;
+use crate::store::error::StoreError;
 use crate::store::standing::Standing;
 
 /// Options of `plan`.
@@ -54,13 +56,18 @@ impl Plan {
         let context = ManuallyDrop::new(session.context(&store));
         let forecasts = ManuallyDrop::new(context.forecast()?);
         let nodes = &session.graph.nodes;
-        let stages: Vec<(&Node, &Forecast)> = forecasts
+        let costs = costs(&context, &forecasts)?;
+        let stages: Vec<Planned> = forecasts
             .iter()
-            .map(|(&at, forecast)| (&nodes[at], forecast))
+            .map(|(at, forecast)| Planned {
+                node: &nodes[*at],
+                forecast,
+                cost: costs.get(at),
+            })
             .collect();
         let cached = stages
             .iter()
-            .filter(|(_, forecast)| matches!(forecast, Forecast::Cached(_)))
+            .filter(|stage| stage.forecast.is_cached())
             .count();
         let to_run = stages.len() - cached;
         match json {
@@ -68,9 +75,7 @@ impl Plan {
                 &session.graph.pipeline,
                 stages
                     .iter()
-                    .map(|(node, forecast)| {
-                        with_other_names(node, forecast_json(&node.name, forecast))
-                    })
+                    .map(|stage| with_other_names(stage.node, stage.json()))
                     .collect(),
             ),
             false => self.tell(&session, &stages, cached),
@@ -96,17 +101,19 @@ impl Plan {
 
 impl Plan {
     /// Prints a line for each stage, and their sum.
-    fn tell(&self, session: &Session, stages: &[(&Node, &Forecast)], cached: usize) {
-        let rows: Vec<Vec<String>> = stages
-            .iter()
-            .map(|(node, forecast)| row(&node.title(), forecast))
-            .collect();
+    fn tell(&self, session: &Session, stages: &[Planned], cached: usize) {
+        let rows: Vec<Vec<String>> = stages.iter().map(Planned::row).collect();
         print(&table(&rows, false));
-        let unique = rows.len();
+        takes::tell(stages.iter().filter_map(|stage| stage.cost));
+        self.tell_sum(session, stages, cached);
+    }
+
+    fn tell_sum(&self, session: &Session, stages: &[Planned], cached: usize) {
+        let unique = stages.len();
         let Some(experiment) = &session.graph.experiment else {
             return print(&sum(unique, unique - cached));
         };
-        let names = stages.iter().flat_map(|(node, _)| node.names());
+        let names = stages.iter().flat_map(|stage| stage.node.names());
         let planned = names.filter(|name| self.is_of_chosen_arm(name)).count();
         let size = experiment.size(self.arms(experiment));
         print(&format_args!(
@@ -168,55 +175,95 @@ fn with_other_names(node: &Node, mut stage: Value) -> Value {
     stage
 }
 
-fn cached_row(name: &str, why: &str) -> Vec<String> {
-    [name, "cached", why].map(str::to_owned).into()
+fn cached_row(name: &str, place: &str) -> Vec<String> {
+    [name, "cached", place].map(str::to_owned).into()
 }
 
 fn cached_json(name: &str, key: &Digest) -> Value {
     json!({"stage": name, "state": "cached", "key": key})
 }
 
-fn row(name: &str, forecast: &Forecast) -> Vec<String> {
-    let why = match forecast {
-        Forecast::Cached(assessment) => {
-            return cached_row(
-                name,
-                if assessment.is_remote {
+/// A stage of the plan.
+struct Planned<'p> {
+    node: &'p Node,
+    forecast: &'p Forecast,
+    /// What it will take, if it may run.
+    cost: Option<&'p Cost>,
+}
+
+impl Planned<'_> {
+    fn row(&self) -> Vec<String> {
+        let name = self.node.title();
+        let why = match self.forecast {
+            Forecast::Cached(assessment) => {
+                let place = if assessment.is_remote {
                     "in the remote"
                 } else {
                     ""
-                },
-            );
-        }
-        Forecast::Run(reason, _) => reason.to_string(),
-        Forecast::Unless(upstream) => {
-            let what = if upstream.len() == 1 {
-                "its result is"
-            } else {
-                "their results are"
-            };
-            format!(
-                "upstream {} will run (spared if {what} unchanged)",
-                upstream.join(", ")
-            )
-        }
-    };
-    vec![name.to_owned(), "will run".to_owned(), why]
+                };
+                return cached_row(&name, place);
+            }
+            Forecast::Run(reason, _) => reason.to_string(),
+            Forecast::Unless(upstream) => {
+                let what = if upstream.len() == 1 {
+                    "its result is"
+                } else {
+                    "their results are"
+                };
+                format!(
+                    "upstream {} will run (spared if {what} unchanged)",
+                    upstream.join(", ")
+                )
+            }
+        };
+        let takes = self.cost.map(takes::words).unwrap_or_default();
+        vec![name, "will run".to_owned(), takes, why]
+    }
+
+    fn json(&self) -> Value {
+        let name = &self.node.name;
+        let stage = match self.forecast {
+            Forecast::Cached(assessment) => return cached_json(name, &assessment.key),
+            Forecast::Run(reason, _) => {
+                let changes = if let Reason::Changed(changes) = reason {
+                    json!(changes)
+                } else {
+                    Value::Null
+                };
+                json!({"stage": name, "state": "will_run", "reason": reason.to_string(), "changes": changes})
+            }
+            Forecast::Unless(upstream) => {
+                json!({"stage": name, "state": "may_be_spared", "upstream": upstream})
+            }
+        };
+        with_cost(stage, self.cost)
+    }
 }
 
-fn forecast_json(name: &str, forecast: &Forecast) -> Value {
-    match forecast {
-        Forecast::Cached(assessment) => cached_json(name, &assessment.key),
-        Forecast::Run(reason, _) => {
-            let changes = if let Reason::Changed(changes) = reason {
-                json!(changes)
-            } else {
-                Value::Null
-            };
-            json!({"stage": name, "state": "will_run", "reason": reason.to_string(), "changes": changes})
-        }
-        Forecast::Unless(upstream) => {
-            json!({"stage": name, "state": "may_be_spared", "upstream": upstream})
-        }
+fn with_cost(mut stage: Value, cost: Option<&Cost>) -> Value {
+    if let Some(cost) = cost {
+        stage["expected"] = takes::json(cost);
     }
+    stage
+}
+
+/// What each stage will take that may run.
+fn costs(
+    context: &Context,
+    forecasts: &BTreeMap<usize, Forecast>,
+) -> Result<BTreeMap<usize, Cost>, StoreError> {
+    let run = forecasts
+        .iter()
+        .filter(|(_, forecast)| !forecast.is_cached())
+        .map(|(at, _)| *at);
+    let run: Vec<usize> = run.collect();
+    if run.is_empty() {
+        return Ok(BTreeMap::new());
+    }
+    let experience = Experience::of(context.store)?;
+    let record = |at: usize| forecasts.get(&at).and_then(Forecast::record);
+    let costs = run.into_iter();
+    Ok(costs
+        .map(|at| (at, context.cost(at, &experience, record)))
+        .collect())
 }

@@ -1,6 +1,7 @@
 //! `run`: computes what the store does not have, and shows the results.
 
 mod ending;
+mod room;
 
 use std::collections::BTreeSet;
 use std::mem::ManuallyDrop;
@@ -21,6 +22,7 @@ use super::{device, standing, tuning};
 use crate::error::Error;
 use crate::export::quote;
 use crate::plan::Context;
+use crate::progress::tev::{self, Tev};
 use crate::progress::{self, Event, Verbosity};
 use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
@@ -50,6 +52,9 @@ pub struct Run {
     /// this machine or job has
     #[arg(long, value_name = "SIZE", value_parser = options::size)]
     memory: Option<u64>,
+    /// Begin even if a stage is expected to need more memory than this machine or job has
+    #[arg(long)]
+    over_memory: bool,
     /// How long a stage goes on between two checkpoints: 30s, 5min, 1h, or 0 for one after every
     /// step
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = options::time)]
@@ -60,6 +65,10 @@ pub struct Run {
     /// Stop as soon as a stage fails
     #[arg(long)]
     fail_fast: bool,
+    /// Show tev, the viewer, the images of each stage as it finishes (--tev=HOST:PORT for one that
+    /// listens elsewhere)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = tev::USUAL)]
+    tev: Option<String>,
     /// No bars: one line for each thing that happens
     #[arg(long)]
     no_progress: bool,
@@ -206,9 +215,16 @@ impl Run {
         json: bool,
     ) -> Result<Outcome, Error> {
         let pool = thread_pool(self.threads)?;
+        let cached = pool.install(|| context.cached())?;
+        if !self.over_memory {
+            room::check(context, &cached, memory_limit())?;
+        }
         let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
+        if let Some(address) = &self.tev {
+            progress = Box::new(Tev::beside(progress, address, view));
+        }
         let device = &session.device;
         let checkpoint_every = self.checkpoint_every;
         let budget = self.budget(&pool, device);
@@ -223,7 +239,7 @@ impl Run {
             budget,
             fail_fast: self.fail_fast,
         };
-        Ok(scheduler.run(progress.as_mut())?)
+        Ok(scheduler.run(cached, progress.as_mut())?)
     }
 
     /// Says what is computed where, if not all of it is on the CPU.

@@ -23,6 +23,18 @@ pub fn file(
     written.map_err(|error| refused(path, &error))
 }
 
+/// Has another program write a file: it is given a path with the same ending.
+pub fn by_another(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let work = tempfile::tempdir_in(parent(path)).map_err(|error| refused(path, &error))?;
+    let name = path.file_name().unwrap_or_default();
+    let beside = work.path().join(name);
+    write(&beside)?;
+    std::fs::rename(&beside, path).map_err(|error| refused(path, &error))
+}
+
 /// Makes a folder, which must not be there yet.
 pub fn folder<T>(path: &Path, write: impl FnOnce(&Path) -> Result<T, Error>) -> Result<T, Error> {
     if path.exists() {

@@ -4,10 +4,12 @@
 //! Every job is a call of `run --only`, which owns keys, store and checkpoints; the scheduler only
 //! orders processes. Each way of writing the jobs down is a file.
 
+pub mod ffmpeg;
 pub mod quote;
 pub mod slurm;
 pub mod snakemake;
 pub mod tensorboard;
+pub mod webp;
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -3,6 +3,7 @@
 pub mod bars;
 pub mod json;
 pub mod lines;
+pub mod tev;
 
 use std::io::IsTerminal;
 

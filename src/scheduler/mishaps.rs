@@ -111,7 +111,10 @@ fn run(
         },
         fail_fast: false,
     };
-    (scheduler.run(&mut ear).unwrap(), ear.heard)
+    (
+        scheduler.run(context.cached().unwrap(), &mut ear).unwrap(),
+        ear.heard,
+    )
 }
 
 fn graph(folder: &Path) -> Graph {

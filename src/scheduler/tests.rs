@@ -86,7 +86,7 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         },
         fail_fast: false,
     };
-    let outcome = scheduler.run(&mut ear).unwrap();
+    let outcome = scheduler.run(context.cached().unwrap(), &mut ear).unwrap();
     let stages = outcome
         .stages
         .iter()

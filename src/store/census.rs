@@ -92,6 +92,12 @@ impl Store {
             .collect()
     }
 
+    /// The record of a key, if there is one that can be understood. Its blobs are not looked at.
+    pub fn record(&self, key: &Digest) -> Option<Record> {
+        let record = read_json::<Record>(&self.result_path(key)).ok().flatten()?;
+        record.is_of(key).then_some(record)
+    }
+
     /// The keys with a manifest that begin with these digits, at least six.
     pub fn keys_like(&self, beginning: &str) -> Result<Vec<Digest>, StoreError> {
         if beginning.len() < 6 || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {

@@ -13,6 +13,7 @@ use super::{Store, parent, read_json};
 const LIST: &str = ".srnerf-stages.json";
 
 /// The folder in which people find the results of one pipeline.
+#[derive(Clone)]
 pub struct View {
     folder: PathBuf,
 }

@@ -47,10 +47,49 @@ impl Default for Film {
 }
 
 /// What of an image is shown.
-type Shown<'a> = (&'static str, Box<dyn Fn(&View) -> Option<Picture> + 'a>);
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Show {
+    /// What it looks like.
+    Color,
+    /// How far all is, as colours.
+    Depth,
+    /// How opaque all is, as colours.
+    Opacity,
+}
 
-impl Film {
-    fn frames(&self, images: &ImageSet, shown: &dyn Fn(&View) -> Option<Picture>) -> Figures {
+impl Show {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Color, Self::Depth, Self::Opacity];
+
+    /// The output of the stage.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Color => "color",
+            Self::Depth => "depth",
+            Self::Opacity => "opacity",
+        }
+    }
+
+    /// Pictures of the images that have it, in front of a grey, sRGB from 0 to 1.
+    pub fn pictures(self, images: &ImageSet, background: f32) -> Figures {
+        let range = match self {
+            Self::Depth => depth_range(images),
+            _ => None,
+        };
+        let shown = |view: &View| match self {
+            Self::Color => {
+                let colors = convert::srgb_before(view, background);
+                Some(picture(view, colors.into_iter(), &[]))
+            }
+            Self::Depth => {
+                let depth = view.depth.as_ref()?;
+                Some(mapped(view, depth, range?, "depth along the view axis"))
+            }
+            Self::Opacity => {
+                let alpha = view.pixels.alpha.as_ref()?;
+                Some(mapped(view, alpha, [0.0, 1.0], "opacity"))
+            }
+        };
         let pictures = images
             .views
             .iter()
@@ -59,7 +98,9 @@ impl Film {
             images: pictures.collect(),
         }
     }
+}
 
+impl Film {
     /// The pictures one after the other, for ever.
     fn clip(&self, figures: &Figures) -> Result<Vec<u8>, StageError> {
         let failed =
@@ -163,8 +204,8 @@ impl Stage for Film {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        let figures = ["color", "depth", "opacity"].map(|name| OutputPort {
-            name,
+        let figures = Show::ALL.map(|show| OutputPort {
+            name: show.name(),
             kind: ArtifactKind::Figures,
         });
         [
@@ -179,46 +220,15 @@ impl Stage for Film {
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images: ImageSet = io.read("images")?;
-        let range = depth_range(&images);
         let background = self.background as f32;
-        let shown: [Shown; 3] = [
-            (
-                "color",
-                Box::new(|view| {
-                    Some(picture(
-                        view,
-                        convert::srgb_before(view, background).into_iter(),
-                        &[],
-                    ))
-                }),
-            ),
-            (
-                "depth",
-                Box::new(|view| {
-                    Some(mapped(
-                        view,
-                        view.depth.as_ref()?,
-                        range?,
-                        "depth along the view axis",
-                    ))
-                }),
-            ),
-            (
-                "opacity",
-                Box::new(|view| {
-                    let alpha = view.pixels.alpha.as_ref()?;
-                    Some(mapped(view, alpha, [0.0, 1.0], "opacity"))
-                }),
-            ),
-        ];
         let mut clips = BTreeMap::new();
-        for (done, (name, show)) in shown.iter().enumerate() {
-            let figures = self.frames(&images, show);
+        for (done, show) in Show::ALL.iter().enumerate() {
+            let figures = show.pictures(&images, background);
             if !figures.images.is_empty() {
-                clips.insert((*name).to_owned(), self.clip(&figures)?);
+                clips.insert(show.name().to_owned(), self.clip(&figures)?);
             }
-            io.write(name, &figures)?;
-            io.progress(done + 1, shown.len(), &[])?;
+            io.write(show.name(), &figures)?;
+            io.progress(done + 1, Show::ALL.len(), &[])?;
         }
         io.write("film", &Clips { clips })
     }

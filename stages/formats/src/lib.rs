@@ -30,6 +30,7 @@ pub mod npy;
 pub mod openexr;
 pub mod pixels;
 pub mod rows;
+pub mod shot;
 mod tensor;
 pub mod tensor_file;
 

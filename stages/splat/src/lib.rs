@@ -47,4 +47,4 @@ pub use fit::Fit;
 pub use harmonics::HIGHEST as HIGHEST_DEGREE;
 pub use picture::{Picture, pinhole, psnr};
 pub use raster::render;
-pub use seed::{Seed, SeedError, Seeds};
+pub use seed::{Seed, SeedError, Seeds, normals};

@@ -102,6 +102,27 @@ impl Seeds {
     }
 }
 
+/// Which way the surface faces at each pixel, by rows: unit vectors along the world's axes, from the
+/// depths of neighbours on the same thing; towards the camera where there are none, and zero where
+/// nothing is covered.
+pub fn normals(camera: &Camera, depth: &[f32], coverage: &[f32]) -> Vec<[f32; 3]> {
+    let sheet = Sheet {
+        camera,
+        depth,
+        coverage,
+        stride: 1,
+    };
+    let pixel = |i: u32| {
+        let [x, y] = [i % camera.width, i / camera.width];
+        let normal = sheet.normal(x, y).or_else(|| sheet.towards(x, y));
+        normal.unwrap_or(Vec3::ZERO).to_array()
+    };
+    (0..camera.width * camera.height)
+        .into_par_iter()
+        .map(pixel)
+        .collect()
+}
+
 /// A picture whose pixels are looked at.
 struct Sheet<'s> {
     camera: &'s Camera,
@@ -118,23 +139,34 @@ impl Sheet<'_> {
 
     fn seed(&self, x: u32, y: u32) -> Option<Seed> {
         let here = self.at(x, y)?;
-        let across = self.slope(x, y, [1, 0])?;
-        let down = self.slope(x, y, [0, 1])?;
+        let normal = self.normal(x, y)?;
         let position = self.point(x, y, here);
-        let towards = (self.camera.position().as_vec3() - position).normalize_or(Vec3::Z);
-        let normal = down.cross(across).normalize_or(towards);
-        // A surface seen so much from the side that it seems to turn away is faced instead.
-        let normal = if normal.dot(towards) > 0.05 {
-            normal
-        } else {
-            towards
-        };
         let focal = 0.5 * (self.camera.fl_x + self.camera.fl_y);
         Some(Seed {
             position,
             normal,
             footprint: here / focal as f32,
             opacity: self.coverage[self.index(x, y)],
+        })
+    }
+
+    /// The way from the surface to the camera.
+    fn towards(&self, x: u32, y: u32) -> Option<Vec3> {
+        let position = self.point(x, y, self.at(x, y)?);
+        Some((self.camera.position().as_vec3() - position).normalize_or(Vec3::Z))
+    }
+
+    /// Which way the surface faces; `None` where it cannot be said.
+    fn normal(&self, x: u32, y: u32) -> Option<Vec3> {
+        let towards = self.towards(x, y)?;
+        let across = self.slope(x, y, [1, 0])?;
+        let down = self.slope(x, y, [0, 1])?;
+        let normal = down.cross(across).normalize_or(towards);
+        // A surface seen so much from the side that it seems to turn away is faced instead.
+        Some(if normal.dot(towards) > 0.05 {
+            normal
+        } else {
+            towards
         })
     }
 

@@ -7,6 +7,7 @@
 //! holds the exact one. OpenEXR has no attribute for lens distortion.
 
 mod check;
+mod frame;
 mod write;
 
 use std::collections::BTreeMap;
@@ -20,6 +21,7 @@ use exr::prelude::{AnyChannel, FlatSamples, ReadChannels, ReadLayers};
 use crate::{Camera, Linear, Pixels};
 
 use check::check;
+pub use frame::{Frame, FrameOptions, Packing};
 pub use write::to_bytes;
 
 /// The channel of masks: 1 where a pixel counts, 0 where not.

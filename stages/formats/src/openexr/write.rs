@@ -3,6 +3,7 @@
 use std::io::Cursor;
 
 use exr::meta::attribute::{AttributeValue, Chromaticities, Text};
+use exr::meta::header::ImageAttributes;
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder, Vec2, WritableImage,
@@ -40,17 +41,22 @@ pub fn to_bytes(
         },
         AnyChannels::sort(list(pixels, depth, mask).into()),
     ));
-    image.attributes.chromaticities = Some(REC_709);
-    let color_space = AttributeValue::Text(Text::new_or_panic("lin_rec709_scene"));
-    image
-        .attributes
-        .other
-        .insert(Text::new_or_panic("colorInteropID"), color_space);
+    image.attributes = image_attributes(image.attributes);
     let mut bytes = Cursor::new(Vec::new());
     // The parallel writer may order the blocks by who comes first.
     let written = image.write().non_parallel().to_buffered(&mut bytes);
     written.map_err(ExrError::of)?;
     Ok(bytes.into_inner())
+}
+
+/// What a picture's numbers are, told to whoever reads them.
+pub fn image_attributes(mut attributes: ImageAttributes) -> ImageAttributes {
+    attributes.chromaticities = Some(REC_709);
+    let color_space = AttributeValue::Text(Text::new_or_panic("lin_rec709_scene"));
+    attributes
+        .other
+        .insert(Text::new_or_panic("colorInteropID"), color_space);
+    attributes
 }
 
 fn list(
@@ -74,7 +80,8 @@ fn list(
         .collect()
 }
 
-fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, ExrError> {
+/// The camera, and what the writer tells.
+pub fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, ExrError> {
     let unknown = || ExrError::new("provenance", "holds characters that OpenEXR cannot");
     let about = Text::new_or_none(about).ok_or_else(unknown)?;
     let world_to_camera = world_to_camera(camera);

@@ -3,6 +3,7 @@
 
 use std::io::{self, Write};
 
+use formats::shot::glb;
 use glam::Vec3;
 use serde_json::{Map, Value, json};
 
@@ -38,20 +39,11 @@ pub fn write(cloud: &Cloud, up: Up, out: &mut dyn Write) -> io::Result<()> {
     let row: usize = columns.iter().map(|column| 4 * column.width).sum();
     let length = u32::try_from(row * cloud.splats.len())
         .map_err(|_| io::Error::other("more splats than 4 GiB hold; ask for fewer"))?;
-    let mut json = page(cloud, up, &columns, length).to_string();
-    // Chunks are whole words; JSON is filled up with spaces.
-    json.extend(std::iter::repeat_n(
-        ' ',
-        json.len().next_multiple_of(4) - json.len(),
-    ));
-    let whole = 12 + 8 + json.len() as u32 + 8 + length;
-    for word in [0x4654_6C67, 2, whole, json.len() as u32, 0x4E4F_534A] {
-        out.write_all(&u32::to_le_bytes(word))?;
-    }
-    out.write_all(json.as_bytes())?;
-    for word in [length, 0x004E_4942] {
-        out.write_all(&u32::to_le_bytes(word))?;
-    }
+    glb::head(
+        page(cloud, up, &columns, length).to_string(),
+        length as usize,
+        out,
+    )?;
     for column in &columns {
         for value in cloud.splats.iter().flat_map(&column.row) {
             out.write_all(&value.to_le_bytes())?;

@@ -6,6 +6,8 @@ mod usd;
 
 use std::io::{self, Write};
 
+pub use formats::shot::Up;
+
 use crate::cloud::Cloud;
 
 /// A format.
@@ -17,15 +19,6 @@ pub enum Format {
     Glb,
     /// OpenUSD's text with a `ParticleField3DGaussianSplat`.
     Usda,
-}
-
-/// Which way is up in the world.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Up {
-    /// +y.
-    Y,
-    /// +z.
-    Z,
 }
 
 impl Format {

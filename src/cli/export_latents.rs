@@ -1,0 +1,83 @@
+//! `export latents`: latent images for ComfyUI. Writes one folder.
+//!
+//! ComfyUI's `Save Latent` writes a safetensors file whose `latent_tensor` is what a VAE's encoder
+//! gives, before any scaling (the model scales by itself), and an empty `latent_format_version_0`,
+//! without which `Load Latent` takes the numbers for older ones times 0.18215.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use artifacts_schema::{Artifact, LatentView, Latents as Disk};
+use clap::Args;
+use formats::{Tensor, tensor_file};
+use serde_json::json;
+
+use super::output::{print, print_json};
+use super::whole;
+use crate::error::Error;
+
+/// The tensors of a file of ComfyUI's.
+const TENSOR: &str = "latent_tensor";
+const VERSION: &str = "latent_format_version_0";
+
+/// Options of `export latents`.
+#[derive(Args)]
+pub struct Latents {
+    /// The folder of latent images (out/i3ds/i3ds.4.optimize/latents)
+    latents: PathBuf,
+    /// For ComfyUI's `Load Latent`: a NAME.latent for each view, to lie in its folder `input`
+    #[arg(long, required = true)]
+    comfyui: bool,
+    /// The folder to write, which must not be there yet
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+}
+
+impl Latents {
+    /// Writes the folder and says what is in it.
+    pub fn run(self, json: bool) -> Result<(), Error> {
+        let latents = Disk::read(&self.latents).map_err(|error| {
+            let help =
+                "give a folder of latent images, with latents.safetensors: an output of `Encode` or `Optimize`";
+            Error::usage(error.to_string(), help)
+        })?;
+        whole::folder(&self.output, |folder| {
+            std::fs::create_dir(folder).map_err(|error| whole::refused(&self.output, &error))?;
+            let mut views = latents.views.iter();
+            views.try_for_each(|view| self.write(folder, view, latents.scaling_factor))
+        })?;
+        let count = latents.views.len();
+        match json {
+            true => print_json(&json!({"latents": count, "vae": latents.vae})),
+            false => print(&format_args!(
+                "{}: {count} latents of the VAE {}, which must decode them",
+                self.output.display(),
+                latents.vae
+            )),
+        }
+        Ok(())
+    }
+
+    fn write(&self, folder: &Path, view: &LatentView, scaling_factor: f64) -> Result<(), Error> {
+        let latent = unscaled(&view.tensor, scaling_factor);
+        let version = Tensor {
+            shape: vec![0],
+            values: Vec::new(),
+        };
+        let tensors = BTreeMap::from([(TENSOR, latent.view()), (VERSION, version.view())]);
+        let metadata = BTreeMap::from([("format", "pt".to_owned())]);
+        let bytes = tensor_file::to_bytes(&tensors, &metadata)
+            .map_err(|error| whole::refused(&self.output, &error))?;
+        std::fs::write(folder.join(format!("{}.latent", view.name)), bytes)
+            .map_err(|error| whole::refused(&self.output, &error))
+    }
+}
+
+/// What the VAE's encoder gave, as a batch of one.
+fn unscaled(tensor: &Tensor, scaling_factor: f64) -> Tensor {
+    let value = |value: &f32| (f64::from(*value) / scaling_factor) as f32;
+    Tensor {
+        shape: [&[1], &tensor.shape[..]].concat(),
+        values: tensor.values.iter().map(value).collect(),
+    }
+}

@@ -1,0 +1,187 @@
+//! What stages will take, foretold: from the latest result of their kind that is most like them, or where
+//! there is none from the stage's own estimate. Decides nothing, and knows nothing of what runs
+//! beside what.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use artifacts_schema::Digest;
+use stages::{Estimate, Extension};
+
+use super::{Context, Inputs};
+use crate::explain::{Change, diff};
+use crate::key::Manifest;
+use crate::pipeline::graph::{Node, Wire};
+use crate::store::Store;
+use crate::store::error::StoreError;
+use crate::store::record::Record;
+
+/// How many runs back results are looked for, and how many results are looked at.
+const RUNS: usize = 16;
+const RESULTS: usize = 2000;
+
+/// What a stage will take.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cost {
+    /// Seconds.
+    pub seconds: f64,
+    /// Bytes of main memory at the worst moment. Of an earlier result it is what the whole program
+    /// had then, with what ran beside it.
+    pub memory: u64,
+    /// How that is known.
+    pub basis: Basis,
+}
+
+/// How it is known what a stage will take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Basis {
+    /// A result of the same kind and parameters took so much.
+    Result {
+        /// The stage that it was of.
+        stage: String,
+    },
+    /// A result of the same kind took so much, whose parameters differ in these. Time is in
+    /// proportion to the steps.
+    Like {
+        /// The stage that it was of.
+        stage: String,
+        /// The parameters.
+        but: Vec<String>,
+    },
+    /// No such result is known: the stage's own estimate, by its parameters and the sizes of what
+    /// it reads.
+    Guess {
+        /// Whether all of these sizes are known. Where not, it is too small.
+        sized: bool,
+    },
+}
+
+/// What the latest results took, by kind, the newest first.
+pub struct Experience {
+    by_kind: BTreeMap<String, Vec<Known>>,
+}
+
+/// A result.
+struct Known {
+    stage: String,
+    manifest: Manifest,
+    seconds: f64,
+    memory: Option<u64>,
+}
+
+impl Experience {
+    /// Of the last runs of a store, whichever pipelines they were of.
+    pub fn of(store: &Store) -> Result<Self, StoreError> {
+        let mut seen = BTreeSet::new();
+        let mut by_kind = BTreeMap::<String, Vec<Known>>::new();
+        for run in store.runs(None)?.take(RUNS) {
+            for (stage, was) in run.stages {
+                let key = was.key.filter(|key| seen.insert(*key));
+                let Some(known) = key.and_then(|key| Known::of(store, stage, &key)) else {
+                    continue;
+                };
+                if let Some(kind) = known.manifest.0.get("kind") {
+                    by_kind.entry(kind.clone()).or_default().push(known);
+                }
+            }
+            if seen.len() > RESULTS {
+                break;
+            }
+        }
+        Ok(Self { by_kind })
+    }
+
+    /// The result most like a stage, and the parameters in which it differs: of several that of a
+    /// stage of its name, and of those the newest.
+    fn nearest(&self, node: &Node, manifest: &Manifest) -> Option<(&Known, Vec<Change>)> {
+        let known = self.by_kind.get(node.stage.kind())?.iter();
+        // Another device has another pace.
+        let device = |manifest: &Manifest| manifest.0.get("device").cloned();
+        let comparable = known.filter(|known| device(&known.manifest) == device(manifest));
+        let beside = comparable.map(|known| (known, parameters(&known.manifest, manifest)));
+        beside.min_by_key(|(known, changes)| (changes.len(), known.stage != node.name))
+    }
+}
+
+impl Known {
+    fn of(store: &Store, stage: String, key: &Digest) -> Option<Self> {
+        let record = store.record(key)?;
+        Some(Self {
+            stage,
+            manifest: store.manifest(key)?,
+            seconds: record.seconds,
+            memory: record.peak_memory,
+        })
+    }
+}
+
+/// The parameters that differ. What a stage reads tells less of its cost than they do, and is not
+/// known before others have run.
+fn parameters(before: &Manifest, now: &Manifest) -> Vec<Change> {
+    let changes = diff(before, now, &BTreeSet::new()).into_iter();
+    changes
+        .filter(|change| change.path.starts_with("params."))
+        .collect()
+}
+
+impl Context<'_> {
+    /// What a stage will take, given the results that there are.
+    pub fn cost<'r>(
+        &self,
+        at: usize,
+        experience: &Experience,
+        record: impl Fn(usize) -> Option<&'r Record>,
+    ) -> Cost {
+        let node = &self.graph.nodes[at];
+        let sized = node.wires.iter().all(|wire| record(wire.from).is_some());
+        let guess = estimate(node, record);
+        let manifest = self.manifest(at, &Inputs::new());
+        match experience.nearest(node, &manifest) {
+            Some((known, changes)) => known.cost(node, &changes, &guess),
+            None => Cost {
+                seconds: guess.seconds,
+                memory: guess.memory,
+                basis: Basis::Guess { sized },
+            },
+        }
+    }
+}
+
+/// The stage's own estimate, by the sizes of those inputs that are there.
+fn estimate<'r>(node: &Node, record: impl Fn(usize) -> Option<&'r Record>) -> Estimate {
+    let size = |wire: &Wire| {
+        let output = record(wire.from)?.outputs.get(wire.output)?;
+        Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
+    };
+    node.stage
+        .estimate(&node.wires.iter().filter_map(size).collect())
+}
+
+impl Known {
+    fn cost(&self, node: &Node, changes: &[Change], guess: &Estimate) -> Cost {
+        let stage = self.stage.clone();
+        let name = |change: &Change| change.path.trim_start_matches("params.").to_owned();
+        Cost {
+            seconds: self.seconds * pace(node, changes),
+            memory: self.memory.unwrap_or(guess.memory),
+            basis: match changes.is_empty() {
+                true => Basis::Result { stage },
+                false => Basis::Like {
+                    stage,
+                    but: changes.iter().map(name).collect(),
+                },
+            },
+        }
+    }
+}
+
+/// How many times the steps of before there are now.
+fn pace(node: &Node, changes: &[Change]) -> f64 {
+    let steps = match node.stage.extension() {
+        Extension::None => return 1.0,
+        Extension::Possible(steps) | Extension::Impossible(steps, _) => format!("params.{steps}"),
+    };
+    let change = changes.iter().find(|change| change.path == steps);
+    let number = |text: &Option<String>| text.as_ref()?.parse::<f64>().ok().filter(|n| *n > 0.0);
+    let ratio = change.and_then(|change| Some(number(&change.now)? / number(&change.before)?));
+    ratio.unwrap_or(1.0)
+}

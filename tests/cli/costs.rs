@@ -1,0 +1,110 @@
+//! What stages are expected to take, and runs that are refused for it.
+
+use std::fs;
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use crate::space::{Said, Space};
+
+/// What the plan expects of a stage.
+fn expected(space: &Space, stage: &str, more: &[&str]) -> Value {
+    let plan = space
+        .ok(&[&["plan", "tiny.ron", "--json"], more].concat())
+        .json();
+    let stages = plan["stages"].as_array().unwrap();
+    let found = stages.iter().find(|one| one["stage"] == stage).unwrap();
+    found["expected"].clone()
+}
+
+#[test]
+fn the_first_time_is_a_guess_and_then_results_tell() {
+    let space = Space::new();
+    assert_eq!(expected(&space, "up", &[])["from"], "estimate_at_least");
+    assert_eq!(expected(&space, "scene", &[])["from"], "estimate");
+    let said = space.ok(&["plan", "tiny.ron"]);
+    assert!(said.out.contains("guess > "), "{}", said.out);
+    assert!(said.out.contains("more than "), "{}", said.out);
+    space.ok(&["run", "tiny.ron", "--target=up"]);
+    let again = expected(&space, "again", &[]);
+    assert_eq!(
+        (&again["from"], &again["of"]),
+        (&json!("result"), &json!("up")),
+        "{again}"
+    );
+    let forced = expected(&space, "up", &["--force=up"]);
+    assert_eq!(forced["from"], "result", "{forced}");
+    assert!(forced["memory"].as_u64().unwrap() > 1 << 20, "{forced}");
+    let other = expected(&space, "up", &["--set=up.filter=Lanczos"]);
+    assert_eq!(
+        (&other["from"], &other["but"]),
+        (&json!("like_result"), &json!(["filter"])),
+        "{other}"
+    );
+    // Nothing to run takes nothing.
+    let said = space.ok(&["plan", "tiny.ron", "--target=up"]);
+    assert!(!said.out.contains("one after the other"), "{}", said.out);
+}
+
+#[test]
+fn time_is_in_proportion_to_steps() {
+    let space = Space::new();
+    let fit = |steps: u32| {
+        format!(
+            "(name: \"tiny\", stages: {{ \"scene\": Scene(source: Procedural(views: 3, size: (32, 24), samples: 1), downscale: 1, holdout: 2), \
+             \"fit\": Fit(images: \"scene.train\", steps: {steps}, samples: 1024) }})"
+        )
+    };
+    fs::write(space.path("tiny.ron"), fit(10)).unwrap();
+    space.ok(&["run", "tiny.ron"]);
+    let took = expected(&space, "fit", &["--force=fit"])["seconds"]
+        .as_f64()
+        .unwrap();
+    fs::write(space.path("tiny.ron"), fit(30)).unwrap();
+    let longer = expected(&space, "fit", &[])["seconds"].as_f64().unwrap();
+    assert!(
+        (longer - 3.0 * took).abs() < 1e-9 * longer,
+        "{took} {longer}"
+    );
+}
+
+/// The record of a stage's result.
+fn record(space: &Space, stage: &str) -> (PathBuf, Value) {
+    let files = space.files(".srnerf/results");
+    let mut records = files.into_iter().filter_map(|(path, bytes)| {
+        let record: Value = serde_json::from_slice(&bytes).ok()?;
+        (record["stage"] == stage).then_some((path, record))
+    });
+    records.next().unwrap()
+}
+
+#[test]
+fn what_needs_more_memory_than_there_is_does_not_begin() {
+    let space = Space::new();
+    space.ok(&["run", "tiny.ron"]);
+    let (path, mut told) = record(&space, "up");
+    told["peak_memory"] = json!(1u64 << 60);
+    let path = space.path(".srnerf/results").join(path);
+    fs::remove_file(&path).unwrap();
+    fs::write(&path, told.to_string()).unwrap();
+    // What is there needs no memory.
+    space.ok(&["run", "tiny.ron"]);
+    let other = "--set=up.filter=Lanczos";
+    let words = |said: &Said| {
+        let words = said.err.split_whitespace().filter(|word| *word != "│");
+        words.collect::<Vec<_>>().join(" ")
+    };
+    let said = space.say(&["run", "tiny.ron", other]);
+    assert_eq!(said.code, 3, "{}", said.err);
+    let told = words(&said);
+    for part in [
+        "`up` is expected to need 1152921504.6 GB of memory (`up`, with another filter, took so much)",
+        "nothing was run",
+        "--over-memory",
+    ] {
+        assert!(told.contains(part), "{part} is not in {told}");
+    }
+    assert!(!said.err.contains("running"), "{}", said.err);
+    let said = space.ok(&["run", "tiny.ron", other, "--over-memory"]);
+    assert!(said.err.contains("2 stages ran, 1 cached"), "{}", said.err);
+}
