@@ -16,6 +16,7 @@ mod init;
 mod key;
 mod kinds;
 mod lineage;
+mod loopback;
 mod page;
 mod peak;
 mod pipeline;
@@ -29,6 +30,7 @@ mod task;
 #[cfg(test)]
 mod testing;
 mod view;
+mod watch;
 
 use std::process::ExitCode;
 

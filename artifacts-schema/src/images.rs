@@ -72,7 +72,11 @@ impl View {
         .map_err(refuse)
     }
 
-    fn from_exr(path: &Path, name: &str, camera: Camera) -> Result<Self, SchemaError> {
+    /// The view of this name and camera whose pixels are in the file at `path`.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, or is no image of the camera's size.
+    pub fn from_exr(path: &Path, name: &str, camera: Camera) -> Result<Self, SchemaError> {
         let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
         let Channels {
             pixels,

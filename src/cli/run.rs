@@ -31,6 +31,7 @@ use crate::store::error::StoreError;
 use crate::store::runs::{End, Run as Record, StageRun, now};
 use crate::store::standing::Standing;
 use crate::store::view::View;
+use crate::watch::Watched;
 use ending::{Ending, verdict};
 
 /// Threads need deep stacks where one stage's work is stolen by another's thread.
@@ -69,6 +70,9 @@ pub struct Run {
     /// listens elsewhere)
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = tev::USUAL)]
     tev: Option<String>,
+    /// Show the run on a page of this machine's loopback, whose address is printed
+    #[arg(long)]
+    watch: bool,
     /// No bars: one line for each thing that happens
     #[arg(long)]
     no_progress: bool,
@@ -222,6 +226,13 @@ impl Run {
         let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
+        if self.watch {
+            let names = session.graph.nodes.iter();
+            let names = names.flat_map(|node| node.names().map(str::to_owned));
+            let run = (context.graph.pipeline.as_str(), names.collect());
+            let watched = Watched::beside(progress, run, view, &cancelled).map_err(unwatched)?;
+            progress = Box::new(watched);
+        }
         if let Some(address) = &self.tev {
             progress = Box::new(Tev::beside(progress, address, view));
         }
@@ -286,6 +297,15 @@ impl Run {
             _ => Verbosity::Normal,
         }
     }
+}
+
+/// Says why there is no page.
+fn unwatched(error: std::io::Error) -> Error {
+    let message = format!("cannot serve on 127.0.0.1: {error}");
+    Error::usage(
+        message,
+        "the same command without --watch runs all the same",
+    )
 }
 
 /// What became of each stage, under each of its names.

@@ -26,6 +26,11 @@ impl View {
         }
     }
 
+    /// Where the outputs of a stage are shown.
+    pub fn stage(&self, stage: &str) -> PathBuf {
+        self.folder.join(stage)
+    }
+
     /// Where an output of a stage is shown.
     pub fn output(&self, stage: &str, output: &str) -> PathBuf {
         self.folder.join(stage).join(output)

@@ -4,12 +4,11 @@
 //! leaves a picture as soon as a newer camera is there, or whoever asked has gone. Knows nothing of
 //! pipelines.
 
-mod guard;
 mod look;
 mod newest;
 mod page;
 mod painter;
-mod picture;
+pub mod picture;
 mod server;
 mod subject;
 

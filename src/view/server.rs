@@ -3,7 +3,6 @@
 use std::convert::Infallible;
 use std::future::IntoFuture;
 use std::io::ErrorKind;
-use std::net::{Ipv4Addr, SocketAddr};
 use std::pin::pin;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -23,18 +22,17 @@ use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use tokio::sync::{mpsc, oneshot};
 
-use super::guard::{self, Guard};
 use super::look::{self, Look};
 use super::newest::Newest;
 use super::page;
 use super::painter::{MOST_FRAMES, Order, Painter};
 use super::picture::{self, Format};
 use super::subject::Subject;
+use crate::loopback::Loopback;
+use crate::loopback::guard::{self, Guard};
 
 /// The largest body of a request: a long path.
 const MOST_BYTES: usize = 4 << 20;
-/// Threads that serve; rendering has its own.
-const SERVING: usize = 2;
 
 /// A server that listens, and the page's address.
 pub struct Server {
@@ -57,13 +55,11 @@ impl Server {
     /// # Errors
     /// A port that is taken, or a system that has no threads or random numbers to give.
     pub fn new(port: u16) -> std::io::Result<Self> {
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(SERVING)
-            .enable_all()
-            .build()?;
-        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let listener = runtime.block_on(TcpListener::bind(address))?;
-        let guard = Guard::new(listener.local_addr()?).map_err(std::io::Error::other)?;
+        let Loopback {
+            runtime,
+            listener,
+            guard,
+        } = Loopback::new(port)?;
         let mut interrupted = tokio::signal::ctrl_c().boxed();
         // It listens from its first poll on, and whoever reads the address may interrupt at once.
         let ended = runtime.block_on(async { (&mut interrupted).now_or_never() });
@@ -73,7 +69,7 @@ impl Server {
         Ok(Self {
             runtime,
             listener,
-            guard: Arc::new(guard),
+            guard,
             interrupted,
         })
     }

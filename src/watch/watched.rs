@@ -1,0 +1,76 @@
+//! Another way of telling, and a page beside it. Knows nothing of HTTP.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::board::Board;
+use super::server::Server;
+use crate::progress::{Event, Progress};
+use crate::store::view::View;
+
+/// How often it is looked whether a page is still open once the run is over.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// A way of telling, and the page.
+pub struct Watched {
+    told: Box<dyn Progress>,
+    board: Arc<Board>,
+    server: Server,
+    /// Whether the user has asked to stop.
+    cancelled: Arc<AtomicBool>,
+}
+
+impl Watched {
+    /// Tells `told` all, and shows it on a page, whose address is told first.
+    ///
+    /// # Errors
+    /// A system that has no port, threads or random numbers to give.
+    pub fn beside(
+        mut told: Box<dyn Progress>,
+        (pipeline, names): (&str, Vec<String>),
+        view: &View,
+        cancelled: &Arc<AtomicBool>,
+    ) -> std::io::Result<Self> {
+        let board = Arc::new(Board::new(pipeline, names));
+        let server = Server::new(board.clone(), view.clone())?;
+        told.event(&Event::Notice {
+            text: &format!("watch it at {}", server.url),
+        });
+        Ok(Self {
+            told,
+            board,
+            server,
+            cancelled: cancelled.clone(),
+        })
+    }
+
+    /// Whether somebody still looks, and has not asked to stop.
+    fn is_wanted(&self) -> bool {
+        self.board.watchers() > 0 && !self.cancelled.load(Ordering::Relaxed)
+    }
+}
+
+impl Progress for Watched {
+    fn event(&mut self, event: &Event) {
+        self.board.note(event);
+        self.told.event(event);
+    }
+}
+
+impl Drop for Watched {
+    /// The page stays for as long as somebody looks: pictures are fetched when they are clicked on.
+    fn drop(&mut self) {
+        self.board.end("The run is over.");
+        if self.is_wanted() {
+            let text = format!(
+                "the page stays until it is closed, or until Ctrl-C: {}",
+                self.server.url
+            );
+            self.told.event(&Event::Notice { text: &text });
+        }
+        while self.is_wanted() {
+            std::thread::sleep(PAUSE);
+        }
+    }
+}
