@@ -9,14 +9,15 @@ use crate::scheduler::budget::memory_limit;
 
 /// A result of other parameters is some measure, and no result a weaker one.
 const LIKE: &str = "~";
-const GUESS: &str = "guess ";
+const GUESS: &str = "guess";
 
-/// A cell of a table: `12 s, 1.2 GB`, `~12 s, 1.2 GB` or `guess 12 s, 1.2 GB`.
+/// A cell of a table: `12 s, 1.2 GB`, `~12 s, 1.2 GB`, `guess 12 s, 1.2 GB` or `guess > 12 s, 1.2 GB`.
 pub fn words(cost: &Cost) -> String {
     let mark = match cost.basis {
-        Basis::Result { .. } => "",
-        Basis::Like { .. } => LIKE,
-        Basis::Guess => GUESS,
+        Basis::Result { .. } => String::new(),
+        Basis::Like { .. } => LIKE.to_owned(),
+        Basis::Guess { sized: true } => format!("{GUESS} "),
+        Basis::Guess { sized: false } => format!("{GUESS} > "),
     };
     let took = duration(cost.seconds);
     format!("{mark}{took}, {}", size(cost.memory))
@@ -27,7 +28,8 @@ pub fn json(cost: &Cost) -> Value {
     let (from, stage, but) = match &cost.basis {
         Basis::Result { stage } => ("result", Some(stage), &[][..]),
         Basis::Like { stage, but } => ("like_result", Some(stage), &but[..]),
-        Basis::Guess => ("estimate", None, &[][..]),
+        Basis::Guess { sized: true } => ("estimate", None, &[][..]),
+        Basis::Guess { sized: false } => ("estimate_at_least", None, &[][..]),
     };
     json!({"seconds": cost.seconds, "memory": cost.memory, "from": from, "of": stage, "but": but})
 }
@@ -39,8 +41,12 @@ pub fn tell<'c>(costs: impl Iterator<Item = &'c Cost> + Clone) {
         return;
     };
     let seconds = costs.clone().map(|cost| cost.seconds).sum();
+    let is_least = costs
+        .clone()
+        .any(|cost| cost.basis == Basis::Guess { sized: false });
     print(&format_args!(
-        "\nabout {} one after the other, at most {} of memory; there are {}",
+        "\n{} {} one after the other, {} of memory at a time; there are {}",
+        if is_least { "more than" } else { "about" },
         duration(seconds),
         size(largest),
         size(memory_limit())
@@ -50,13 +56,15 @@ pub fn tell<'c>(costs: impl Iterator<Item = &'c Cost> + Clone) {
         .any(|cost| matches!(cost.basis, Basis::Like { .. }))
     {
         print(&format_args!(
-            "{LIKE}: by a result of the same kind with other parameters"
+            "{LIKE} by a result of the same kind with other parameters"
         ));
     }
-    if costs.into_iter().any(|cost| cost.basis == Basis::Guess) {
+    if costs
+        .into_iter()
+        .any(|cost| matches!(cost.basis, Basis::Guess { .. }))
+    {
         print(&format_args!(
-            "{}: no such result is here; by parameters and by what is known of the inputs' sizes, on two cores, perhaps far off",
-            GUESS.trim_end()
+            "{GUESS} by parameters and inputs' sizes, since no such result is here, perhaps far off; > where inputs are yet to be computed"
         ));
     }
 }

@@ -52,7 +52,7 @@ fn refusal(stage: &str, cost: &Cost, limit: u64) -> Error {
         Basis::Like { stage, but } => {
             format!("`{stage}`, with another {}, took so much", but.join(", "))
         }
-        Basis::Guess => "a rough guess by its parameters".to_owned(),
+        Basis::Guess { .. } => "a rough guess by its parameters".to_owned(),
     };
     Error::NoRoom {
         stage: stage.to_owned(),
