@@ -23,7 +23,7 @@ const VERSION: &str = "latent_format_version_0";
 /// Options of `export latents`.
 #[derive(Args)]
 pub struct Latents {
-    /// The folder of latent images (out/i3ds/i3ds.4.encode/latents)
+    /// The folder of latent images (out/i3ds/i3ds.4.optimize/latents)
     latents: PathBuf,
     /// For ComfyUI's `Load Latent`: a NAME.latent for each view, to lie in its folder `input`
     #[arg(long, required = true)]
@@ -38,7 +38,7 @@ impl Latents {
     pub fn run(self, json: bool) -> Result<(), Error> {
         let latents = Disk::read(&self.latents).map_err(|error| {
             let help =
-                "give a folder of latent images, with latents.safetensors: the output of `Encode`";
+                "give a folder of latent images, with latents.safetensors: an output of `Encode` or `Optimize`";
             Error::usage(error.to_string(), help)
         })?;
         whole::folder(&self.output, |folder| {
