@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Packs a release: a .deb and an archive with the program, its pipelines, manual pages and completions; a list of all crates in it
-# (SPDX); and checksums of these. Packing the same program of the same commit twice gives the same bytes.
+# (SPDX); and checksums of these. Packing the same program of the same commit twice gives the same bytes,
+# and what is stripped from the program, such as the folder that it was built in, goes into none of them.
 #
 #     dist/package.sh PROGRAM FOLDER
 #
@@ -23,7 +24,8 @@ trap 'rm -rf "$staging"' EXIT
 # The files, as they lie in the archive and, under usr/, in the package.
 share=$staging/files/usr/share
 mkdir -p "$staging/files/usr/bin" "$share/srnerf-dag" "$share/doc/srnerf-dag"
-strip -o "$staging/files/usr/bin/srnerf-dag" "$program"
+# The linker's build ID is a digest of what is stripped, too, and so of the folder that the program was built in.
+strip --remove-section=.note.gnu.build-id -o "$staging/files/usr/bin/srnerf-dag" "$program"
 cp -r pipelines "$share/srnerf-dag/"
 cp LICENSE-MIT LICENSE-APACHE README.md "$share/doc/srnerf-dag/"
 gzip -n9 <CHANGELOG.md >"$share/doc/srnerf-dag/changelog.gz"
@@ -69,7 +71,7 @@ tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$SOURCE_DATE_EPOCH
 # One paragraph for each crate: name, version, licence.
 {
     printf 'SPDXVersion: SPDX-2.3\nDataLicense: CC0-1.0\nSPDXID: SPDXRef-DOCUMENT\nDocumentName: %s\n' "$name"
-    printf 'DocumentNamespace: https://spdx.org/spdxdocs/%s-%s\n' "$name" "$(sha256sum <"$program" | cut -c1-32)"
+    printf 'DocumentNamespace: https://spdx.org/spdxdocs/%s-%s\n' "$name" "$(sha256sum <"$staging/$name/bin/srnerf-dag" | cut -c1-32)"
     printf 'Creator: Tool: package.sh\nCreated: %s\n' "$(date -u -d "@$SOURCE_DATE_EPOCH" +%Y-%m-%dT%H:%M:%SZ)"
     cargo tree --locked --edges normal --prefix none --format '{p}|{l}' | sed 's/ ([^|]*)|/|/; s/ (\*)$//' | sort -u |
         awk -F'|' '{
