@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Packs a release: a .deb and an archive with the program, its pipelines, manual pages and completions; a list of all crates in it
-# (SPDX); and checksums of these. The same commit gives the same bytes, wherever it is built and by whom, if compilers are the same:
-# `make dist` keeps places out of the program, and nothing here looks at what is stripped from it.
+# (SPDX); and checksums of these. Packing the same program of the same commit twice gives the same bytes,
+# and what is stripped from the program, such as the folder that it was built in, goes into none of them.
 #
 #     dist/package.sh PROGRAM FOLDER
 #
@@ -24,7 +24,8 @@ trap 'rm -rf "$staging"' EXIT
 # The files, as they lie in the archive and, under usr/, in the package.
 share=$staging/files/usr/share
 mkdir -p "$staging/files/usr/bin" "$share/srnerf-dag" "$share/doc/srnerf-dag"
-strip -o "$staging/files/usr/bin/srnerf-dag" "$program"
+# The linker's build ID is a digest of what is stripped, too, and so of the folder that the program was built in.
+strip --remove-section=.note.gnu.build-id -o "$staging/files/usr/bin/srnerf-dag" "$program"
 cp -r pipelines "$share/srnerf-dag/"
 cp LICENSE-MIT LICENSE-APACHE README.md "$share/doc/srnerf-dag/"
 gzip -n9 <CHANGELOG.md >"$share/doc/srnerf-dag/changelog.gz"

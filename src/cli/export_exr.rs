@@ -9,6 +9,7 @@ use formats::shot::Rate;
 use rayon::prelude::*;
 use serde_json::json;
 
+use super::numbered::Pattern;
 use super::output::{print, print_json, tell};
 use super::{artifact, whole};
 use crate::content;
@@ -211,55 +212,4 @@ fn notes(images: &ImageSet) -> Vec<String> {
         ));
     }
     notes
-}
-
-/// Names of files that are numbered.
-struct Pattern {
-    folder: PathBuf,
-    before: String,
-    digits: usize,
-    after: String,
-}
-
-impl Pattern {
-    fn of(path: &Path) -> Result<Self, Error> {
-        let refuse = |problem: &str| {
-            Error::usage(
-                format!("{} {problem}", path.display()),
-                "name files like fly/fly.####.exr: a folder of their own, a # for each digit, and .exr",
-            )
-        };
-        let name = path.file_name().and_then(|name| name.to_str());
-        let name = name.ok_or_else(|| refuse("names no files"))?;
-        let folder = path
-            .parent()
-            .filter(|folder| !folder.as_os_str().is_empty());
-        let folder = folder.ok_or_else(|| refuse("has no folder of its own"))?;
-        if !name.to_ascii_lowercase().ends_with(".exr") {
-            return Err(refuse("does not end in .exr"));
-        }
-        let start = name
-            .find('#')
-            .ok_or_else(|| refuse("has no place for a number"))?;
-        let digits = name[start..].chars().take_while(|c| *c == '#').count();
-        let after = &name[start + digits..];
-        if after.contains('#') {
-            return Err(refuse("has two places for a number"));
-        }
-        Ok(Self {
-            folder: folder.to_owned(),
-            before: name[..start].to_owned(),
-            digits,
-            after: after.to_owned(),
-        })
-    }
-
-    fn file(&self, number: u64) -> String {
-        format!(
-            "{}{number:0width$}{}",
-            self.before,
-            self.after,
-            width = self.digits
-        )
-    }
 }

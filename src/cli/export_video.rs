@@ -63,35 +63,39 @@ impl Video {
         }
         let images = artifact::images(&self.images)?;
         let pictures = self.pictures(&images)?;
-        let mut notes = Vec::new();
         match format {
             Format::Webp => {
                 let bytes = webp::animation(&pictures, self.fps)
                     .map_err(|error| whole::refused(&self.output, &error))?;
                 whole::file(&self.output, |out| out.write_all(&bytes))?;
+                self.report(&pictures, None, json);
             }
             Format::Film(codec) => {
-                notes.extend(cropped(&pictures[0]));
                 self.film(codec, &pictures)?;
+                self.report(&pictures, cropped(&pictures[0]), json);
             }
         }
+        Ok(())
+    }
+
+    fn report(&self, pictures: &[Picture], note: Option<String>, json: bool) {
+        let count = pictures.len();
         let [width, height] = [pictures[0].width, pictures[0].height];
         if json {
+            let notes: Vec<String> = note.into_iter().collect();
             print_json(&json!({
-                "frames": pictures.len(), "width": width, "height": height, "warnings": notes,
+                "frames": count, "width": width, "height": height, "warnings": notes,
             }));
-            return Ok(());
+            return;
         }
-        notes
-            .iter()
-            .for_each(|note| tell(&format_args!("warning: {note}")));
+        if let Some(note) = note {
+            tell(&format_args!("warning: {note}"));
+        }
         print(&format_args!(
-            "{}: {} frames of {width}x{height}, {} a second",
+            "{}: {count} frames of {width}x{height}, {} a second",
             self.output.display(),
-            pictures.len(),
             self.fps
         ));
-        Ok(())
     }
 
     fn format(&self) -> Result<Format, Error> {

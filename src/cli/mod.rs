@@ -27,6 +27,7 @@ mod model_check;
 mod model_pull;
 mod model_run;
 mod named;
+mod numbered;
 mod only;
 mod options;
 pub mod output;

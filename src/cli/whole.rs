@@ -12,7 +12,7 @@ pub fn file(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), Error> {
-    let written = tempfile::NamedTempFile::new_in(parent(path)).and_then(|file| {
+    let written = beside(path).and_then(|file| {
         let mut out = std::io::BufWriter::new(file);
         write(&mut out)?;
         out.into_inner()?
@@ -48,6 +48,18 @@ pub fn folder<T>(path: &Path, write: impl FnOnce(&Path) -> Result<T, Error>) -> 
     let written = write(&beside)?;
     std::fs::rename(&beside, path).map_err(|error| refused(path, &error))?;
     Ok(written)
+}
+
+/// An empty file in the same folder, which others may read as far as the user lets them read new
+/// files: temporary ones are for nobody else.
+fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(parent(path))
 }
 
 /// The error for a place that cannot be written to.

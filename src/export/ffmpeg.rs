@@ -4,7 +4,7 @@
 use std::ffi::OsString;
 use std::io::{Read, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 
 use artifacts_schema::Picture;
 use formats::shot::Rate;
@@ -115,17 +115,14 @@ impl Ffmpeg {
                 std::io::ErrorKind::NotFound => FfmpegError::Missing,
                 _ => FfmpegError::Broken(error),
             })?;
-        let fed = feed(ffmpeg.stdin.take(), pictures, &mut ffmpeg);
-        let (fed, said) = fed?;
+        let fed = Fed::of(&mut ffmpeg, pictures)?;
         let status = ffmpeg.wait()?;
         if !status.success() {
-            return Err(FfmpegError::GaveUp {
-                status,
-                said: last_lines(&said),
-            });
+            let said = last_lines(&fed.said);
+            return Err(FfmpegError::GaveUp { status, said });
         }
         // One that ends well has read all that there was.
-        Ok(fed?)
+        Ok(fed.taken?)
     }
 
     fn arguments(&self, width: u32, height: u32) -> Vec<String> {
@@ -167,30 +164,34 @@ impl Ffmpeg {
     }
 }
 
-/// Gives it all pictures, and says whether it took them, and what it said. Its words are read
-/// meanwhile: a full pipe would stop it.
-fn feed(
-    stdin: Option<ChildStdin>,
-    pictures: &[Picture],
-    ffmpeg: &mut Child,
-) -> std::io::Result<(std::io::Result<()>, String)> {
-    let mut stderr = ffmpeg.stderr.take();
-    std::thread::scope(|scope| {
-        let writer = scope.spawn(move || match stdin {
-            Some(mut stdin) => pictures
-                .iter()
-                .try_for_each(|picture| stdin.write_all(&picture.rgb8)),
-            None => Ok(()),
-        });
-        let mut said = Vec::new();
-        if let Some(stderr) = &mut stderr {
-            stderr.read_to_end(&mut said)?;
-        }
-        let fed = writer
-            .join()
-            .unwrap_or_else(|_| Err(std::io::Error::other("its input broke")));
-        Ok((fed, String::from_utf8_lossy(&said).into_owned()))
-    })
+/// What became of giving it all pictures.
+struct Fed {
+    /// Whether it took them.
+    taken: std::io::Result<()>,
+    /// What it said meanwhile: unread, a full pipe would stop it.
+    said: String,
+}
+
+impl Fed {
+    fn of(ffmpeg: &mut Child, pictures: &[Picture]) -> std::io::Result<Self> {
+        let stdin = ffmpeg.stdin.take();
+        std::thread::scope(|scope| {
+            let writer = scope.spawn(move || {
+                let mut stdin = stdin.ok_or_else(|| std::io::Error::other("it has no input"))?;
+                let mut pictures = pictures.iter();
+                pictures.try_for_each(|picture| stdin.write_all(&picture.rgb8))
+            });
+            let mut said = Vec::new();
+            if let Some(stderr) = &mut ffmpeg.stderr {
+                stderr.read_to_end(&mut said)?;
+            }
+            let broke = |_| Err(std::io::Error::other("its input broke"));
+            Ok(Self {
+                taken: writer.join().unwrap_or_else(broke),
+                said: String::from_utf8_lossy(&said).into_owned(),
+            })
+        })
+    }
 }
 
 /// A path that is not taken for an option, nor for a protocol.

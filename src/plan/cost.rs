@@ -15,9 +15,13 @@ use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
 
-/// How many runs back results are looked for, and how many results are looked at.
+/// How many runs back results are looked for, how many results are looked at, and how many of a kind
+/// are kept: a plan of thousands of stages compares each with these.
 const RUNS: usize = 16;
 const RESULTS: usize = 2000;
+const KEPT: usize = 16;
+/// How parameters' entries begin.
+const PARAMETERS: &str = "params.";
 
 /// What a stage will take.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +60,7 @@ pub enum Basis {
 }
 
 /// What the latest results took, by kind, the newest first.
+#[derive(Default)]
 pub struct Experience {
     by_kind: BTreeMap<String, Vec<Known>>,
 }
@@ -72,22 +77,27 @@ impl Experience {
     /// Of the last runs of a store, whichever pipelines they were of.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut seen = BTreeSet::new();
-        let mut by_kind = BTreeMap::<String, Vec<Known>>::new();
-        for run in store.runs(None)?.take(RUNS) {
-            for (stage, was) in run.stages {
-                let key = was.key.filter(|key| seen.insert(*key));
-                let Some(known) = key.and_then(|key| Known::of(store, stage, &key)) else {
-                    continue;
-                };
-                if let Some(kind) = known.manifest.0.get("kind") {
-                    by_kind.entry(kind.clone()).or_default().push(known);
-                }
-            }
-            if seen.len() > RESULTS {
-                break;
-            }
+        let runs = store.runs(None)?.take(RUNS);
+        let stages = runs.flat_map(|run| run.stages);
+        let keys = stages.filter_map(|(stage, was)| Some((stage, was.key?)));
+        let results = keys.filter(|(_, key)| seen.insert(*key)).take(RESULTS);
+        let mut experience = Self::default();
+        results
+            .filter_map(|(stage, key)| Known::of(store, stage, &key))
+            .for_each(|known| experience.keep(known));
+        Ok(experience)
+    }
+
+    /// Keeps a result, unless a newer one was of the same stage and parameters.
+    fn keep(&mut self, known: Known) {
+        let Some(kind) = known.manifest.0.get("kind") else {
+            return;
+        };
+        let kept = self.by_kind.entry(kind.clone()).or_default();
+        let is_old = kept.iter().any(|newer| known.is_like(newer));
+        if kept.len() < KEPT && !is_old {
+            kept.push(known);
         }
-        Ok(Self { by_kind })
     }
 
     /// The result most like a stage, and the parameters in which it differs: of several that of a
@@ -112,6 +122,16 @@ impl Known {
             memory: record.peak_memory,
         })
     }
+
+    fn is_like(&self, other: &Self) -> bool {
+        let told = |known: &Self| {
+            let entries = known.manifest.0.clone().into_iter();
+            entries
+                .filter(|(path, _)| path.starts_with(PARAMETERS) || path == "device")
+                .collect::<Vec<_>>()
+        };
+        self.stage == other.stage && told(self) == told(other)
+    }
 }
 
 /// The parameters that differ. What a stage reads tells less of its cost than they do, and is not
@@ -119,7 +139,7 @@ impl Known {
 fn parameters(before: &Manifest, now: &Manifest) -> Vec<Change> {
     let changes = diff(before, now, &BTreeSet::new()).into_iter();
     changes
-        .filter(|change| change.path.starts_with("params."))
+        .filter(|change| change.path.starts_with(PARAMETERS))
         .collect()
 }
 
@@ -159,7 +179,7 @@ fn estimate<'r>(node: &Node, record: impl Fn(usize) -> Option<&'r Record>) -> Es
 impl Known {
     fn cost(&self, node: &Node, changes: &[Change], guess: &Estimate) -> Cost {
         let stage = self.stage.clone();
-        let name = |change: &Change| change.path.trim_start_matches("params.").to_owned();
+        let name = |change: &Change| change.path.trim_start_matches(PARAMETERS).to_owned();
         Cost {
             seconds: self.seconds * pace(node, changes),
             memory: self.memory.unwrap_or(guess.memory),
@@ -178,7 +198,9 @@ impl Known {
 fn pace(node: &Node, changes: &[Change]) -> f64 {
     let steps = match node.stage.extension() {
         Extension::None => return 1.0,
-        Extension::Possible(steps) | Extension::Impossible(steps, _) => format!("params.{steps}"),
+        Extension::Possible(steps) | Extension::Impossible(steps, _) => {
+            format!("{PARAMETERS}{steps}")
+        }
     };
     let change = changes.iter().find(|change| change.path == steps);
     let number = |text: &Option<String>| text.as_ref()?.parse::<f64>().ok().filter(|n| *n > 0.0);

@@ -223,6 +223,17 @@ fn a_moving_picture_needs_no_other_program_as_webp_and_says_what_it_needs_else()
     );
     assert_eq!(bytes.windows(4).filter(|part| part == b"ANMF").count(), 5);
 
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = |file: &str| fs::metadata(space.path(file)).unwrap().permissions().mode();
+        assert_eq!(
+            mode("fly.webp"),
+            mode("flight.ron"),
+            "as any other file that the user writes"
+        );
+    }
+
     let without = |file: &str| {
         let mut command = space.command(&["export", "video", IMAGES, "-o", file]);
         Said::new(command.env("PATH", space.path("empty")).output().unwrap())
