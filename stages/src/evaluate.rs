@@ -45,6 +45,10 @@ pub struct Evaluate {
     /// For how many views to draw a comparison.
     #[schemars(range(min = 0, max = 1000))]
     pub figures: u32,
+    /// Also measure every image at the exposure of its photo (`psnr_hr_exposed`): for photos whose
+    /// exposures differ, of which a held-out one has its own that no field can know.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub exposed: bool,
 }
 
 impl Default for Evaluate {
@@ -58,6 +62,7 @@ impl Default for Evaluate {
             train: none(),
             supersample: 2,
             figures: 3,
+            exposed: false,
         }
     }
 }
@@ -210,7 +215,12 @@ impl Stage for Evaluate {
             let low = Picked::of(low);
             let images = [(BICUBIC, &enlarged), (LR, &lr), (SR, &sr)];
             for (row, image) in images {
-                let measured = scores.measure(image.image(), truth.image(), low.image());
+                let mut measured = scores.measure(image.image(), truth.image(), low.image());
+                if self.exposed {
+                    let exposed = image.exposed_as(&truth, mask).masked_by(&truth, mask);
+                    let psnr = metrics::psnr(truth.image(), exposed.image());
+                    measured.push(("psnr_hr_exposed", Ok(psnr)));
+                }
                 scores.add(row, &view.name, masked::counted(measured, mask));
             }
             for (row, shown) in &fields {
