@@ -7,6 +7,7 @@ mod diff;
 mod doctor;
 mod explain;
 mod export;
+mod export_kohya;
 mod export_layout;
 mod export_ply;
 mod export_splat;
