@@ -3,7 +3,7 @@
 
 use artifacts_schema::{ImageSet, Log, View};
 use formats::{Camera, Pixels, Srgb};
-use nerf::Exposure;
+use nerf::{Exposure, WHITE};
 use serde_json::json;
 
 use crate::training::Trained;
@@ -43,7 +43,7 @@ fn undone(view: View, exposure: &Exposure) -> View {
         let colors = shown.iter().zip(undone(shown));
         colors
             .into_iter()
-            .all(|(shown, color)| *shown < 1.0 || color > 1.0 - CUT)
+            .all(|(shown, color)| *shown < WHITE || color > 1.0 - CUT)
     };
     let open = |i: usize| view.mask.as_ref().is_none_or(|mask| mask[i]);
     let mask: Vec<bool> = (0..shown.len())

@@ -16,6 +16,9 @@ use crate::tensors::{FieldError, Tensors};
 const PIVOT: f32 = 0.055;
 /// The encoding's exponent.
 const GAMMA: f32 = 2.4;
+/// From here on a value counts as cut off at white: encoding linear 1 gives a little less than 1, and
+/// the next value of an 8-bit photo is 0.996.
+pub const WHITE: f32 = 0.999;
 /// The name of the numbers among a trainer's tensors.
 const NAME: &str = "trainer.exposure";
 
@@ -94,7 +97,7 @@ impl Exposure {
 /// A residual, of what a photo would show less what it does. Of a value that its range cut off a
 /// photo says only on which side it lies.
 pub fn told(residual: f32, shown: f32) -> f32 {
-    let is_silent = shown >= 1.0 && residual > 0.0 || shown <= 0.0 && residual < 0.0;
+    let is_silent = shown >= WHITE && residual > 0.0 || shown <= 0.0 && residual < 0.0;
     if is_silent { 0.0 } else { residual }
 }
 
@@ -211,6 +214,8 @@ mod tests {
     #[test]
     fn what_is_cut_off_says_only_that_it_is_so_bright() {
         assert_eq!([told(0.2, 1.0), told(-0.2, 1.0)], [0.0, -0.2]);
+        assert_eq!(told(0.2, linear_to_srgb(1.0)), 0.0);
+        assert_eq!(told(0.2, 254.0 / 255.0), 0.2);
         assert_eq!([told(0.2, 0.0), told(-0.2, 0.0)], [0.2, 0.0]);
         assert_eq!(told(0.2, 0.5), 0.2);
     }

@@ -46,7 +46,7 @@ mod views;
 
 pub use batch::TrainView;
 pub use config::{FieldConfig, Level};
-pub use exposure::{Exposure, ExposureOptions};
+pub use exposure::{Exposure, ExposureOptions, WHITE};
 pub use field::Field;
 pub use gpu::{Check, GpuTrainer, Renderer, Work, check};
 pub use march::Segment;

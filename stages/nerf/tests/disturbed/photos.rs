@@ -85,3 +85,45 @@ pub fn with_poses_off(photos: &mut [Photo]) {
         };
     }
 }
+
+/// Cameras carried along with what the moves from `truth` to `now` have in common, to first order: as
+/// one aligns a reconstruction with another.
+pub fn aligned(photos: &[Photo], truth: &[Camera], now: &[Camera]) -> Vec<Camera> {
+    let count = truth.len() as f64;
+    let middle = truth.iter().map(Camera::position).sum::<DVec3>() / count;
+    let scale = (truth[0].near * truth[0].far).sqrt();
+    let mut normal = DMat3::ZERO;
+    let [mut turn, mut shift] = [DVec3::ZERO; 2];
+    let mut growth = [0.0; 2];
+    for (truth, now) in truth.iter().zip(now) {
+        let place = (truth.position() - middle) / scale;
+        let moved = (now.position() - truth.position()) / scale;
+        let [from, to] = [truth, now].map(|camera| DMat3::from_mat4(camera.camera_to_world));
+        let change = to * from.transpose();
+        let turned = DVec3::new(
+            change.y_axis.z - change.z_axis.y,
+            change.z_axis.x - change.x_axis.z,
+            change.x_axis.y - change.y_axis.x,
+        ) / 2.0;
+        let outer = DMat3::from_cols(place * place.x, place * place.y, place * place.z);
+        normal += DMat3::IDENTITY * (1.0 + place.length_squared()) - outer;
+        turn += turned + place.cross(moved);
+        shift += moved / count;
+        growth[0] += place.dot(moved);
+        growth[1] += place.length_squared();
+    }
+    let turn = normal.inverse() * turn;
+    let carried = |photo: &Photo| {
+        let camera = &photo.camera;
+        let place = (camera.position() - middle) / scale;
+        let moved = shift + turn.cross(place) + growth[0] / growth[1] * place;
+        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+        let mut pose = DMat4::from_mat3(rotation * DMat3::from_mat4(camera.camera_to_world));
+        pose.w_axis = (camera.position() + scale * moved).extend(1.0);
+        Camera {
+            camera_to_world: pose,
+            ..*camera
+        }
+    };
+    photos.iter().map(carried).collect()
+}
