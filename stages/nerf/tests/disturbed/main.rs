@@ -189,6 +189,7 @@ fn what_is_learnt_about_photos_wins_back_much_of_what_disturbs_them() {
     let size = small();
     let without = size.fit(ALL, NONE);
     let with = size.fit(ALL, ALL);
+    assert!(with.plain > without.plain + 0.5, "{without:?} {with:?}");
     assert!(with.exposed > without.exposed + 0.5, "{without:?} {with:?}");
 }
 
