@@ -96,13 +96,11 @@ bench: setup
 bench-gpu: setup
 	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --workspace --bench gpu
 
-# A release: a .deb, an archive, a list of its crates, and checksums, the same from any folder. Flags of its own would have all
-# else compiled anew each time: it has a folder of its own. `test-dist` installs the package on a bare Debian; it needs root.
+# A release: a .deb, an archive, a list of its crates, and checksums. `test-dist` installs the package on a bare Debian; it needs root.
 .PHONY: dist test-dist
 dist: setup
-	RUSTFLAGS="--remap-path-prefix=$(CURDIR)=srnerf-dag --remap-path-prefix=$${CARGO_HOME:-$$HOME/.cargo}=cargo" \
-		$(CARGO) build --release --quiet --locked --target-dir $(TARGET)/dist-build
-	dist/package.sh $(TARGET)/dist-build/release/srnerf-dag $(TARGET)/dist
+	$(CARGO) build --release --quiet
+	dist/package.sh $(TARGET)/release/srnerf-dag $(TARGET)/dist
 test-dist: dist
 	@command -v debootstrap >/dev/null || $(MAKE) --no-print-directory install PACKAGE=debootstrap FOR='debootstrap'
 	tests/dist/deb.sh $(TARGET)/dist/*.deb

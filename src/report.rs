@@ -50,8 +50,8 @@ fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreErro
 /// The log of a result; empty where it has none, or one that cannot be read: `store fsck` is for
 /// finding out why.
 pub fn log(store: &Store, record: &Record) -> Result<Log, StoreError> {
-    let mut outputs = record.outputs.values();
-    let Some(output) = outputs.find(|output| output.kind == ArtifactKind::Log) else {
+    let log = record.outputs.get("log");
+    let Some(output) = log.filter(|output| output.kind == ArtifactKind::Log) else {
         return Ok(Log::default());
     };
     let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;

@@ -9,6 +9,7 @@ use scene::Layout;
 
 use super::export_cameras::CameraFile;
 use super::export_exr::Exr;
+use super::export_kohya::Kohya;
 use super::export_latents::Latents;
 use super::export_layout::Views;
 use super::export_ply::Ply;
@@ -48,6 +49,8 @@ pub enum Export {
     /// The curves and scores of the last run, for TensorBoard
     #[command(name = "tensorboard")]
     TensorBoard(TensorBoard),
+    /// A LoRA under the names of kohya's scripts, for ComfyUI and the web UIs
+    Kohya(Kohya),
     /// Image sets for nerfstudio's splatfacto and nerfacto: transforms.json and images/
     Nerfstudio(Views),
     /// Image sets for brush: transforms_train.json, images/ and init.ply
@@ -84,6 +87,7 @@ impl Export {
             Self::Latents(latents) => latents.run(json)?,
             Self::Transforms(transforms) => transforms.run(json)?,
             Self::TensorBoard(tensorboard) => tensorboard.run(json)?,
+            Self::Kohya(kohya) => kohya.run(json)?,
             Self::Nerfstudio(views) => views.run(Layout::Nerfstudio, json)?,
             Self::Brush(views) => views.run(Layout::Brush, json)?,
             Self::Colmap(views) => views.run(Layout::Colmap, json)?,

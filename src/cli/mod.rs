@@ -9,6 +9,7 @@ mod explain;
 mod export;
 mod export_cameras;
 mod export_exr;
+mod export_kohya;
 mod export_latents;
 mod export_layout;
 mod export_ply;

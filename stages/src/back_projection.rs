@@ -2,12 +2,19 @@
 //! arrays, no files.
 
 use compute::Array;
-use compute::elementwise::{add, clamp, sub};
+use compute::elementwise::{add, clamp, mul, sub};
 use compute::resize::{Filter, resize};
 
 /// `image [1, C, H, W]` after `rounds` rounds, each of which adds the enlarged difference between
-/// `low [1, C, h, w]` and the reduced image, within `range`.
-pub fn back_project(image: Array, low: &Array, rounds: u32, range: [f32; 2]) -> Array {
+/// `low [1, C, h, w]` and the reduced image, within `range`. Where `counts`, of the shape of `low`,
+/// is 0, `low` has no say; `None` stands for ones.
+pub fn back_project(
+    image: Array,
+    low: &Array,
+    counts: Option<&Array>,
+    rounds: u32,
+    range: [f32; 2],
+) -> Array {
     let size = image.shape().to_vec();
     let reduced = low.shape().to_vec();
     (0..rounds).fold(image, |image, _| {
@@ -15,6 +22,10 @@ pub fn back_project(image: Array, low: &Array, rounds: u32, range: [f32; 2]) -> 
             low,
             &resize(&image, reduced[2], reduced[3], Filter::BicubicPil, true),
         );
+        let missing = match counts {
+            Some(counts) => mul(&missing, counts),
+            None => missing,
+        };
         clamp(
             &add(
                 &image,
@@ -24,4 +35,22 @@ pub fn back_project(image: Array, low: &Array, rounds: u32, range: [f32; 2]) -> 
             range[1],
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use compute::Device;
+
+    #[test]
+    fn masked_pixels_have_no_say() {
+        let device = Device::cpu();
+        let image = device.array(&[1, 1, 8, 8], vec![0.5; 64]);
+        let low = device.array(&[1, 1, 2, 2], vec![1.0, 0.5, 0.5, 0.5]);
+        let counts = device.array(&[1, 1, 2, 2], vec![0.0, 1.0, 1.0, 1.0]);
+        let masked = back_project(image.clone(), &low, Some(&counts), 3, [0.0, 1.0]);
+        assert_eq!(masked.to_vec(), image.to_vec());
+        let all = back_project(image.clone(), &low, None, 3, [0.0, 1.0]);
+        assert!(all.to_vec() != image.to_vec());
+    }
 }

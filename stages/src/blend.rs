@@ -7,12 +7,14 @@ use artifacts_schema::{ArtifactKind, ImageSet, View};
 use compute::elementwise::{scaled_sum, sub};
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
+use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
+use crate::masks;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
 
 use self::shares::{Moments, Shares};
@@ -64,15 +66,29 @@ struct Detail {
     own: Array,
 }
 
+/// A low-resolution photo's values, `[1, C, h, w]`, and which of them count, as factors; `None` where
+/// all do.
+struct Low {
+    values: Array,
+    counts: Option<Array>,
+}
+
 impl Blend {
-    fn project(&self, image: Array, low: &Array) -> Array {
-        back_project(image, low, self.back_projection, [0.0, 1.0])
+    fn project(&self, image: Array, low: &Low) -> Array {
+        let Low { values, counts } = low;
+        back_project(
+            image,
+            values,
+            counts.as_ref(),
+            self.back_projection,
+            [0.0, 1.0],
+        )
     }
 
     /// Shapes: `images` and `own` `[1, C, H, W]`, `low` `[1, C, h, w]`, values from 0 to 1.
-    fn detail(&self, images: Array, own: Array, low: &Array) -> Detail {
+    fn detail(&self, images: Array, own: Array, low: &Low) -> Detail {
         let base = resize(
-            low,
+            &low.values,
             images.shape()[2],
             images.shape()[3],
             Filter::BicubicTorch,
@@ -84,7 +100,7 @@ impl Blend {
         Detail { base, images, own }
     }
 
-    fn sum(&self, detail: &Detail, shares: Shares, low: &Array) -> Array {
+    fn sum(&self, detail: &Detail, shares: Shares, low: &Low) -> Array {
         let Detail { base, images, own } = detail;
         let terms = [
             (1.0, base),
@@ -94,9 +110,12 @@ impl Blend {
         self.project(scaled_sum(&terms), low)
     }
 
-    fn colours(&self, views: &Views, device: &Device) -> (Detail, Array) {
+    fn colours(&self, views: &Views, device: &Device) -> (Detail, Low) {
         let array = |view: &View| convert::srgb_array(view, device);
-        let low = array(views.low);
+        let low = Low {
+            values: array(views.low),
+            counts: masks::factors(views.low, 3, device),
+        };
         (
             self.detail(array(views.images), array(views.own), &low),
             low,
@@ -106,10 +125,12 @@ impl Blend {
     fn view(&self, views: &Views, shares: Shares, device: &Device) -> View {
         let array = |view: &View| convert::alpha_array(view, device);
         let alpha = match (array(views.images), array(views.own), array(views.low)) {
-            (Some(images), Some(own), Some(low)) => Some(
-                self.sum(&self.detail(images, own, &low), shares, &low)
-                    .to_vec(),
-            ),
+            (Some(images), Some(own), Some(values)) => {
+                let counts = masks::factors(views.low, 1, device);
+                let low = Low { values, counts };
+                let detail = self.detail(images, own, &low);
+                Some(self.sum(&detail, shares, &low).to_vec())
+            }
             (images, _, _) => images.map(|alpha| alpha.to_vec()),
         };
         let (detail, low) = self.colours(views, device);
@@ -119,7 +140,7 @@ impl Blend {
             camera: views.images.camera,
             pixels: convert::disk_pixels(&sum, alpha),
             depth: None,
-            mask: None,
+            mask: views.mask(),
         }
     }
 }
@@ -129,6 +150,15 @@ struct Views<'a> {
     images: &'a View,
     own: &'a View,
     low: &'a View,
+}
+
+impl Views<'_> {
+    /// Which pixels of the large images count: those that count in both photos.
+    fn mask(&self) -> Option<Vec<bool>> {
+        let Camera { width, height, .. } = self.images.camera;
+        let low = masks::at_size(self.low, width, height);
+        masks::both(self.images.mask.clone(), low)
+    }
 }
 
 /// Refuses two images of one view that differ in size.
@@ -151,7 +181,7 @@ impl Stage for Blend {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -199,7 +229,7 @@ impl Stage for Blend {
         let mut moments = Moments::default();
         for (done, views) in sets.iter().enumerate() {
             let (detail, _) = self.colours(views, io.device);
-            moments.add(&detail.images, &detail.own);
+            moments.add(&detail.images, &detail.own, views.mask().as_deref());
             io.progress(done + 1, 2 * sets.len(), &[])?;
         }
         let shares = moments.shares(self.own_gain);
@@ -232,7 +262,10 @@ mod tests {
     #[test]
     fn detail_that_either_has_is_added_up_on_the_photo() {
         let device = Device::cpu();
-        let low = image(&device, 2, |_| 0.5);
+        let low = Low {
+            values: image(&device, 2, |_| 0.5),
+            counts: None,
+        };
         let checks = |height: f32| {
             move |i: usize| {
                 0.5 + if (i / 8 + i).is_multiple_of(2) {
@@ -273,7 +306,10 @@ mod tests {
     #[test]
     fn what_contradicts_the_photo_is_taken_back() {
         let device = Device::cpu();
-        let low = image(&device, 4, |_| 0.5);
+        let low = Low {
+            values: image(&device, 4, |_| 0.5),
+            counts: None,
+        };
         let blend = Blend {
             back_projection: 5,
             ..Blend::default()

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
+use crate::masks;
 use crate::model;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
@@ -103,16 +104,21 @@ impl Decode {
     fn view(&self, prior: &Prior, parts: &Parts, io: &Io) -> View {
         let mut image = self.image(prior, parts, io);
         if let Some(low) = parts.low {
+            let counts = masks::factors(low, 3, io.device);
             let low = convert::signed_array(low, io.device);
-            image = back_project(image, &low, self.back_projection, [-1.0, 1.0]);
+            let rounds = self.back_projection;
+            image = back_project(image, &low, counts.as_ref(), rounds, [-1.0, 1.0]);
         }
         let alpha = parts.image.and_then(|image| image.pixels.alpha.clone());
+        let [width, height] = parts.latent.size;
+        let mask = |view: &View| masks::at_size(view, width, height);
+        let mask = masks::both(parts.image.and_then(mask), parts.low.and_then(mask));
         View {
             name: parts.latent.name.clone(),
             camera: parts.latent.camera,
             pixels: convert::disk_pixels_of_signed(&image, alpha),
             depth: None,
-            mask: None,
+            mask,
         }
     }
 
@@ -128,7 +134,7 @@ impl Stage for Decode {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn check(&self) -> Result<(), StageError> {

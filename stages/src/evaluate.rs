@@ -51,6 +51,9 @@ pub struct Evaluate {
     /// Weights of LPIPS or ST-LPIPS networks, trunk and heads in one `.safetensors` file: a column
     /// for each.
     pub lpips: Vec<PathBuf>,
+    /// Also measure every image at the exposure of its photo (`psnr_hr_exposed`): for photos whose
+    /// exposures differ, of which a held-out one has its own that no field can know.
+    pub exposed: bool,
 }
 
 impl Default for Evaluate {
@@ -65,6 +68,7 @@ impl Default for Evaluate {
             supersample: 2,
             figures: 3,
             lpips: Vec::new(),
+            exposed: false,
         }
     }
 }
@@ -236,6 +240,11 @@ impl Stage for Evaluate {
             for (row, image) in images {
                 let mut measured = scores.measure(image.image(), truth.image(), low.image());
                 measured.extend(networks.measure(truth.image(), image.image()));
+                if self.exposed {
+                    let exposed = image.exposed_as(&truth, mask).masked_by(&truth, mask);
+                    let psnr = metrics::psnr(truth.image(), exposed.image());
+                    measured.push(("psnr_hr_exposed", Ok(psnr)));
+                }
                 scores.add(row, &view.name, masked::counted(measured, mask));
             }
             for (row, shown) in &fields {

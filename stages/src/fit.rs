@@ -1,11 +1,14 @@
 //! `Fit`: a radiance field from posed photos. Knows nothing of diffusion.
 
 use artifacts_schema::{ArtifactKind, ImageSet};
-use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
+use nerf::{
+    ExposureOptions, Field, FieldConfig, PoseOptions, Space, SpaceKind, TrainOptions, TrainView,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
+use crate::corrected;
 use crate::error::StageError;
 use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
 use crate::training;
@@ -37,6 +40,12 @@ pub struct Fit {
     pub space: SpaceKind,
     /// The shape of the field.
     pub field: FieldConfig,
+    /// Learn how each photo was exposed: `exposure: ()`. For photos of several cameras, or of one
+    /// that chose its exposure and white balance anew for each. Then it computes on the CPU.
+    pub exposure: Option<ExposureOptions>,
+    /// Refine where each photo was taken from: `poses: ()`. For poses that are off by up to some
+    /// hundredths. Then it computes on the CPU.
+    pub poses: Option<PoseOptions>,
 }
 
 impl Default for Fit {
@@ -51,7 +60,27 @@ impl Default for Fit {
             supersample: 2,
             space: SpaceKind::Auto,
             field: FieldConfig::default(),
+            exposure: None,
+            poses: None,
         }
+    }
+}
+
+impl Fit {
+    fn options(&self) -> TrainOptions {
+        TrainOptions {
+            steps: self.steps,
+            samples: self.samples,
+            rate: self.rate,
+            final_rate: self.final_rate,
+            exposure: self.exposure.clone(),
+            poses: self.poses.clone(),
+            ..TrainOptions::default()
+        }
+    }
+
+    fn corrects_photos(&self) -> bool {
+        self.exposure.is_some() || self.poses.is_some()
     }
 }
 
@@ -67,6 +96,16 @@ impl Stage for Fit {
     fn check(&self) -> Result<(), StageError> {
         convert::in_range("supersample", self.supersample, 1, 16)?;
         training::check(self.steps, self.samples, self.rate, self.final_rate)?;
+        if let Some(exposure) = &self.exposure {
+            training::check_rate("exposure.rate", exposure.rate)?;
+            if !(exposure.pull >= 0.0 && exposure.pull <= 1000.0) {
+                let problem = format!("is {}; it must be 0 to 1000", exposure.pull);
+                return Err(StageError::parameter("exposure.pull", problem));
+            }
+        }
+        if let Some(poses) = &self.poses {
+            training::check_rate("poses.rate", poses.rate)?;
+        }
         self.field
             .check()
             .map_err(|problem| StageError::parameter("field", problem))
@@ -77,24 +116,32 @@ impl Stage for Fit {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![
-            OutputPort {
-                name: "field",
-                kind: ArtifactKind::Field,
-            },
-            OutputPort {
-                name: "log",
-                kind: ArtifactKind::Log,
-            },
-        ]
+        let port = |name, kind| OutputPort { name, kind };
+        let mut ports = vec![
+            port("field", ArtifactKind::Field),
+            port("log", ArtifactKind::Log),
+        ];
+        if self.corrects_photos() {
+            ports.push(port("photos", ArtifactKind::Images));
+        }
+        if self.exposure.is_some() {
+            ports.push(port("exposures", ArtifactKind::Log));
+        }
+        ports
     }
 
     fn extension(&self) -> Extension {
-        training::extension(self.final_rate)
+        match self.poses {
+            Some(_) => Extension::Impossible(
+                "steps",
+                "the rate at which `poses` moves cameras falls over all steps",
+            ),
+            None => training::extension(self.final_rate),
+        }
     }
 
     fn uses_device(&self) -> bool {
-        true
+        !self.corrects_photos()
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
@@ -119,20 +166,18 @@ impl Stage for Fit {
         })?;
         let config = self.field.for_cameras(&space, &cameras);
         let field = Field::in_space(&config, space, io.seed);
-        let Self {
-            steps,
-            samples,
-            rate,
-            final_rate,
-            ..
-        } = *self;
-        let options = TrainOptions {
-            steps,
-            samples,
-            rate,
-            final_rate,
-            ..Default::default()
-        };
-        training::train(field, views, &options, io)
+        let trained = training::train(field, views, &self.options(), io)?;
+        if self.corrects_photos() {
+            let photos = corrected::photos(&images, &trained);
+            io.metric(
+                "largest shift of a camera, in parts of its distance",
+                corrected::largest_shift(&images, &photos),
+            );
+            io.write("photos", &photos)?;
+        }
+        if let Some(exposures) = &trained.exposures {
+            io.write("exposures", &corrected::exposures(&images, exposures))?;
+        }
+        Ok(())
     }
 }

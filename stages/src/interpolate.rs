@@ -16,6 +16,7 @@ use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
 use crate::learned::Learned;
+use crate::masks;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Enlarges the images of a set; of transparent ones, what they are before black, and their alpha
@@ -80,18 +81,25 @@ impl Interpolate {
         let size = [camera.height as usize, camera.width as usize];
         let alpha = convert::alpha_array(view, device)
             .map(|alpha| self.alpha(&alpha, size, network).to_vec());
+        let counts = masks::factors(view, 3, device);
         let pixels = match self.values {
             Values::Srgb => {
                 let low = convert::srgb_array(view, device);
                 let large = self.resized(&low, size, network);
-                let large = back_project(large, &low, self.back_projection, [0.0, 1.0]);
+                let large = back_project(
+                    large,
+                    &low,
+                    counts.as_ref(),
+                    self.back_projection,
+                    [0.0, 1.0],
+                );
                 convert::disk_pixels(&large, alpha)
             }
             Values::Linear => {
                 let low = convert::linear_array(view, device);
                 let large = self.resized(&low, size, network);
                 let any = [f32::MIN, f32::MAX];
-                let large = back_project(large, &low, self.back_projection, any);
+                let large = back_project(large, &low, counts.as_ref(), self.back_projection, any);
                 Pixels::new(convert::pixels(&large), alpha)
             }
         };
@@ -100,7 +108,7 @@ impl Interpolate {
             camera,
             pixels,
             depth: None,
-            mask: None,
+            mask: masks::at_size(view, camera.width, camera.height),
         }
     }
 
@@ -142,7 +150,7 @@ impl Interpolate {
             .map(|i| (mean[i] + mean[plane + i] + mean[2 * plane + i]) / 3.0)
             .collect();
         let large = alpha.device().array(&[1, 1, size[0], size[1]], mean);
-        back_project(large, alpha, self.back_projection, [0.0, 1.0])
+        back_project(large, alpha, None, self.back_projection, [0.0, 1.0])
     }
 
     fn learned(&self) -> Option<&Learned> {
@@ -159,7 +167,7 @@ impl Stage for Interpolate {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -161,7 +161,7 @@ mod tests {
                 .map(|(a, b)| (a - b).abs())
                 .fold(0.0, f32::max)
         };
-        let rounds = |count| back_project(large.clone(), &image, count, [0.0, 1.0]);
+        let rounds = |count| back_project(large.clone(), &image, None, count, [0.0, 1.0]);
         assert_eq!(rounds(0).to_vec(), large.to_vec());
         assert!(
             error(&rounds(5)) < 0.3 * error(&large),

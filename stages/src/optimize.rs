@@ -115,7 +115,7 @@ impl Stage for Optimize {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn check(&self) -> Result<(), StageError> {

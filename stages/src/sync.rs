@@ -150,6 +150,6 @@ impl Stage for Sync {
             final_rate,
             ..Default::default()
         };
-        training::train(field, views, &options, io)
+        training::train(field, views, &options, io).map(drop)
     }
 }

@@ -3,7 +3,8 @@
 
 use artifacts_schema::Log;
 use compute::Counts;
-use nerf::{Field, StepStats, TrainOptions, TrainView, Training};
+use formats::Camera;
+use nerf::{Exposure, Field, StepStats, TrainOptions, TrainView, Training};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -20,15 +21,27 @@ const LOG_EVERY: u32 = 50;
 pub fn check(steps: u32, samples: u32, rate: f64, final_rate: f64) -> Result<(), StageError> {
     convert::in_range("steps", steps, 1, 10_000_000)?;
     convert::in_range("samples", samples, 256, 1 << 24)?;
-    for (field, value) in [("rate", rate), ("final_rate", final_rate)] {
-        if !(value > 0.0 && value <= 1.0) {
-            return Err(StageError::parameter(
-                field,
-                format!("is {value}; it must be above 0 and at most 1"),
-            ));
-        }
+    check_rate("rate", rate)?;
+    check_rate("final_rate", final_rate)
+}
+
+/// Refuses a learning rate, or a part of one, that makes no sense.
+pub fn check_rate(field: &'static str, value: f64) -> Result<(), StageError> {
+    if value > 0.0 && value <= 1.0 {
+        return Ok(());
     }
-    Ok(())
+    Err(StageError::parameter(
+        field,
+        format!("is {value}; it must be above 0 and at most 1"),
+    ))
+}
+
+/// What training leaves beside its outputs, view by view in their order.
+pub struct Trained {
+    /// Where the views were taken from.
+    pub cameras: Vec<Camera>,
+    /// How they were exposed, where that was learnt.
+    pub exposures: Option<Vec<Exposure>>,
 }
 
 /// Whether more steps may go on from fewer: only where the learning rate does not fall over all of
@@ -57,7 +70,7 @@ pub fn train(
     views: Vec<TrainView>,
     options: &TrainOptions,
     io: &Io,
-) -> Result<(), StageError> {
+) -> Result<Trained, StageError> {
     let is_closed = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
     if views.iter().all(is_closed) {
         return Err(StageError::Mismatch(
@@ -104,8 +117,13 @@ pub fn train(
     }
     io.metric("training psnr (running mean)", diary.psnr);
     tell_counts(io, before, options.steps - begun);
+    let trained = Trained {
+        cameras: training.cameras(),
+        exposures: training.exposures(),
+    };
     io.write("field", &convert::disk_field(&training.into_field())?)?;
-    io.write("log", &diary.log())
+    io.write("log", &diary.log())?;
+    Ok(trained)
 }
 
 /// What a GPU was given to do in each of so many steps.

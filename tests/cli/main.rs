@@ -6,6 +6,7 @@ mod arms;
 mod checkpoint;
 mod completions;
 mod concurrent;
+mod corrections;
 mod costs;
 mod damage;
 mod damage_store;

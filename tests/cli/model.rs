@@ -133,6 +133,40 @@ fn two_runs_and_any_number_of_threads_give_the_same_bytes() {
 }
 
 #[test]
+fn a_lora_under_kohyas_names_is_the_same_with_alpha_over_rank() {
+    let space = Space::new();
+    save(&space.path("in.safetensors"), &inputs());
+    let [a, b] = [reals(4, &[3, 128]), reals(5, &[128, 3])];
+    let twice = |(dtype, shape, bytes): &Tensor| {
+        let values = bytes.as_chunks().0.iter();
+        let doubled = values.flat_map(|four| (2.0 * f32::from_le_bytes(*four)).to_le_bytes());
+        (*dtype, shape.clone(), doubled.collect::<Vec<u8>>())
+    };
+    let layer = LORA.trim_start_matches("unet.").replace('.', "_");
+    let [down, up, alpha] = ["lora_down.weight", "lora_up.weight", "alpha"]
+        .map(|part| format!("lora_unet_{layer}.{part}"));
+    let six = ("F32", vec![], 6f32.to_le_bytes().to_vec());
+    let kohya = BTreeMap::from([
+        (&down[..], a.clone()),
+        (&up[..], b.clone()),
+        (&alpha[..], six),
+    ]);
+    save(&space.path("kohya.safetensors"), &kohya);
+    let [down, up] = ["A", "B"].map(|matrix| format!("{LORA}.lora_{matrix}.weight"));
+    save(
+        &space.path("peft.safetensors"),
+        &BTreeMap::from([(&down[..], a), (&up[..], twice(&b))]),
+    );
+    let [a, b] = ["kohya", "peft"].map(|name| {
+        let lora = space.path(&format!("{name}.safetensors"));
+        let said = ask(&space, name, &["--lora", lora.to_str().unwrap()]);
+        assert_eq!(said.code, 0, "{}", said.err);
+        fs::read(space.path(name)).unwrap()
+    });
+    assert!(a == b, "6 over a rank of 3 is 2, which scales exactly");
+}
+
+#[test]
 fn a_prompt_becomes_ids_and_states() {
     let space = Space::new();
     let model = tiny_x4();

@@ -85,6 +85,7 @@ impl Trial {
             name: "photo".into(),
             latent: map(&self.latent),
             low: map(&self.low),
+            mask: None,
             camera: [0.0; 16],
         }
     }

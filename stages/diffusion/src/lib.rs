@@ -5,6 +5,7 @@ pub mod config;
 pub mod error;
 pub mod guidance;
 pub mod inventory;
+pub mod kohya;
 mod layers;
 pub mod lora;
 mod lora_file;

@@ -61,6 +61,13 @@ impl AdapterSite {
             outputs,
         }
     }
+
+    /// The path of the layer.
+    pub fn layer(&self) -> Option<&str> {
+        self.down
+            .strip_prefix("unet.")?
+            .strip_suffix(".lora_A.weight")
+    }
 }
 
 pub(crate) const CAMERA_1: &str = "camera_embedding.linear_1";

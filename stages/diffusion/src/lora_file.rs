@@ -1,4 +1,4 @@
-//! LoRA files as diffusers and PEFT write them: whatever their names look like, one
+//! LoRA files as diffusers, PEFT and kohya's scripts write them: whatever their names look like, one
 //! [`LoraNetwork`].
 //!
 //! Knows names and metadata, not the layers: [`Unet::check_lora`] says whether they fit.
@@ -11,6 +11,7 @@ use formats::{FileBytes, TensorFile};
 use serde_json::{Map, Value};
 
 use crate::error::ModelError;
+use crate::kohya::{self, Part};
 use crate::lora::LoraNetwork;
 use crate::unet::Unet;
 use crate::weights;
@@ -50,9 +51,19 @@ impl LoraFile {
         let file = TensorFile::new(FileBytes::map(path)?)?;
         let mut names = BTreeMap::new();
         let mut adapters = BTreeMap::new();
+        let mut alphas = BTreeMap::new();
+        let layers = kohya::Layers::new(unet.adapted_layers());
         for stored in file.names() {
-            let name = canonical(stored)
-                .ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
+            let name = match layers.part(stored) {
+                Some(Part::Alpha(down)) => {
+                    alphas.insert(down, number(&file, stored, device)?);
+                    continue;
+                }
+                Some(Part::Matrix(name)) => Some(name),
+                None => canonical(stored),
+            };
+            let name =
+                name.ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
             adapters.insert(name.clone(), weights::array(&file, stored, device)?);
             if let Some(other) = names.insert(name, stored.to_owned()) {
                 return Err(file
@@ -60,7 +71,12 @@ impl LoraFile {
                     .into());
             }
         }
-        let scales = Options::of(&file, path)?.scales(&adapters);
+        let mut scales = Options::of(&file, path)?.scales(&adapters);
+        for (down, alpha) in alphas {
+            if let Some(rank) = adapters.get(&down).and_then(|down| down.shape().first()) {
+                scales.insert(down, alpha / *rank as f32);
+            }
+        }
         let network = LoraNetwork {
             scale: 1.0,
             scales,
@@ -69,6 +85,14 @@ impl LoraFile {
         };
         unet.check_lora(&network, file.name())?;
         Ok(Self { network, names })
+    }
+}
+
+/// The only value of a tensor.
+fn number(file: &TensorFile, stored: &str, device: &Device) -> Result<f32, ModelError> {
+    match weights::array(file, stored, device)?.to_vec()[..] {
+        [value] if value.is_finite() => Ok(value),
+        _ => Err(file.wrong(stored, "is not one number").into()),
     }
 }
 

@@ -7,6 +7,7 @@
 
 mod consistency;
 mod eigen;
+mod exposed;
 mod figure;
 mod flip;
 mod gaussian;
@@ -19,6 +20,7 @@ mod ssimulacra2;
 mod warp;
 
 pub use consistency::psnr_lr_consistency;
+pub use exposed::exposed;
 pub use figure::{Figure, Panel, comparison};
 pub use flip::{Flip, flip};
 pub use image::Image;
@@ -31,10 +33,14 @@ pub use warp::{Surface, Warped, warped};
 
 /// The columns of a table of metrics, the most telling first: each name with one sentence on what
 /// it measures, which says `higher is` or `lower is` where one of them is better.
-pub const DEFINITIONS: [(&str, &str); 13] = [
+pub const DEFINITIONS: [(&str, &str); 14] = [
     (
         "psnr_hr",
         "PSNR in dB against a held-out photo: sRGB, all pixels and channels of a view, at most 100; higher is better",
+    ),
+    (
+        "psnr_hr_exposed",
+        "psnr_hr of a view after a gain and an offset per channel that bring it closest to the photo; higher is better",
     ),
     (
         "ssim_hr",

@@ -14,6 +14,7 @@ use crate::march::Segment;
 use crate::network::{Activations, COLOR_OUTPUT, GEOMETRY, Transposed};
 use crate::positions::Positions;
 use crate::samples::Samples;
+use crate::spherical::harmonics_backward;
 use std::ops::Range;
 
 /// What one ray sees.
@@ -58,6 +59,8 @@ pub struct FieldGradient {
     pub positions: Positions,
     /// `[level][position]`.
     pub levels: Vec<Vec<[f32; FEATURES]>>,
+    /// The gradient to the direction of every ray, where it is asked for.
+    pub directions: Option<Vec<[f32; 3]>>,
 }
 
 impl FieldGradient {
@@ -68,6 +71,7 @@ impl FieldGradient {
         self.positions.clear();
         self.levels.resize(field.levels.len(), vec![]);
         self.levels.iter_mut().for_each(Vec::clear);
+        self.directions.iter_mut().for_each(Vec::clear);
     }
 
     /// Fills the last group of positions with some that get nothing.
@@ -225,6 +229,7 @@ impl Block {
         field
             .network
             .color_backward(transposed, &mut self.activations, &mut gradient.weights);
+        self.append_directions(field, rays, gradient);
         let rows = self.activations.geometry.chunks_exact_mut(GEOMETRY);
         rows.zip(&self.d_sigma)
             .for_each(|(row, d_sigma)| row[0] += d_sigma);
@@ -297,6 +302,16 @@ impl Block {
             }
         }
         distortion
+    }
+
+    /// Appends the gradients to the rays' directions, of which only colours know.
+    fn append_directions(&self, field: &Field, rays: &Rays<'_>, to: &mut FieldGradient) {
+        let Some(directions) = &mut to.directions else {
+            return;
+        };
+        let d_harmonics = field.network.harmonics_backward(&self.activations);
+        let rays = rays.each().zip(d_harmonics);
+        directions.extend(rays.map(|((segment, _), d)| harmonics_backward(segment.view, &d)));
     }
 
     fn append(&self, rays: &Rays<'_>, width: usize, to: &mut FieldGradient) {

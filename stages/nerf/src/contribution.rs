@@ -3,6 +3,9 @@
 
 use crate::batch::{Pixel, Sampler, TrainView};
 use crate::block::{Block, FieldGradient, Rays, Regularizer, Seen, SeenGradient};
+use crate::corrections::{Corrections, Pulls, cameras_backward};
+use crate::dials::Dial;
+use crate::exposure::{self, Exposure};
 use crate::features::Features;
 use crate::field::Field;
 use crate::look::Look;
@@ -27,6 +30,8 @@ pub struct Contribution {
     pub loss: f64,
     /// The squared error, summed, without the views' weights.
     pub squared_error: f64,
+    /// The gradients to what is learnt about the views.
+    pub pulls: Pulls,
 }
 
 /// A batch of pixels, and what it is traced through and compared with.
@@ -39,6 +44,8 @@ pub struct Batch<'a> {
     pub views: &'a [TrainView],
     /// Draws the pixels.
     pub sampler: &'a Sampler,
+    /// What is learnt about them.
+    pub corrections: &'a Corrections,
     /// How to train.
     pub options: &'a TrainOptions,
     /// Steps taken so far.
@@ -91,8 +98,13 @@ impl Batch<'_> {
             gradient,
             loss,
             squared_error,
+            pulls,
         } = part;
         look.cut(samples);
+        let moves = self.corrections.move_cameras(self.step);
+        let exposes = self.corrections.exposures.is_some();
+        pulls.clear(self.views.len(), exposes, moves);
+        gradient.directions = moves.then(Vec::new);
         gradient.clear(self.field);
         (*loss, *squared_error) = (0.0, 0.0);
         let mut first = 0;
@@ -108,7 +120,8 @@ impl Batch<'_> {
                 rows: &look.rows,
             };
             first += count;
-            let (d_seen, more, squared) = self.compare(pixels, block.forward(self.field, &rays));
+            let (d_seen, more, squared) =
+                self.compare(pixels, block.forward(self.field, &rays), pulls);
             let regularizer = self.regularizer(count as f32 / pixels.len() as f32);
             block.backward(
                 self.field,
@@ -122,6 +135,16 @@ impl Batch<'_> {
             *squared_error += squared;
         }
         gradient.pad();
+        if moves {
+            cameras_backward(
+                self.field,
+                self.views,
+                pixels,
+                samples,
+                gradient,
+                &mut pulls.poses,
+            );
+        }
     }
 
     fn pixel(&self, element: u32) -> Pixel {
@@ -146,9 +169,14 @@ impl Batch<'_> {
         }
     }
 
-    /// Gradients to what every sub-ray sees, the summed loss and the summed squared error. A pixel
-    /// is the mean of its sub-rays.
-    fn compare(&self, pixels: &[Pixel], seen: &[Seen]) -> (Vec<SeenGradient>, f64, f64) {
+    /// Gradients to what every sub-ray sees, the summed loss and the summed squared error; adds to
+    /// the gradients to exposures. A pixel is the mean of its sub-rays.
+    fn compare(
+        &self,
+        pixels: &[Pixel],
+        seen: &[Seen],
+        pulls: &mut Pulls,
+    ) -> (Vec<SeenGradient>, f64, f64) {
         let mut d_seen = Vec::with_capacity(seen.len());
         let mut loss = 0.0;
         let mut squared_error = 0.0;
@@ -158,20 +186,44 @@ impl Batch<'_> {
             let (rays, behind) = rest.split_at(view.rays_per_pixel());
             rest = behind;
             let target = view.target(pixel);
+            let exposure = self.corrections.exposure(pixel.view);
+            let Exposure { gain, lift, .. } = exposure.unwrap_or(Exposure::NONE);
             let share = 1.0 / rays.len() as f32;
             let mut d = SeenGradient::default();
+            let mut d_shown = [0.0; 3];
             for (c, target) in target.into_iter().enumerate() {
-                let color = |ray: &Seen| ray.rgb[c] + ray.transmittance * pixel.background[c];
-                let residual = share * rays.iter().map(color).sum::<f32>() - target;
+                // The background is drawn, not photographed: no exposure changes it.
+                let color = |ray: &Seen| {
+                    let shown = gain[c] * ray.rgb[c] + (1.0 - ray.transmittance) * lift[c];
+                    shown + ray.transmittance * pixel.background[c]
+                };
+                let mut residual = share * rays.iter().map(color).sum::<f32>() - target;
+                if exposure.is_some() {
+                    residual = exposure::told(residual, target);
+                }
                 let beta = self.options.beta as f32;
                 loss += f64::from(view.weight * smooth_l1(residual, beta));
                 squared_error += f64::from(residual * residual);
-                d.rgb[c] = view.weight * share * smooth_l1_backward(residual, beta)
+                d_shown[c] = view.weight * share * smooth_l1_backward(residual, beta)
                     / (3.0 * self.pixels as f32);
-                d.transmittance += d.rgb[c] * pixel.background[c];
+                d.rgb[c] = gain[c] * d_shown[c];
+                d.transmittance += d_shown[c] * (pixel.background[c] - lift[c]);
+            }
+            if let Some(exposure) = exposure {
+                let pull = exposure_backward(&exposure, rays, d_shown);
+                let sums = pulls.exposures[pixel.view].iter_mut();
+                sums.zip(pull).for_each(|(sum, d)| *sum += d);
             }
             d_seen.extend(std::iter::repeat_n(d, rays.len()));
         }
         (d_seen, loss, squared_error)
     }
+}
+
+/// The gradient to a view's exposure from those to the colours that a pixel's rays show.
+fn exposure_backward(exposure: &Exposure, rays: &[Seen], d_shown: [f32; 3]) -> Dial {
+    let opacity: f32 = rays.iter().map(|ray| 1.0 - ray.transmittance).sum();
+    let color = |c: usize| rays.iter().map(|ray| ray.rgb[c]).sum::<f32>();
+    let d_gain = [0, 1, 2].map(|c| d_shown[c] * color(c));
+    exposure.backward(d_gain, d_shown.map(|d| d * opacity))
 }

@@ -293,6 +293,13 @@ impl Network {
         );
     }
 
+    /// The gradients to the harmonics of every direction that rows were seen along, after
+    /// [`Network::color_backward`].
+    pub fn harmonics_backward(&self, a: &Activations) -> impl Iterator<Item = [f32; COEFFICIENTS]> {
+        let of_view = &self.matrix(2)[GEOMETRY * HIDDEN..];
+        a.views.harmonics_backward(of_view)
+    }
+
     /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the
     /// one to `encoding` there.
     pub fn density_backward(

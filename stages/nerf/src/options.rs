@@ -1,6 +1,8 @@
 //! How a field is trained: the numbers, and the learning rate that follows from them. Knows nothing
 //! of the training itself.
 
+use crate::exposure::ExposureOptions;
+use crate::poses::PoseOptions;
 use serde::{Deserialize, Serialize};
 
 /// How to train.
@@ -31,6 +33,10 @@ pub struct TrainOptions {
     /// Put a random colour behind every pixel, of the field and of a transparent photo alike: holes
     /// in an opaque photo then cost as much as they let through. Otherwise the background is black.
     pub random_background: bool,
+    /// Learn how each photo was exposed.
+    pub exposure: Option<ExposureOptions>,
+    /// Refine where each photo was taken from.
+    pub poses: Option<PoseOptions>,
 }
 
 /// The part of the steps before the learning rate falls.
@@ -53,11 +59,18 @@ impl Default for TrainOptions {
             fog: 1e-4,
             fog_range: 0.05,
             random_background: true,
+            exposure: None,
+            poses: None,
         }
     }
 }
 
 impl TrainOptions {
+    /// Whether anything is learnt beside the field, which only the CPU's trainer does.
+    pub fn corrects_views(&self) -> bool {
+        self.exposure.is_some() || self.poses.is_some()
+    }
+
     /// The learning rate of the step after so many.
     pub(crate) fn rate_after(&self, steps: u32) -> f64 {
         let rise = f64::from(steps + 1) / f64::from(self.warm_up.max(1));

@@ -104,6 +104,17 @@ impl Perspective {
         }
     }
 
+    /// The gradient to a world point before the front camera, from that to where it lies in unit
+    /// space.
+    pub fn to_unit_backward(&self, point: [f32; 3], d_unit: [f32; 3]) -> [f32; 3] {
+        let unit = self.to_unit(point);
+        let depth = self.depth(point);
+        std::array::from_fn(|j| {
+            let slope = |i: usize| self.matrix[i][j] - unit[i] * self.matrix[3][j];
+            (0..3).map(|i| d_unit[i] * slope(i)).sum::<f32>() / depth
+        })
+    }
+
     /// A point of unit space in world space.
     pub fn to_world(&self, unit: [f64; 3]) -> [f64; 3] {
         self.inverse.project_point3(unit.into()).to_array()

@@ -21,6 +21,11 @@ impl Positions {
             .for_each(|(axis, x)| axis.push(x));
     }
 
+    /// A position.
+    pub fn at(&self, index: usize) -> [f32; 3] {
+        self.0.each_ref().map(|axis| axis[index])
+    }
+
     /// Repeats the origin until whole groups are full.
     pub fn pad(&mut self) {
         let len = self.len().next_multiple_of(LANES);

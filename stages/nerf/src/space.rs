@@ -111,6 +111,14 @@ impl Space {
         }
     }
 
+    /// The gradient to a world point, from that to where it lies in unit space.
+    pub fn to_unit_backward(&self, point: [f32; 3], d_unit: [f32; 3]) -> [f32; 3] {
+        match &self.perspective {
+            Some(perspective) => perspective.to_unit_backward(point, d_unit),
+            None => d_unit.map(|d| d * self.scale),
+        }
+    }
+
     /// Growth of marching steps with the distance from the camera: equal steps in perspective are
     /// already steps of equal disparity.
     pub fn cone(&self, config: &FieldConfig) -> f64 {

@@ -31,9 +31,65 @@ pub fn harmonics([x, y, z]: [f32; 3]) -> [f32; COEFFICIENTS] {
     ]
 }
 
+/// The backward pass of [`harmonics`] to the direction, as a vector of space: what of it points
+/// along the direction itself means nothing.
+pub fn harmonics_backward([x, y, z]: [f32; 3], d: &[f32]) -> [f32; 3] {
+    let xx = x * x;
+    let yy = y * y;
+    let zz = z * z;
+    let band1 = [
+        -0.488_602_52 * d[3],
+        -0.488_602_52 * d[1],
+        0.488_602_52 * d[2],
+    ];
+    let band2 = [
+        1.092_548_5 * (y * d[4] - z * d[7] + x * d[8]),
+        1.092_548_5 * (x * d[4] - z * d[5] - y * d[8]),
+        1.092_548_5 * (-y * d[5] - x * d[7]) + 1.892_349_4 * z * d[6],
+    ];
+    let band3 = [
+        -3.540_261_5 * x * y * d[9] + 2.890_611_4 * y * z * d[10]
+            - 0.457_045_8 * (5.0 * zz - 1.0) * d[13]
+            + 2.890_611_4 * x * z * d[14]
+            - 1.770_130_8 * (xx - yy) * d[15],
+        -1.770_130_8 * (xx - yy) * d[9] + 2.890_611_4 * x * z * d[10]
+            - 0.457_045_8 * (5.0 * zz - 1.0) * d[11]
+            - 2.890_611_4 * y * z * d[14]
+            + 3.540_261_5 * x * y * d[15],
+        2.890_611_4 * x * y * d[10] - 4.570_458 * y * z * d[11]
+            + 0.373_176_34 * (15.0 * zz - 3.0) * d[12]
+            - 4.570_458 * x * z * d[13]
+            + 1.445_305_7 * (xx - yy) * d[14],
+    ];
+    std::array::from_fn(|axis| band1[axis] + band2[axis] + band3[axis])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_gradient_to_the_direction_matches_finite_differences() {
+        let at = [0.48, -0.6, 0.64];
+        for i in 0..COEFFICIENTS {
+            let mut d = [0.0; COEFFICIENTS];
+            d[i] = 1.0;
+            let analytic = harmonics_backward(at, &d);
+            for axis in 0..3 {
+                let value = |step: f32| {
+                    let mut moved = at;
+                    moved[axis] += step;
+                    harmonics(moved)[i]
+                };
+                let numeric = (value(1e-2) - value(-1e-2)) / 2e-2;
+                let got = analytic[axis];
+                assert!(
+                    (got - numeric).abs() < 2e-3,
+                    "Y{i} axis {axis}: {got} {numeric}"
+                );
+            }
+        }
+    }
 
     /// Integrates products over the sphere: equal steps in longitude, and in z, where area is
     /// uniform.

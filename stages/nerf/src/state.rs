@@ -43,6 +43,7 @@ impl Trainer {
             &self.like_network(&self.network_moments.second),
             "adam.second.",
         ));
+        tensors.extend(self.corrections.tensors());
         tensors
     }
 
@@ -75,6 +76,7 @@ impl Trainer {
             .collect();
         trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;
         trainer.network_moments.second = trainer.read_moment("adam.second.", state)?;
+        trainer.corrections.read(state, &mut trainer.views)?;
         trainer.step = take(state, "trainer.step", &[1])?[0] as u32;
         trainer.pixels = trainer.within_limits(take(state, "trainer.pixels", &[1])?[0] as u32);
         Ok(trainer)

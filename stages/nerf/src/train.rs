@@ -7,6 +7,8 @@ use crate::batch::{Sampler, TrainView};
 use crate::block::Block;
 use crate::config::FEATURES;
 use crate::contribution::{Batch, Contribution};
+use crate::corrections::Corrections;
+use crate::exposure::{Exposure, Exposures};
 use crate::features::{Features, LookUp};
 use crate::field::Field;
 use crate::kernels::hash::encode_backward;
@@ -15,6 +17,7 @@ use crate::options::TrainOptions;
 use crate::pool::Pool;
 use crate::survey::{self, Survey};
 use compute::rng::Rng;
+use formats::Camera;
 use rayon::prelude::*;
 
 /// Parts of a batch whose gradients are summed in order; fixed, so that sums do not depend on the
@@ -53,6 +56,7 @@ pub struct Trainer {
     pub(crate) table_moments: SparseMoments,
     pub(crate) network_moments: Moments,
     pub(crate) views: Vec<TrainView>,
+    pub(crate) corrections: Corrections,
     pub(crate) sampler: Sampler,
     pub(crate) survey_rng: Rng,
     parts: Vec<Contribution>,
@@ -88,6 +92,7 @@ impl Trainer {
             survey: Pool::default(),
             d_tables: Pool::default(),
             options: options.clone(),
+            corrections: Corrections::new(options, &views),
             field,
             views,
         }
@@ -101,6 +106,16 @@ impl Trainer {
     /// Ends training.
     pub fn into_field(self) -> Field {
         self.field
+    }
+
+    /// The cameras of the views, in their order, as they are now.
+    pub fn cameras(&self) -> Vec<Camera> {
+        self.views.iter().map(|view| view.camera).collect()
+    }
+
+    /// How the views were exposed, in their order; `None` where that is not learnt.
+    pub fn exposures(&self) -> Option<Vec<Exposure>> {
+        self.corrections.exposures.as_ref().map(Exposures::all)
     }
 
     /// Steps taken so far.
@@ -118,6 +133,9 @@ impl Trainer {
         // thousands of steps.
         if stats.loss.is_finite() {
             self.descend(&parts);
+            let pulls = parts.iter().map(|part| &part.pulls);
+            self.corrections
+                .descend(pulls, &self.options, self.step, &mut self.views);
         }
         self.step += 1;
         if self.step.is_multiple_of(OCCUPANCY_EVERY) {
@@ -172,6 +190,7 @@ impl Trainer {
             field,
             views,
             sampler,
+            corrections,
             options,
             step,
             pixels,
@@ -183,6 +202,7 @@ impl Trainer {
             field,
             views,
             sampler,
+            corrections,
             options,
             step: *step,
             pixels: *pixels,

@@ -3,12 +3,14 @@
 
 use crate::batch::TrainView;
 use crate::config::FieldConfig;
+use crate::exposure::Exposure;
 use crate::field::Field;
 use crate::gpu::GpuTrainer;
 use crate::options::TrainOptions;
 use crate::tensors::{FieldError, Tensors};
 use crate::train::{StepStats, Trainer};
 use compute::Device;
+use formats::Camera;
 
 /// A field in training on a device.
 pub enum Training {
@@ -47,8 +49,10 @@ impl Training {
         ))
     }
 
+    /// What is learnt about views is learnt by threads, whatever the device.
     fn on(device: &Device, trainer: Trainer) -> Self {
-        match device.open_gpu() {
+        let gpu = device.open_gpu();
+        match gpu.filter(|_| !trainer.options.corrects_views()) {
             None => Self::Cpu(Box::new(trainer)),
             Some(gpu) => Self::Gpu(Box::new(GpuTrainer::new(gpu, trainer))),
         }
@@ -59,6 +63,22 @@ impl Training {
         match self {
             Self::Cpu(trainer) => trainer.steps_taken(),
             Self::Gpu(trainer) => trainer.steps_taken(),
+        }
+    }
+
+    /// The cameras of the views, in their order, as they are now.
+    pub fn cameras(&self) -> Vec<Camera> {
+        match self {
+            Self::Cpu(trainer) => trainer.cameras(),
+            Self::Gpu(trainer) => trainer.host.cameras(),
+        }
+    }
+
+    /// How the views were exposed, in their order; `None` where that is not learnt.
+    pub fn exposures(&self) -> Option<Vec<Exposure>> {
+        match self {
+            Self::Cpu(trainer) => trainer.exposures(),
+            Self::Gpu(_) => None,
         }
     }
 

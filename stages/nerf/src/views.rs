@@ -66,4 +66,17 @@ impl Views {
         let d_views = Matrix::new(&self.hidden, HIDDEN);
         add_transposed_product(d_weights, harmonics, d_views, [COEFFICIENTS, HIDDEN]);
     }
+
+    /// The gradients to the harmonics of each direction, after [`Views::backward`].
+    pub fn harmonics_backward(&self, weights: &[f32]) -> impl Iterator<Item = [f32; COEFFICIENTS]> {
+        let d_views = self.hidden.chunks_exact(HIDDEN).take(self.rows.len());
+        d_views.map(|d_view| {
+            let rows = weights.chunks_exact(HIDDEN);
+            let mut d = [0.0; COEFFICIENTS];
+            d.iter_mut().zip(rows).for_each(|(d, row)| {
+                *d = row.iter().zip(d_view).map(|(w, d)| w * d).sum();
+            });
+            d
+        })
+    }
 }

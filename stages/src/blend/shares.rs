@@ -20,9 +20,13 @@ pub struct Shares {
 }
 
 impl Moments {
-    /// Adds those of one view; both have the same shape.
-    pub fn add(&mut self, images: &Array, own: &Array) {
-        for (&n, &o) in images.to_vec().iter().zip(&own.to_vec()) {
+    /// Adds those of one view; both have the same shape, `[1, C, H, W]`, of whose pixels some may
+    /// not count.
+    pub fn add(&mut self, images: &Array, own: &Array, counts: Option<&[bool]>) {
+        let values = images.to_vec();
+        let pairs = values.iter().zip(own.to_vec()).enumerate();
+        let is_open = |i: usize| counts.is_none_or(|counts| counts[i % counts.len()]);
+        for (_, (&n, o)) in pairs.filter(|(i, _)| is_open(*i)) {
             self.images_images += f64::from(n) * f64::from(n);
             self.images_own += f64::from(n) * f64::from(o);
             self.own_own += f64::from(o) * f64::from(o);

@@ -43,6 +43,14 @@ impl Picked {
         self
     }
 
+    /// The image at the exposure of the truth, as far as a gain and an offset per channel go.
+    pub fn exposed_as(&self, truth: &Picked, mask: Option<&[bool]>) -> Self {
+        Self {
+            rgb: metrics::exposed(self.image(), truth.image(), mask),
+            ..*self
+        }
+    }
+
     /// It as the metrics see it.
     pub fn image(&self) -> Image<'_> {
         Image::new(self.width, self.height, &self.rgb)

@@ -7,6 +7,7 @@ use formats::rows;
 
 use crate::convert;
 use crate::error::StageError;
+use crate::masks;
 
 /// A latent with the photo that the prior sees beside it.
 pub(super) fn view(
@@ -26,6 +27,7 @@ pub(super) fn view(
         name: latent.name.clone(),
         latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
         low,
+        mask: masks::at_size(photo, photo.camera.width, photo.camera.height),
         camera: std::array::from_fn(|i| rows[i / 4][i % 4] as f32),
     })
 }

@@ -189,8 +189,12 @@ impl<'a> Optimization<'a> {
     }
 
     fn descend(&mut self, batch: &Batch, gradient: &Array) {
-        let gradient = gradient.to_vec();
-        let per_view = gradient.chunks(gradient.len() / batch.len());
+        let mut gradient = gradient.to_vec();
+        let len = gradient.len() / batch.len();
+        for ((view, window), gradient) in batch.windows.iter().zip(gradient.chunks_mut(len)) {
+            self.views[*view].silence(window, gradient);
+        }
+        let per_view = gradient.chunks(len);
         for ((view, window), gradient) in batch.windows.iter().zip(per_view) {
             let rate = self.options.guidance.rule().rate();
             let optimizer = &self.options.optimizer;

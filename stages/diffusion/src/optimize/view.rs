@@ -3,6 +3,7 @@
 use compute::Array;
 
 use super::OptimizeError;
+use super::window::Window;
 
 /// One view's encoded latent and what the networks are told about it.
 #[derive(Clone, Debug)]
@@ -13,6 +14,8 @@ pub struct ViewLatents {
     pub latent: Array,
     /// The low-resolution image, `[3, h, w]`, sRGB in [-1, 1].
     pub low: Array,
+    /// Which latent pixels count, `[h, w]`; the others stay as they are encoded. `None` where all do.
+    pub mask: Option<Vec<bool>>,
     /// The camera, row-major camera-to-world in normalised scene units.
     pub camera: [f32; 16],
 }
@@ -21,6 +24,21 @@ impl ViewLatents {
     /// Height and width in latent pixels.
     pub fn size(&self) -> [usize; 2] {
         [self.latent.shape()[1], self.latent.shape()[2]]
+    }
+
+    /// Sets a gradient in a window, `[C, window.height, window.width]`, to zero where the view is
+    /// masked: residuals that are never moved stay zero.
+    pub(super) fn silence(&self, window: &Window, gradient: &mut [f32]) {
+        let Some(mask) = &self.mask else {
+            return;
+        };
+        let width = self.size()[1];
+        for (i, d) in gradient.iter_mut().enumerate() {
+            let [x, y] = [i % window.width, i / window.width % window.height];
+            if !mask[(window.top + y) * width + window.left + x] {
+                *d = 0.0;
+            }
+        }
     }
 }
 
@@ -64,5 +82,11 @@ fn check(view: &ViewLatents, first: &ViewLatents) -> Result<(), String> {
             "has a low-resolution image of shape {low:?}; its latent asks for {expected:?}"
         ));
     }
-    Ok(())
+    match view.mask.as_ref().map(Vec::len) {
+        Some(found) if found != latent[1] * latent[2] => Err(format!(
+            "has a mask of {found} values; its latent asks for {}",
+            latent[1] * latent[2]
+        )),
+        _ => Ok(()),
+    }
 }

@@ -259,6 +259,11 @@ impl Unet {
         )
     }
 
+    /// The layers that a LoRA may adapt, by their paths.
+    pub(crate) fn adapted_layers(&self) -> impl Iterator<Item = &str> {
+        self.sites.iter().filter_map(AdapterSite::layer)
+    }
+
     /// Fails if a tensor is none of [`Unet::new_lora`] by name and shape, or lacks its partner;
     /// `file`, where they came from, is named.
     pub fn check_lora(&self, lora: &LoraNetwork, file: &str) -> Result<(), ModelError> {

@@ -159,6 +159,7 @@ pub fn view(number: usize, size: [usize; 2]) -> ViewLatents {
             (0..2 * height * width).map(ramp).collect(),
         ),
         low: Device::cpu().zeros(&[3, height, width]),
+        mask: None,
         camera,
     }
 }

@@ -21,6 +21,7 @@ fn views() -> Vec<ViewLatents> {
         name: format!("view_{view:03}"),
         latent: compute::elementwise::scale(&normals("golden/latent", view, &[16, h, w]), 0.6),
         low: compute::elementwise::scale(&normals("golden/low", view, &[3, h, w]), 0.5),
+        mask: None,
         camera: camera(view),
     };
     [(0, [14, 12]), (1, [12, 16])].map(view).to_vec()

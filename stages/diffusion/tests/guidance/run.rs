@@ -268,6 +268,31 @@ fn options_that_make_no_sense_are_refused_by_field() {
 }
 
 #[test]
+fn masked_latents_stay_as_they_are_encoded() {
+    let mut views = views();
+    views[1].mask = Some((0..63).map(|pixel| pixel % 9 > 3).collect());
+    let on = &mut |_: &StepLog| ControlFlow::Continue(());
+    let optimized = optimize(&prior(), &views, &options(), 1, on).unwrap();
+    let residual = optimized.residuals[1].to_vec();
+    let moved = |masked: bool| {
+        let elements = residual.iter().enumerate();
+        elements
+            .filter(|(i, value)| (i % 9 <= 3) == masked && **value != 0.0)
+            .count()
+    };
+    assert_eq!(moved(true), 0);
+    assert!(moved(false) > 0);
+    views[1].mask = Some(vec![true; 7]);
+    let refused = Optimization::new(&prior(), &views, &options(), 1)
+        .err()
+        .unwrap();
+    assert_eq!(
+        refused.to_string(),
+        "view `view_001` has a mask of 7 values; its latent asks for 63"
+    );
+}
+
+#[test]
 fn views_that_do_not_fit_are_refused_by_name() {
     let device = Device::cpu();
     let refusal = |views: &[ViewLatents]| {

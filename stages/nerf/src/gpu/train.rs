@@ -24,7 +24,7 @@ pub const PARTS: u32 = 256;
 pub struct GpuTrainer {
     /// Options, views, random numbers and counters; its field and moments are those of the last
     /// [`GpuTrainer::fetch`].
-    host: Trainer,
+    pub(crate) host: Trainer,
     gpu: Arc<Gpu>,
     resident: Resident,
     survey: Survey,

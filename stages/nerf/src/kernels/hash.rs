@@ -116,7 +116,7 @@ impl Kernel for Portable {
 
 /// The entry of a vertex.
 #[inline(always)]
-fn entry(level: &Level, [x, y, z]: [u32; 3]) -> u32 {
+pub fn entry(level: &Level, [x, y, z]: [u32; 3]) -> u32 {
     let [nx, ny, _] = level.resolution;
     let entries = level.entries as u32;
     if !level.dense {
@@ -131,7 +131,7 @@ fn entry(level: &Level, [x, y, z]: [u32; 3]) -> u32 {
 /// A finite half as an f32, exactly: its exponent is moved, and the difference of the biases is
 /// multiplied out.
 #[inline(always)]
-fn widen(half: f16) -> f32 {
+pub fn widen(half: f16) -> f32 {
     const BIAS: f32 = f32::from_bits((127 + 112) << 23);
     let bits = u32::from(half.to_bits());
     f32::from_bits((bits & 0x8000) << 16 | (bits & 0x7fff) << 13) * BIAS

@@ -8,5 +8,6 @@
 
 pub mod hash;
 pub mod matrix;
+pub mod slope;
 #[cfg(target_arch = "x86_64")]
 mod wide;

@@ -1,0 +1,248 @@
+//! What disturbs photos, and what is learnt to undo it: held-out views of a drawn scene whose truth
+//! is known.
+
+#![allow(clippy::unwrap_used)]
+
+mod photos;
+
+use formats::Camera;
+use metrics::Image;
+use nerf::{
+    ExposureOptions, Field, FieldConfig, PoseOptions, RenderOptions, Space, SpaceKind,
+    TrainOptions, TrainView, Trainer, render,
+};
+use photos::{Scene, aligned, with_exposures, with_poses_off, with_something_that_moves};
+use scene::Photo;
+
+/// Which of the disturbances, or which of the remedies.
+#[derive(Clone, Copy, Default)]
+struct Of {
+    moves: bool,
+    exposures: bool,
+    poses: bool,
+}
+
+const NONE: Of = Of {
+    moves: false,
+    exposures: false,
+    poses: false,
+};
+
+const ALL: Of = Of {
+    moves: true,
+    exposures: true,
+    poses: true,
+};
+
+/// How large a check is.
+struct Size {
+    views: u32,
+    pixels: (u32, u32),
+    steps: u32,
+    samples: u32,
+    config: FieldConfig,
+    poses: PoseOptions,
+}
+
+/// Of the held-out views, PSNR in dB, and PSNR at each view's own exposure.
+#[derive(Clone, Copy, Debug)]
+struct Quality {
+    plain: f64,
+    exposed: f64,
+    /// At its own exposure, from cameras that are aligned as the training cameras with the truth.
+    aligned: f64,
+}
+
+impl Size {
+    fn fit(&self, disturbed: Of, remedies: Of) -> Quality {
+        let mut scene = Scene::draw(self.views, self.pixels);
+        let truth: Vec<Camera> = scene.train.iter().map(|photo| photo.camera).collect();
+        if disturbed.moves {
+            with_something_that_moves(&mut scene.train);
+        }
+        if disturbed.exposures {
+            with_exposures(&mut scene.train);
+        }
+        if disturbed.poses {
+            with_poses_off(&mut scene.train);
+        }
+        let views = self.views(&scene, remedies);
+        let options = self.options(remedies);
+        let mut trainer = Trainer::new(self.field(&scene, &views), views, &options, 1);
+        (0..self.steps).for_each(|_| {
+            trainer.step();
+        });
+        let given: Vec<Camera> = scene.held_out.iter().map(|photo| photo.camera).collect();
+        let aligned = aligned(&scene.held_out, &truth, &trainer.cameras());
+        let field = trainer.into_field();
+        let [plain, exposed] = quality(&field, &scene.held_out, &given);
+        let [_, aligned] = quality(&field, &scene.held_out, &aligned);
+        Quality {
+            plain,
+            exposed,
+            aligned,
+        }
+    }
+
+    fn views(&self, scene: &Scene, remedies: Of) -> Vec<TrainView> {
+        let view = |photo: &Photo| TrainView {
+            camera: photo.camera,
+            pixels: photo.pixels.clone(),
+            mask: photo.mask.clone().filter(|_| remedies.moves),
+            weight: 1.0,
+            supersample: 2,
+        };
+        scene.train.iter().map(view).collect()
+    }
+
+    fn options(&self, remedies: Of) -> TrainOptions {
+        TrainOptions {
+            steps: self.steps,
+            samples: self.samples,
+            exposure: remedies.exposures.then(ExposureOptions::default),
+            poses: remedies.poses.then(|| self.poses.clone()),
+            ..TrainOptions::default()
+        }
+    }
+
+    fn field(&self, scene: &Scene, views: &[TrainView]) -> Field {
+        let bounds = scene.bounds.map(|corner| corner.map(|x| x as f32));
+        let cameras: Vec<_> = views.iter().map(|view| &view.camera).collect();
+        let space = Space::of(SpaceKind::Auto, bounds, &cameras).unwrap();
+        Field::in_space(&self.config, space, 1)
+    }
+}
+
+/// PSNR as it is and at each photo's exposure, from these cameras.
+fn quality(field: &Field, held_out: &[Photo], cameras: &[Camera]) -> [f64; 2] {
+    let options = RenderOptions {
+        supersample: 2,
+        ..RenderOptions::default()
+    };
+    let count = held_out.len() as f64;
+    let mut sum = [0.0; 2];
+    for (photo, camera) in held_out.iter().zip(cameras) {
+        let [width, height] = [photo.camera.width, photo.camera.height].map(|side| side as usize);
+        let rendered = render(field, camera, &options).rgb;
+        let image = |rgb| Image::new(width, height, rgb);
+        let truth = image(&photo.pixels.rgb);
+        let exposed = metrics::exposed(image(&rendered), truth, None);
+        sum[0] += metrics::psnr(truth, image(&rendered)) / count;
+        sum[1] += metrics::psnr(truth, image(&exposed)) / count;
+    }
+    sum
+}
+
+/// The numbers of `docs/inputs.md`: some minutes.
+#[test]
+#[ignore = "takes minutes"]
+fn every_disturbance_costs_less_than_a_db_once_it_is_learnt() {
+    let size = Size {
+        views: 24,
+        pixels: (128, 96),
+        steps: 3000,
+        samples: 1 << 13,
+        config: FieldConfig {
+            levels: 12,
+            log2_table: 15,
+            finest_resolution: 256,
+            ..FieldConfig::default()
+        },
+        poses: PoseOptions::default(),
+    };
+    let still = size.fit(NONE, NONE);
+    println!("undisturbed: {still:.2?}");
+    let cases = [
+        (
+            "something that moves",
+            Of {
+                moves: true,
+                ..NONE
+            },
+        ),
+        (
+            "exposures",
+            Of {
+                exposures: true,
+                ..NONE
+            },
+        ),
+        (
+            "poses",
+            Of {
+                poses: true,
+                ..NONE
+            },
+        ),
+    ];
+    for (name, disturbed) in cases {
+        let without = size.fit(disturbed, NONE);
+        let with = size.fit(disturbed, disturbed);
+        println!("{name}: without {without:.2?}, with {with:.2?}");
+        assert!(with.aligned > still.aligned - 0.8, "{name}");
+    }
+}
+
+/// The same in seconds: a smaller scene, fewer steps, and only what is learnt against what is not.
+#[test]
+fn what_is_learnt_about_photos_wins_back_much_of_what_disturbs_them() {
+    let size = small();
+    let without = size.fit(ALL, NONE);
+    let with = size.fit(ALL, ALL);
+    assert!(with.plain > without.plain + 0.5, "{without:?} {with:?}");
+    assert!(with.exposed > without.exposed + 0.5, "{without:?} {with:?}");
+}
+
+fn small() -> Size {
+    Size {
+        views: 12,
+        pixels: (48, 36),
+        steps: 500,
+        samples: 1 << 13,
+        config: FieldConfig {
+            levels: 8,
+            log2_table: 13,
+            finest_resolution: 96,
+            occupancy_resolution: 32,
+            ..FieldConfig::default()
+        },
+        poses: PoseOptions {
+            rate: 3e-4,
+            start: 100,
+        },
+    }
+}
+
+#[test]
+fn training_that_was_interrupted_ends_with_the_same_bits_on_any_number_of_threads() {
+    let size = small();
+    let mut scene = Scene::draw(size.views, size.pixels);
+    with_exposures(&mut scene.train);
+    let views = size.views(&scene, ALL);
+    let options = TrainOptions {
+        poses: Some(PoseOptions {
+            rate: 1e-3,
+            start: 3,
+        }),
+        ..size.options(ALL)
+    };
+    let begin = || Trainer::new(size.field(&scene, &views), views.clone(), &options, 1);
+    let steps = |trainer: &mut Trainer, count| (0..count).for_each(|_| _ = trainer.step());
+    let mut straight = begin();
+    steps(&mut straight, 12);
+    let mut resumed = begin();
+    let one = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    one.install(|| steps(&mut resumed, 5));
+    let bounds = resumed.field().bounds();
+    let config = resumed.field().config();
+    let state = resumed.state();
+    let again = Trainer::from_state(config, bounds, views.clone(), &options, 1, &state);
+    let mut resumed = again.unwrap();
+    steps(&mut resumed, 7);
+    assert_eq!(straight.state(), resumed.state());
+    assert_eq!(straight.cameras(), resumed.cameras());
+    assert!(straight.cameras()[0] != views[0].camera);
+}
