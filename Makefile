@@ -47,6 +47,7 @@ test-tools: setup
 	$(TOOLS)/bin/pip install --quiet playwright
 	tests/report/report.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	tests/view/view.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
+	tests/watch/watch.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python
 	$(TOOLS)/bin/pip install --quiet pycolmap
 	@if [ -n "$$SRNERF_TEST_DATA" ]; then \
 		tests/import/real.sh $(TARGET)/release/srnerf-dag $(TOOLS)/bin/python $$SRNERF_TEST_DATA/llff/fern; \

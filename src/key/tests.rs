@@ -228,6 +228,8 @@ fn ron(value: &Value, order: u64) -> String {
         }
         (Some((name, content)), _) => format!("{name}({})", ron(content, order)),
         (None, Value::Object(_)) => shuffled(value, order),
+        // `()` is nothing, not a list without items.
+        (None, Value::Array(items)) if items.is_empty() => "[]".into(),
         (None, Value::Array(items)) => {
             format!(
                 "({})",

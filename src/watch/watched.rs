@@ -69,6 +69,10 @@ impl Drop for Watched {
             );
             self.told.event(&Event::Notice { text: &text });
         }
+        if self.board.watchers() > 0 {
+            // Time for the last change to reach them.
+            std::thread::sleep(PAUSE);
+        }
         while self.is_wanted() {
             std::thread::sleep(PAUSE);
         }

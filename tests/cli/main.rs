@@ -39,4 +39,5 @@ mod upsample;
 mod view;
 mod view_pictures;
 mod viewer;
+mod watch;
 mod whole;
