@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::board::Board;
 use super::server::Server;
+use crate::cli::output::tell;
 use crate::progress::{Event, Progress};
 use crate::store::view::View;
 
@@ -22,21 +23,19 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// Tells `told` all, and shows it on a page, whose address is told first.
+    /// Tells `told` all, and shows it on a page, whose address is printed first.
     ///
     /// # Errors
     /// A system that has no port, threads or random numbers to give.
     pub fn beside(
-        mut told: Box<dyn Progress>,
+        told: Box<dyn Progress>,
         (pipeline, names): (&str, Vec<String>),
         view: &View,
         cancelled: &Arc<AtomicBool>,
     ) -> std::io::Result<Self> {
         let board = Arc::new(Board::new(pipeline, names));
         let server = Server::new(board.clone(), view.clone())?;
-        told.event(&Event::Notice {
-            text: &format!("watch it at {}", server.url),
-        });
+        tell(&format_args!("watch it at {}", server.url));
         Ok(Self {
             told,
             board,
@@ -63,11 +62,10 @@ impl Drop for Watched {
     fn drop(&mut self) {
         self.board.end("The run is over.");
         if self.is_wanted() {
-            let text = format!(
-                "the page stays until it is closed, or until Ctrl-C: {}",
-                self.server.url
-            );
-            self.told.event(&Event::Notice { text: &text });
+            let url = &self.server.url;
+            tell(&format_args!(
+                "the page stays until it is closed, or until Ctrl-C: {url}"
+            ));
         }
         if self.board.watchers() > 0 {
             // Time for the last change to reach them.

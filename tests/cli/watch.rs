@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStderr, Stdio};
+use std::time::Duration;
 
 use crate::space::{Space, signal};
 
@@ -10,7 +11,7 @@ use crate::space::{Space, signal};
 const ENDLESS: &str = r#"(
     name: "endless",
     stages: {
-        "scene": Scene(source: Procedural(views: 3, size: (16, 12)), downscale: 1, holdout: 0),
+        "scene": Scene(source: Procedural(views: 6, size: (16, 12)), downscale: 1, holdout: 3),
         "fit": Fit(images: "scene.train", steps: 10000000, samples: 256),
     },
 )"#;
@@ -51,7 +52,11 @@ impl Watched {
     fn ask(&self, path: &str) -> BufReader<TcpStream> {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         let host = &self.host;
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
+        // An answer that does not come fails the test.
+        let patience = Some(Duration::from_secs(60));
+        stream.set_read_timeout(patience).unwrap();
+        let headers = format!("Host: {host}\r\nConnection: close");
+        write!(stream, "GET {path} HTTP/1.1\r\n{headers}\r\n\r\n").unwrap();
         BufReader::new(stream)
     }
 
@@ -80,12 +85,12 @@ fn a_page_is_told_what_happens() {
     let mut changes = watched.ask(&format!("/{token}/changes"));
     let whole = Watched::until(&mut changes, "\"names\"");
     assert!(whole.contains(r#""names":["scene","fit"]"#), "{whole}");
-    Watched::until(&mut changes, r#""fit":{"state":"running"#);
-    Watched::until(&mut changes, r#""curves":{"loss":[["#);
+    let fit = Watched::until(&mut changes, r#""fit":{"curves":{"loss":[["#);
+    assert!(fit.contains(r#""state":"running""#), "{fit}");
     let listed = format!("/{token}/pictures/scene");
     let mut listed = watched.ask(&listed);
-    Watched::until(&mut listed, r#"{"output":"train","file":"view_000.exr"}"#);
-    let picture = format!("/{token}/pictures/scene/train/view_000.exr");
+    Watched::until(&mut listed, r#"{"output":"train","file":"view_001.exr"}"#);
+    let picture = format!("/{token}/pictures/scene/train/view_001.exr");
     assert_eq!(watched.status(&picture), "200");
     // The user stops it: an open page keeps nobody waiting then.
     signal(&watched.run, "-INT");
