@@ -142,8 +142,9 @@ impl Look {
             let wave = (self.first + row..).zip(ray.rest.start..ray.rest.start + seen);
             for ((row, sample), depth) in wave.zip(depths) {
                 let next = transmittance * exp(-depth);
-                // Written so that what is not a number is seen.
-                if !(transmittance - next < self.least) {
+                // What is not a number is not faint: it is to be seen.
+                let faint = transmittance - next < self.least;
+                if !faint {
                     self.rows[sample] = row as u32;
                 }
                 transmittance = next;

@@ -11,8 +11,7 @@ use super::pool::{blurred, largest};
 
 /// A step of a slice. `at` is a layer's number in torchvision's `features`, which its name has.
 pub enum Step {
-    /// A convolution `[outputs, inputs, side]` with bias, then what is below 0 becomes 0 unless a
-    /// blur comes between.
+    /// A convolution `[outputs, inputs, side]` with bias.
     Conv {
         at: usize,
         shape: [usize; 3],
@@ -234,7 +233,7 @@ pub struct Trunk {
 /// A step with its weights.
 enum Layer {
     Conv(Convolution),
-    Fire([Convolution; 3]),
+    Fire(Box<[Convolution; 3]>),
     Plain(&'static Step),
 }
 
@@ -326,11 +325,11 @@ fn layer(
             expanded,
         } => {
             let name = |part: &str| format!("{slice}.{at}.{part}");
-            Layer::Fire([
+            Layer::Fire(Box::new([
                 read(name("squeeze"), [squeezed, inputs, 1], Conv::default())?,
                 read(name("expand1x1"), [expanded, squeezed, 1], Conv::default())?,
                 read(name("expand3x3"), [expanded, squeezed, 3], Conv::padded(1))?,
-            ])
+            ]))
         }
         Step::Relu | Step::Largest { .. } | Step::Blurred => Layer::Plain(step),
     })
@@ -340,7 +339,8 @@ impl Layer {
     fn apply(&self, x: &Array) -> Array {
         match self {
             Self::Conv(convolution) => convolution.apply(x),
-            Self::Fire([squeeze, expand_1, expand_3]) => {
+            Self::Fire(parts) => {
+                let [squeeze, expand_1, expand_3] = parts.as_ref();
                 let x = relu(&squeeze.apply(x));
                 let [a, b] = [expand_1, expand_3].map(|expand| relu(&expand.apply(&x)));
                 concat(&[&a, &b], 1)

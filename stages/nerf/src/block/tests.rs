@@ -234,7 +234,7 @@ fn what_is_faint_is_left_out_and_hardly_missed() {
         .for_each(|w| *w *= 4.0);
     let (all, features, whole) = look(&field, 0.0);
     let (kept, _, thinned) = look(&field, FAINT);
-    assert!(0 < kept.t.len() && kept.t.len() < all.t.len());
+    assert!(!kept.t.is_empty() && kept.t.len() < all.t.len());
     let see = |samples: &Samples, look: &Look| {
         let rays = Rays {
             samples,
