@@ -96,7 +96,7 @@ fn a_page_is_told_what_happens() {
     signal(&watched.run, "-INT");
     let mut rest = String::new();
     watched.said.read_to_string(&mut rest).unwrap();
-    assert_eq!(watched.run.wait().unwrap().code(), Some(130), "{rest}");
+    assert_eq!(watched.run.wait().unwrap().code(), Some(75), "{rest}");
 }
 
 #[test]
