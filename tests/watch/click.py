@@ -64,9 +64,9 @@ def look_through(page):
 def stranger(browser, url):
     page = browser.new_page()
     for address in (url[:-4] + "xyz/", url.rsplit("/", 2)[0] + "/"):
-        assert page.goto(address).status == 404, address
-    for path in ("pictures/..", "pictures/scene/../x.png", "pictures/scene/%2e%2e/x.png", "pictures/nobody"):
-        assert page.request.get(url + path).status == 404, path
+        assert page.request.get(address).status == 404, address
+    # A browser resolves `..` itself; tests/cli/watch.rs sends it as it is.
+    assert page.request.get(url + "pictures/nobody").status == 404
 
 
 main(*sys.argv[1:])

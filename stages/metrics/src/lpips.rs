@@ -5,6 +5,7 @@
 //! Both pictures go through a trunk. After each of its slices the channels of a pixel are scaled to
 //! length 1; squared differences are weighted by channel, averaged over pixels, and added up.
 
+mod network;
 mod pool;
 mod trunk;
 
@@ -14,7 +15,8 @@ use formats::tensor_file::{TensorError, TensorFile};
 use rayon::prelude::*;
 
 use crate::Image;
-use trunk::{Network, Trunk};
+use network::{NETWORKS, Network};
+use trunk::Trunk;
 
 /// What is taken off a channel from -1 to 1, and what it is divided by: the mean and the deviation
 /// of ImageNet's photos (version 0.1; version 0.0 forgot them).
@@ -54,7 +56,7 @@ impl Lpips {
     /// The network whose state, trunk and heads, is in a safetensors file.
     pub fn open(file: FileBytes) -> Result<Self, LpipsError> {
         let file = TensorFile::new(file)?;
-        let known = trunk::NETWORKS.iter();
+        let known = NETWORKS.iter();
         let network = known
             .into_iter()
             .find(|network| file.entry(network.sign).is_ok())
@@ -63,7 +65,7 @@ impl Lpips {
             })?;
         let device = Device::cpu();
         let trunk = Trunk::read(network, &file, &device)?;
-        let heads = network.channels.iter().enumerate();
+        let heads = trunk.channels.iter().enumerate();
         let heads = heads
             .map(|(slice, &channels)| {
                 let name = format!("lin{slice}.model.1.weight");

@@ -1,5 +1,5 @@
-//! The trunks that LPIPS looks through, as torchvision and `stlpips-pytorch` have them: which
-//! layers, in which slices, under which names. Knows nothing of distances.
+//! A network with its weights: reads them by torchvision's names, and runs it. Knows nothing of
+//! distances.
 
 use compute::activation::relu;
 use compute::conv::{Conv, conv2d};
@@ -7,234 +7,21 @@ use compute::shape::concat;
 use compute::{Array, Device};
 use formats::tensor_file::{TensorError, TensorFile};
 
+use super::network::{Network, Step};
 use super::pool::{blurred, largest};
-
-/// A step of a slice. `at` is a layer's number in torchvision's `features`, which its name has.
-pub enum Step {
-    /// A convolution `[outputs, inputs, side]` with bias.
-    Conv {
-        at: usize,
-        shape: [usize; 3],
-        stride: usize,
-        pad: usize,
-    },
-    /// max(x, 0).
-    Relu,
-    /// The largest of a window of this side, so far apart; the last one may hang over the edge.
-    Largest {
-        side: usize,
-        stride: usize,
-        up: bool,
-    },
-    /// A blur that keeps every second pixel.
-    Blurred,
-    /// SqueezeNet's module: to `squeezed` channels, and from these to twice `expanded`, half by
-    /// 1x1 and half by 3x3 kernels.
-    Fire {
-        at: usize,
-        inputs: usize,
-        squeezed: usize,
-        expanded: usize,
-    },
-}
-
-/// A known network.
-pub struct Network {
-    /// Of the column.
-    pub name: &'static str,
-    /// A tensor that no other network has.
-    pub sign: &'static str,
-    /// Channels after each slice.
-    pub channels: &'static [usize],
-    /// What happens in each.
-    slices: &'static [&'static [Step]],
-}
-
-/// A convolution of stride 1 that keeps the size.
-const fn same(at: usize, shape: [usize; 3]) -> Step {
-    Step::Conv {
-        at,
-        shape,
-        stride: 1,
-        pad: shape[2] / 2,
-    }
-}
-
-const fn first(shape: [usize; 3], stride: usize, pad: usize) -> Step {
-    Step::Conv {
-        at: 0,
-        shape,
-        stride,
-        pad,
-    }
-}
-
-const fn down(side: usize, stride: usize) -> Step {
-    Step::Largest {
-        side,
-        stride,
-        up: false,
-    }
-}
-
-/// SqueezeNet's.
-const POOL: Step = Step::Largest {
-    side: 3,
-    stride: 2,
-    up: true,
-};
-
-const fn fire(at: usize, inputs: usize, squeezed: usize, expanded: usize) -> Step {
-    Step::Fire {
-        at,
-        inputs,
-        squeezed,
-        expanded,
-    }
-}
-
-use Step::{Blurred, Relu};
-
-/// All that are known. The shift-tolerant ones blur wherever they halve, and halve by nothing else.
-pub const NETWORKS: [Network; 5] = [
-    Network {
-        name: "lpips_alex",
-        sign: "net.slice5.10.weight",
-        channels: &[64, 192, 384, 256, 256],
-        slices: &[
-            &[first([64, 3, 11], 4, 2), Relu],
-            &[down(3, 2), same(3, [192, 64, 5]), Relu],
-            &[down(3, 2), same(6, [384, 192, 3]), Relu],
-            &[same(8, [256, 384, 3]), Relu],
-            &[same(10, [256, 256, 3]), Relu],
-        ],
-    },
-    Network {
-        name: "lpips_vgg",
-        sign: "net.slice5.24.weight",
-        channels: &[64, 128, 256, 512, 512],
-        slices: &[
-            &[same(0, [64, 3, 3]), Relu, same(2, [64, 64, 3]), Relu],
-            &[
-                down(2, 2),
-                same(5, [128, 64, 3]),
-                Relu,
-                same(7, [128, 128, 3]),
-                Relu,
-            ],
-            &[
-                down(2, 2),
-                same(10, [256, 128, 3]),
-                Relu,
-                same(12, [256, 256, 3]),
-                Relu,
-                same(14, [256, 256, 3]),
-                Relu,
-            ],
-            &[
-                down(2, 2),
-                same(17, [512, 256, 3]),
-                Relu,
-                same(19, [512, 512, 3]),
-                Relu,
-                same(21, [512, 512, 3]),
-                Relu,
-            ],
-            &[
-                down(2, 2),
-                same(24, [512, 512, 3]),
-                Relu,
-                same(26, [512, 512, 3]),
-                Relu,
-                same(28, [512, 512, 3]),
-                Relu,
-            ],
-        ],
-    },
-    Network {
-        name: "lpips_squeeze",
-        sign: "net.slice7.12.squeeze.weight",
-        channels: &[64, 128, 256, 384, 384, 512, 512],
-        slices: &[
-            &[first([64, 3, 3], 2, 0), Relu],
-            &[POOL, fire(3, 64, 16, 64), fire(4, 128, 16, 64)],
-            &[POOL, fire(6, 128, 32, 128), fire(7, 256, 32, 128)],
-            &[POOL, fire(9, 256, 48, 192)],
-            &[fire(10, 384, 48, 192)],
-            &[fire(11, 384, 64, 256)],
-            &[fire(12, 512, 64, 256)],
-        ],
-    },
-    Network {
-        name: "stlpips_alex",
-        sign: "net.slice5.13.weight",
-        channels: &[64, 192, 384, 256, 256],
-        slices: &[
-            &[first([64, 3, 11], 1, 2), Blurred, Relu],
-            &[down(3, 1), Blurred, same(5, [192, 64, 5]), Relu],
-            &[down(3, 1), Blurred, same(9, [384, 192, 3]), Relu],
-            &[same(11, [256, 384, 3]), Relu],
-            &[same(13, [256, 256, 3]), Relu],
-        ],
-    },
-    Network {
-        name: "stlpips_vgg",
-        sign: "net.slice5.32.weight",
-        channels: &[64, 128, 256, 512, 512],
-        slices: &[
-            &[same(0, [64, 3, 3]), Relu, same(2, [64, 64, 3]), Relu],
-            &[
-                down(2, 1),
-                Blurred,
-                same(6, [128, 64, 3]),
-                Relu,
-                same(8, [128, 128, 3]),
-                Relu,
-            ],
-            &[
-                down(2, 1),
-                Blurred,
-                same(12, [256, 128, 3]),
-                Relu,
-                same(14, [256, 256, 3]),
-                Relu,
-                same(16, [256, 256, 3]),
-                Relu,
-            ],
-            &[
-                down(2, 1),
-                Blurred,
-                same(20, [512, 256, 3]),
-                Relu,
-                same(22, [512, 512, 3]),
-                Relu,
-                same(24, [512, 512, 3]),
-                Relu,
-            ],
-            &[
-                down(2, 1),
-                Blurred,
-                same(28, [512, 512, 3]),
-                Relu,
-                same(30, [512, 512, 3]),
-                Relu,
-                same(32, [512, 512, 3]),
-                Relu,
-            ],
-        ],
-    },
-];
 
 /// The weights of a trunk, step by step.
 pub struct Trunk {
     slices: Vec<Vec<Layer>>,
+    /// After each slice.
+    pub channels: Vec<usize>,
 }
 
 /// A step with its weights.
 enum Layer {
     Conv(Convolution),
     Fire(Box<[Convolution; 3]>),
-    Plain(&'static Step),
+    Plain(Step),
 }
 
 struct Convolution {
@@ -270,20 +57,29 @@ impl Convolution {
 impl Trunk {
     /// The trunk of a network, from the file of its state.
     pub fn read(
-        network: &'static Network,
+        network: &Network,
         file: &TensorFile,
         device: &Device,
     ) -> Result<Self, TensorError> {
-        let slice = |(number, steps): (usize, &&'static [Step])| {
-            let layers = steps.iter();
-            layers
-                .map(|step| layer(step, &format!("net.slice{}", number + 1), file, device))
-                .collect::<Result<Vec<_>, _>>()
+        let mut trunk = Self {
+            slices: Vec::new(),
+            channels: Vec::new(),
         };
-        let slices = network.slices.iter().enumerate();
-        Ok(Self {
-            slices: slices.map(slice).collect::<Result<_, _>>()?,
-        })
+        // A step's name has its place among the steps of all slices.
+        let mut at = 0;
+        let mut channels = 3;
+        for (slice, steps) in (network.slices)().into_iter().enumerate() {
+            let mut layers = Vec::with_capacity(steps.len());
+            for step in steps {
+                let name = format!("net.slice{}.{at}", slice + 1);
+                layers.push(Layer::read(step, &name, channels, file, device)?);
+                channels = step.outputs(channels);
+                at += 1;
+            }
+            trunk.slices.push(layers);
+            trunk.channels.push(channels);
+        }
+        Ok(trunk)
     }
 
     /// `x [1, 3, H, W]` after each slice.
@@ -298,44 +94,40 @@ impl Trunk {
     }
 }
 
-fn layer(
-    step: &'static Step,
-    slice: &str,
-    file: &TensorFile,
-    device: &Device,
-) -> Result<Layer, TensorError> {
-    let read = |name: String, shape, conv| Convolution::read(file, &name, shape, conv, device);
-    Ok(match *step {
-        Step::Conv {
-            at,
-            shape,
-            stride,
-            pad,
-        } => {
-            let conv = Conv {
-                stride,
-                pad: [pad; 4],
-            };
-            Layer::Conv(read(format!("{slice}.{at}"), shape, conv)?)
-        }
-        Step::Fire {
-            at,
-            inputs,
-            squeezed,
-            expanded,
-        } => {
-            let name = |part: &str| format!("{slice}.{at}.{part}");
-            Layer::Fire(Box::new([
-                read(name("squeeze"), [squeezed, inputs, 1], Conv::default())?,
-                read(name("expand1x1"), [expanded, squeezed, 1], Conv::default())?,
-                read(name("expand3x3"), [expanded, squeezed, 3], Conv::padded(1))?,
-            ]))
-        }
-        Step::Relu | Step::Largest { .. } | Step::Blurred => Layer::Plain(step),
-    })
-}
-
 impl Layer {
+    /// The step of this name, whose input has so many channels.
+    fn read(
+        step: Step,
+        name: &str,
+        inputs: usize,
+        file: &TensorFile,
+        device: &Device,
+    ) -> Result<Self, TensorError> {
+        let read = |name: &str, shape, conv| Convolution::read(file, name, shape, conv, device);
+        Ok(match step {
+            Step::Conv {
+                outputs,
+                side,
+                stride,
+                pad,
+            } => {
+                let pad = [pad; 4];
+                Self::Conv(read(name, [outputs, inputs, side], Conv { stride, pad })?)
+            }
+            Step::Fire { squeezed, expanded } => {
+                let part = |part: &str, shape, pad| {
+                    read(&format!("{name}.{part}"), shape, Conv::padded(pad))
+                };
+                Self::Fire(Box::new([
+                    part("squeeze", [squeezed, inputs, 1], 0)?,
+                    part("expand1x1", [expanded, squeezed, 1], 0)?,
+                    part("expand3x3", [expanded, squeezed, 3], 1)?,
+                ]))
+            }
+            Step::Relu | Step::Largest { .. } | Step::Blurred => Self::Plain(step),
+        })
+    }
+
     fn apply(&self, x: &Array) -> Array {
         match self {
             Self::Conv(convolution) => convolution.apply(x),
