@@ -31,6 +31,8 @@ impl Store {
     /// Moves a finished file into the store. The file must lie on the store's file system, and
     /// nobody may be writing to it.
     pub(super) fn take_blob(&self, file: &Path) -> Result<(Digest, u64), StoreError> {
+        // The order is what makes a crash harmless: the file gets its name in `cas/` last, when its
+        // bytes are known, on disk and can no longer be written.
         let (digest, bytes) = digest_file(file).at("read", file)?;
         let path = self.blob_path(&digest);
         let folder = super::parent(&path);
@@ -39,6 +41,8 @@ impl Store {
         self.disk.protect(file).at("protect", file)?;
         // Replacing a blob of the same name also heals one that was damaged.
         self.disk.rename(file, &path).at("write", &path)?;
+        // The digest was taken a moment ago: there is no need to read the blob again in this
+        // process.
         self.know_sound(digest);
         Ok((digest, bytes))
     }
@@ -61,6 +65,8 @@ impl Store {
 
     /// Reads a blob through, once in this process, and compares it with its name.
     pub fn check_blob(&self, digest: &Digest) -> Result<Option<Damage>, StoreError> {
+        // Only what was found sound is remembered. A damaged blob may be healed by another process,
+        // and is looked at again.
         if self.sound.lock().is_ok_and(|sound| sound.contains(digest)) {
             return Ok(None);
         }
@@ -71,6 +77,8 @@ impl Store {
                 return Ok(None);
             }
             Ok(_) => Damage::Changed,
+            // A blob that may not be read is not known to be damaged, and must not be put into
+            // quarantine.
             Err(error) if error.kind() == ErrorKind::PermissionDenied => {
                 return Err(error).at("read", &path);
             }

@@ -94,12 +94,15 @@ impl Store {
 
     /// The record of a key, if there is one that can be understood. Its blobs are not looked at.
     pub fn record(&self, key: &Digest) -> Option<Record> {
+        // For what only wants to tell something of a result: a record that cannot be read is as
+        // good as none there.
         let record = read_json::<Record>(&self.result_path(key)).ok().flatten()?;
         record.is_of(key).then_some(record)
     }
 
     /// The keys with a manifest that begin with these digits, at least six.
     pub fn keys_like(&self, beginning: &str) -> Result<Vec<Digest>, StoreError> {
+        // Fewer digits would often fit several keys, and the first two name the folder.
         if beginning.len() < 6 || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Ok(Vec::new());
         }
@@ -153,6 +156,7 @@ fn is_fan(path: &Path) -> bool {
 }
 
 fn list(folder: &Path) -> Result<Vec<Entry>, StoreError> {
+    // A store that was never written to has no folders, and is empty.
     let found = match fs::read_dir(folder) {
         Ok(found) => found,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -168,6 +172,7 @@ fn list(folder: &Path) -> Result<Vec<Entry>, StoreError> {
             Err(error) => return Err(error).at("read", &path),
         }
     }
+    // File systems list names in any order. What is printed and done has one.
     entries.sort_by(|a, b| a.path.cmp(&b.path));
     Ok(entries)
 }

@@ -55,7 +55,10 @@ impl Disk {
         let (mut file, path) = readable_by_all(builder.disable_cleanup(true))
             .tempfile_in(folder)?
             .into_parts();
+        // In two halves, so that the crash test can stop between them and leave a file cut short.
         let (begin, end) = bytes.split_at(bytes.len() / 2);
+        // Whoever renames this file relies on its bytes being on disk: a rename can survive a loss
+        // of power that the bytes do not.
         let written = file
             .write_all(begin)
             .and_then(|()| self.pass("write", &path, true))
@@ -81,6 +84,8 @@ impl Disk {
     /// Gives a file another name, unless something has it.
     pub fn rename_new(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("rename", from, false)?;
+        // `fs::rename` replaces what is there. This refuses in one step, and removes the staged
+        // file when it does.
         tempfile::TempPath::try_from_path(from)?
             .persist_noclobber(to)
             .map_err(|error| error.error)
@@ -92,12 +97,15 @@ impl Disk {
     pub fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.pass("link", to, true)?;
         match fs::hard_link(from, to) {
+            // A copy could not succeed either where the disk is full or the file is gone, and would
+            // hide which of the two it is.
             Err(error)
                 if !matches!(
                     error.kind(),
                     io::ErrorKind::StorageFull | io::ErrorKind::NotFound
                 ) =>
             {
+                // A copy takes time. Under its own name it would look whole before it is.
                 let half = to.with_extension("half");
                 let copied =
                     reflink_copy::reflink_or_copy(from, &half).and_then(|_| fs::rename(&half, to));
@@ -125,6 +133,7 @@ impl Disk {
     /// Makes a file's bytes, or a folder's names, survive a loss of power.
     pub fn flush(&self, path: &Path) -> io::Result<()> {
         self.pass("flush", path, false)?;
+        // A folder is opened like a file for this. That is what makes the names in it last.
         File::open(path)?.sync_all()
     }
 

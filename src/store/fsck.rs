@@ -59,8 +59,12 @@ impl Store {
             report: Report::default(),
             sound: BTreeSet::new(),
         };
+        // Records come first: they say which blobs there should be, how long each is and whose it
+        // is.
         let records = fsck.records()?;
         fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
+        // Only now, since whether a result is whole depends on all of its blobs, some of which may
+        // just have been put back.
         let records = fsck.whole(records)?;
         fsck.manifests(&records)?;
         fsck.runs()?;
@@ -84,6 +88,8 @@ impl Store {
             };
             self.root.join("quarantine").join(name)
         };
+        // What was put there earlier under the same name is kept: it may be the only trace of what
+        // goes wrong.
         let free = (0..)
             .map(place)
             .find(|place| fs::symlink_metadata(place).is_err());
@@ -115,6 +121,8 @@ impl Fsck<'_> {
         of: Option<String>,
     ) -> Result<(), StoreError> {
         let remedy = match self.mend {
+            // Another process may have healed it since it was read. What lies there now is
+            // somebody's good result.
             _ if !same_entry(&entry.path, &entry.data) => return Ok(()),
             true => Remedy::Quarantined,
             false => Remedy::None,
@@ -217,6 +225,7 @@ impl Fsck<'_> {
             let Some(manifest) = self.parse::<Manifest>(&entry)? else {
                 continue;
             };
+            // A manifest says what its key must be, so that one in a wrong place gives itself away.
             let key = manifest.key();
             if entry.path == self.store.manifest_path(&key) {
                 missing.remove(&key);
@@ -254,6 +263,8 @@ impl Fsck<'_> {
             .runs(None)?
             .filter(|run| pipelines.insert(run.pipeline.clone()))
         {
+            // The output folder shows the last run alone: whatever earlier runs had there has been
+            // replaced.
             let view = View::new(out, &run.pipeline);
             for (stage, record) in run
                 .stages
@@ -279,6 +290,8 @@ impl Fsck<'_> {
         {
             let is_sound =
                 || digest_file(entry.path()).is_ok_and(|(digest, _)| self.sound.contains(&digest));
+            // The program makes no symbolic links there, so one is not ours even if it leads to a
+            // sound file.
             if !entry.file_type().is_dir() && (entry.path_is_symlink() || !is_sound()) {
                 self.note(entry.path(), Fault::Shown, None, Remedy::None);
             }

@@ -104,6 +104,8 @@ impl Store {
     /// What goes by a policy. Changes nothing.
     pub fn garbage(&self, policy: &Policy) -> Result<Garbage, StoreError> {
         let survey = self.survey()?;
+        // Two sets: a limit of size may take results of earlier runs that would otherwise be kept,
+        // but never those of the latest.
         let kept = survey.of_last_runs(policy.keep_last);
         let latest = survey.of_last_runs(1);
         let mut results = self.unused(&survey, &kept, policy);
@@ -120,7 +122,10 @@ impl Store {
         let had = sizes(survey.records.values());
         let (files, _) = self.fanned_entries("cas")?;
         let goes = |entry: &Entry| match entry.digest() {
+            // Several results can share a blob: it goes with the last of them.
             Some(blob) if stay.contains_key(&blob) => false,
+            // Its result goes too, so no other host is about to commit it and the hour of grace is
+            // not needed.
             Some(blob) if had.contains_key(&blob) => true,
             _ => is_older(entry, GRACE),
         };
@@ -143,6 +148,8 @@ impl Store {
         for doomed in &garbage.results {
             let path = self.result_path(&doomed.key);
             self.disk.remove_file(&path).at("remove", &path)?;
+            // Before any blob goes: a loss of power must not bring back a record whose blobs are
+            // gone.
             self.flush_folder(super::parent(&path))?;
         }
         // The index is only a cache; what it says of results that are gone would stay in it.
@@ -167,6 +174,8 @@ impl Store {
     /// Whether any process may be computing something, on whatever host.
     pub(super) fn has_leases(&self) -> Result<bool, StoreError> {
         let leases = self.entries("leases")?;
+        // A lease that nobody has touched for an hour is of a process that died on another host.
+        // Without this limit it would keep `gc` out for ever.
         let is_live = |entry: &Entry| Ok(!is_older(entry, GRACE) && !self.is_stale(&entry.path)?);
         leases
             .iter()
@@ -179,6 +188,7 @@ impl Store {
 
     fn survey(&self) -> Result<Survey, StoreError> {
         let mut runs = Vec::new();
+        // Names of runs begin with the moment when they began, so the last name is the newest run.
         for entry in self.entries("runs")?.into_iter().rev() {
             if let Some(run) = read_json::<Run>(&entry.path)? {
                 runs.push((entry, run));
@@ -187,6 +197,7 @@ impl Store {
         let mut used = BTreeMap::new();
         for (at, (_, run)) in runs.iter().enumerate() {
             for key in run.stages.values().filter_map(|stage| stage.key) {
+                // The newest run comes first, and the first one stays.
                 used.entry(key).or_insert(at);
             }
         }
@@ -210,11 +221,15 @@ impl Store {
 
     fn unused(&self, survey: &Survey, kept: &BTreeSet<Digest>, policy: &Policy) -> Vec<Doomed> {
         let goes = |key: &&Digest| {
+            // The record's own age serves where no run names the key: `pull` fetches results that
+            // no run has used here.
             let age = survey
                 .age(key)
                 .or_else(|| age(&fs::metadata(self.result_path(key)).ok()?));
             !kept.contains(key)
                 && !survey.pinned.contains(key)
+                // An age that cannot be told counts as none, so that a user who asks for an age
+                // keeps what is in doubt.
                 && age.unwrap_or_default() >= policy.older_than
         };
         survey
@@ -234,6 +249,8 @@ impl Store {
     ) -> Result<Vec<PathBuf>, StoreError> {
         let mut count = BTreeMap::new();
         let mut others = Vec::new();
+        // Manifests outlive their results: `explain` compares with those of earlier runs. They go
+        // with the last run or pin that names them.
         let mut named = survey.pinned.clone();
         for (entry, run) in &survey.runs {
             let number: &mut usize = count.entry(&run.pipeline).or_default();
@@ -252,6 +269,7 @@ impl Store {
             entry.digest().is_none_or(|key| !named.contains(&key)) && is_older(entry, GRACE)
         };
         let manifests = manifests.into_iter().filter(unnamed);
+        // All of it, whatever its age: `gc` is called on purpose, and nothing else empties it.
         let quarantine = self.entries("quarantine")?.into_iter();
         let interrupted = self
             .entries("work")?
@@ -310,6 +328,8 @@ impl Survey {
         let mut holders = holders(staying());
         let sizes = sizes(staying());
         let mut bytes: u64 = sizes.values().sum();
+        // The limit on size gives way to the latest runs and to pins: nobody wants to compute again
+        // what they looked at last.
         let free =
             |record: &&Record| !latest.contains(&record.key) && !self.pinned.contains(&record.key);
         let mut candidates: Vec<&Record> = staying().filter(free).collect();
@@ -321,10 +341,12 @@ impl Survey {
             )
         });
         let mut doomed = Vec::new();
+        // What was not used for longest is at the end.
         while let Some(record) = candidates.pop().filter(|_| bytes > most) {
             for blob in super::usage::sizes(std::iter::once(record)).into_keys() {
                 if let Some(count) = holders.get_mut(&blob) {
                     *count -= 1;
+                    // A shared blob frees no room before its last result goes.
                     bytes -= if *count == 0 { sizes[&blob] } else { 0 };
                 }
             }

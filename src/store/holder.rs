@@ -45,6 +45,7 @@ impl Holder {
 
     /// Whether the process is certainly over. Of a process elsewhere nothing is certain.
     pub fn is_dead(&self) -> bool {
+        // Only in the same boot and the same space of process numbers does a number say anything.
         let here = !self.boot.is_empty() && self.boot == Self::this_process().boot;
         here && !self.started.is_empty() && started(self.pid).as_ref() != Some(&self.started)
     }
@@ -64,6 +65,7 @@ impl fmt::Display for Holder {
 
 /// This boot and this space of process numbers.
 fn boot() -> Option<String> {
+    // Containers share the kernel and its boot, but each counts its processes from 1.
     let space = fs::read_link("/proc/self/ns/pid").ok()?;
     Some(format!(
         "{} {}",
@@ -76,7 +78,9 @@ fn boot() -> Option<String> {
 /// third its state.
 fn started(pid: u32) -> Option<String> {
     let stat = read(&format!("/proc/{pid}/stat"))?;
+    // From the last parenthesis on: a process can have one in its name.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    // A process that nobody has waited for is still listed, and runs no more.
     let over = matches!(*fields.first()?, "Z" | "X");
     (!over).then(|| fields.get(19).map(ToString::to_string))?
 }

@@ -86,6 +86,7 @@ impl Index {
     /// The entry of this name.
     pub fn get<T: DeserializeOwned>(&self, kind: Kind, name: &Digest) -> Option<T> {
         let places = &self.pages().places;
+        // The kind is part of the name, so that no entry is read as one of another type.
         let name = (kind as u8, *name);
         let at = places
             .binary_search_by(|place| place.name.cmp(&name))
@@ -102,6 +103,7 @@ impl Index {
 
     /// The entry that lies there.
     pub fn read<T: DeserializeOwned>(&self, place: &Place) -> Option<T> {
+        // An entry that cannot be read is as good as none: whoever asks reads the files themselves.
         postcard::from_bytes(self.pages().bytes.get(place.range.clone())?).ok()
     }
 
@@ -115,6 +117,7 @@ impl Index {
     /// Takes over what another index of the same file has read, and what came to it.
     pub fn take(&self, other: &Self) {
         if let Some(pages) = other.pages.get() {
+            // Pages that were read here first are as good: both are of the same file.
             let _ = self.pages.set(pages.clone());
         }
         if let (Ok(mut new), Ok(mut others)) = (self.new.lock(), other.new.lock()) {
@@ -128,7 +131,10 @@ impl Index {
         let Ok(mut new) = self.new.lock() else { return };
         let new = std::mem::take(&mut *new);
         let pages = self.pages();
+        // A page behind a garbled one would never be read. Pages that others have added since the
+        // file was read are lost here, which costs time alone.
         if pages.is_garbled || pages.bytes.len() > SHORT.max(SPREAD * pages.needed()) {
+            // What is new takes the place of what was found earlier under the same name.
             let old = pages
                 .places
                 .iter()
@@ -154,6 +160,7 @@ impl Index {
 
 impl Pages {
     fn new(bytes: Vec<u8>) -> Self {
+        // A page is taken as a whole or not at all: its checksum covers every entry in it.
         let mut places = Vec::new();
         let mut at = 0;
         while let Some(length) = page_length(&bytes[at..]) {
@@ -221,6 +228,8 @@ fn entries(bytes: &[u8], page: Range<usize>, places: &mut Vec<Place>) {
         };
         let range = at + 37..at + 37 + u32::from_le_bytes(length) as usize;
         at = range.end;
+        // The checksum was right, so this is no damage but another way of writing entries. What
+        // came before it can be used.
         if at > page.end {
             return;
         }

@@ -69,6 +69,8 @@ impl Store {
         }
         let generation = before.as_ref().map_or(0, |(generation, _)| generation + 1);
         let path = self.lease_path(key, generation);
+        // Of several who find the same lease dead, only one can put this file: the others see it as
+        // taken.
         if !self.put_new(&path, &json(&path, Holder::this_process())?)? {
             return self.theirs(&path);
         }
@@ -80,8 +82,12 @@ impl Store {
             .is_none_or(|(latest, _)| latest != generation)
             || before.as_ref().is_some_and(|(_, path)| !path.exists());
         if overtaken {
+            // The lease is dropped here and gives its file back. The key is asked for again a
+            // moment later.
             return Ok(Claim::Theirs(Holder::this_process().clone()));
         }
+        // Only now that the key is ours for certain: the missing file tells a holder who was asleep
+        // that it has lost.
         if let Some((_, path)) = before {
             self.disk.remove_file(&path).at("remove", &path)?;
         }
@@ -89,6 +95,8 @@ impl Store {
     }
 
     fn theirs(&self, path: &Path) -> Result<Claim<'_>, StoreError> {
+        // The file may be gone or garbled by now. Someone has the key all the same, and their
+        // name is only for the message.
         Ok(Claim::Theirs(read_json(path)?.unwrap_or_default()))
     }
 
@@ -130,9 +138,12 @@ impl Store {
         let holder: Holder = read_json(path)?.unwrap_or_default();
         let touched = match fs::metadata(path).and_then(|data| data.modified()) {
             Ok(touched) => touched,
+            // Given back just now, or taken over: that is for the next look to find out.
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
             Err(error) => return Err(error).at("read", path),
         };
+        // The dead on this host are known at once. Of others only their silence is, as we measure
+        // it ourselves.
         Ok(holder.is_dead() || self.untouched(path, touched) > self.patience.stale)
     }
 
@@ -144,6 +155,8 @@ impl Store {
         let (last, since) = seen
             .entry(path.to_owned())
             .or_insert_with(|| (touched, Instant::now()));
+        // Any other time counts, an earlier one too: only that it changes matters, so no two clocks
+        // are compared.
         if *last != touched {
             (*last, *since) = (touched, Instant::now());
         }
@@ -153,8 +166,12 @@ impl Store {
 
 impl<'s> Lease<'s> {
     fn new(store: &'s Store, key: Digest, path: PathBuf) -> Result<Self, StoreError> {
+        // The open file is kept, and not just its name: once all leases of a key are gone, the same
+        // name can be another's.
         let file = Arc::new(File::options().write(true).open(&path).at("open", &path)?);
         let lost = Arc::new(AtomicBool::new(false));
+        // A channel in place of a sleep, so that giving the key back need not wait for the next
+        // beat.
         let (stop, stopped) = mpsc::channel();
         let beat = store.patience.beat;
         let lease = (path.clone(), file.clone(), lost.clone());
@@ -163,6 +180,7 @@ impl<'s> Lease<'s> {
             while stopped.recv_timeout(beat) == Err(RecvTimeoutError::Timeout) {
                 // Whoever cannot touch its lease will find it gone.
                 let _ = file.set_modified(SystemTime::now());
+                // What is lost stays lost: a file of the same name that comes later is another's.
                 lost.fetch_or(is_gone(&file, &path), Ordering::Relaxed);
             }
         });
@@ -191,9 +209,12 @@ impl Drop for Lease<'_> {
     /// Gives the key back, unless it is another's already.
     fn drop(&mut self) {
         if let Some((stop, heart)) = self.heart.take() {
+            // The heart ends when its channel closes. It is joined first, so that it cannot touch
+            // what is removed next.
             drop(stop);
             let _ = heart.join();
         }
+        // A file that another process has put there in the meantime is not ours to remove.
         if !is_gone(&self.file, &self.path) {
             // A lease that stays behind is dead as soon as this process is.
             let _ = self.store.disk.remove_file(&self.path);
@@ -206,6 +227,8 @@ fn is_gone(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::metadata(path)) {
         (Ok(ours), Ok(there)) => identity(&ours) != identity(&there),
         (_, Err(error)) => error.kind() == io::ErrorKind::NotFound,
+        // To believe that a lease is lost throws work away, so doubt keeps it: no identity, or a
+        // file system that does not answer.
         _ => false,
     }
 }

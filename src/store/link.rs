@@ -36,10 +36,12 @@ impl Store {
                 other => return other,
             }
         }
+        // Whatever goes wrong this time is said: after so many attempts it is no race any more.
         self.place(output, folder)
     }
 
     fn place(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
+        // Files of an earlier result would otherwise stay, and be taken for some of this one.
         self.clear(folder)?;
         for file in &output.files {
             let path = folder.join(&file.path);
@@ -49,6 +51,7 @@ impl Store {
                 .link(&self.blob_path(&file.blob), &path)
                 .at("write", &path)?;
         }
+        // An artifact without files is an empty folder, which the loop above does not make.
         self.disk.create_folders(folder).at("create", folder)
     }
 
@@ -58,8 +61,12 @@ impl Store {
         if seen.is_some_and(|seen: Shown| self.showed(&seen, output, folder)) {
             return true;
         }
+        // Before the files are compared, for the same reason as in `lookup`: what changes meanwhile
+        // is not remembered.
         let now = self.clock.now();
         let seen = Shown::new(output, folder);
+        // A file too many is as wrong as one too few: whoever lists the folder would take it for a
+        // part of the artifact.
         let files = WalkDir::new(folder)
             .into_iter()
             .flatten()
@@ -82,6 +89,7 @@ impl Store {
     /// is as it was.
     fn showed(&self, seen: &Shown, output: &Output, folder: &Path) -> bool {
         let is_same = |(file, before): (&StoredFile, &Signature)| {
+            // A second name has the signature of its blob, at which a lookup has just looked.
             file.glance.0.as_ref() == Some(before)
                 || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
         };
@@ -95,6 +103,7 @@ impl Store {
     fn shows_file(&self, file: &StoredFile, folder: &Path) -> bool {
         let shown = folder.join(&file.path);
         let blob = self.blob_path(&file.blob);
+        // A second name need not be read. A copy can only be told by its bytes.
         same_file(&shown, &blob)
             || super::blob::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
     }
@@ -112,6 +121,8 @@ struct Shown {
 impl Shown {
     /// As it is now; `None` if something is missing, or the artifact has folders in its folder.
     fn new(output: &Output, folder: &Path) -> Option<Self> {
+        // A folder's signature says nothing of the folders in it, so only a flat one can be
+        // remembered by it.
         let flat = output.files.iter().all(|file| !file.path.contains('/'));
         let files = output
             .files
@@ -151,6 +162,8 @@ pub fn same_entry(path: &Path, seen: &fs::Metadata) -> bool {
 
 fn same_file(a: &Path, b: &Path) -> bool {
     let pair = (fs::metadata(a), fs::metadata(b));
+    // Where the system tells no identities, `None` equals `None`: that must not make all files the
+    // same.
     matches!(pair, (Ok(a), Ok(b)) if identity(&a).is_some() && identity(&a) == identity(&b))
 }
 

@@ -25,6 +25,7 @@ impl Store {
     /// Keeps the manifest of a key.
     pub fn put_manifest(&self, key: &Digest, manifest: &Manifest) -> Result<(), StoreError> {
         let path = self.manifest_path(key);
+        // A key is the digest of its manifest, so what is there can only say the same.
         if path.exists() {
             Ok(())
         } else {
@@ -37,6 +38,8 @@ impl Store {
     pub fn without_manifest(&self, keys: impl Iterator<Item = Digest>) -> Vec<Digest> {
         let mut keys: Vec<Digest> = keys.collect();
         keys.sort_unstable();
+        // The first byte is the name of the folder: one look at a folder spares a look at each
+        // manifest in it.
         let folders: Vec<&[Digest]> = keys.chunk_by(|a, b| a.bytes()[0] == b.bytes()[0]).collect();
         folders
             .par_iter()
@@ -46,6 +49,8 @@ impl Store {
 
     /// The same, of keys whose manifests lie in one folder.
     fn missing_in_folder(&self, keys: &[Digest]) -> Vec<Digest> {
+        // The folder is looked at before the files in it, so that one that vanishes in between
+        // shows.
         let now = self.clock.now();
         let path = self.manifest_path(&keys[0]);
         let name = name(keys);
@@ -59,6 +64,7 @@ impl Store {
             .filter(|key| !self.manifest_path(key).exists())
             .copied()
             .collect();
+        // Only that all were there is remembered: what is missing will be written soon.
         if let Some(signature) =
             signature.filter(|signature| missing.is_empty() && signature.is_settled(now))
         {

@@ -20,12 +20,16 @@ impl Store {
         files: &[PathBuf],
         ask: impl FnOnce() -> Result<T, E>,
     ) -> Result<T, E> {
+        // Before the answer is worked out: a file that changes meanwhile then has another signature
+        // than the one that is kept.
         let now = self.clock.now();
         let Some(signatures) = files
             .iter()
             .map(|path| Signature::at(path))
             .collect::<Option<Vec<_>>>()
         else {
+            // A file that is missing has nothing to be recognised by. What to say of it is for
+            // `ask`.
             return ask();
         };
         let name = name(question, files);
@@ -36,6 +40,8 @@ impl Store {
             return Ok(answer);
         }
         let answer = ask()?;
+        // A file that changed a moment ago can change again within the same tick, and nobody would
+        // see it.
         if signatures.iter().all(|signature| signature.is_settled(now)) {
             self.index.put(Kind::Answer, &name, &(state, &answer));
         }
@@ -45,6 +51,7 @@ impl Store {
     /// Takes over what another store object on the same folder has found.
     pub fn take_findings(&self, other: &Self) {
         self.index.take(&other.index);
+        // Moved, not shared: what was looked up ahead is used once, by whoever goes on with it.
         if let (Ok(mut known), Ok(mut others)) = (self.known.lock(), other.known.lock()) {
             known.append(&mut others);
         }
@@ -52,6 +59,7 @@ impl Store {
 }
 
 fn name(question: &str, files: &[PathBuf]) -> Digest {
+    // The same word means another file in another folder, so whole paths make the name.
     let whole: Vec<PathBuf> = files
         .iter()
         .filter_map(|path| std::path::absolute(path).ok())

@@ -110,23 +110,18 @@ impl Store {
 
     fn open_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
         let [index, standings] = ["index", "standing"].map(|name| Index::new(root.join(name)));
-        let (known, sound, seen) = Default::default();
-        let lock = None;
-        let read_only = false;
-        let clock = Clock::default();
-        let patience = Patience::default();
         let store = Self {
             root: root.to_owned(),
-            lock,
-            read_only,
+            lock: None,
+            read_only: false,
             index,
             standings,
-            known,
-            sound,
+            known: Mutex::default(),
+            sound: Mutex::default(),
             disk,
-            clock,
-            patience,
-            seen,
+            clock: Clock::default(),
+            patience: Patience::default(),
+            seen: Mutex::default(),
         };
         match fs::read_to_string(store.root.join("version")) {
             Ok(version) if version.trim() == VERSION => Ok(store),
@@ -148,6 +143,7 @@ impl Store {
     fn create_on(disk: Disk, root: &Path) -> Result<Self, StoreError> {
         let mut store = Self::open_on(disk, root)?;
         match store.prepare() {
+            // `version` is written last: where it is, a whole store was made, which can be read.
             Err(error) if error.is_refusal() && root.join("version").exists() => {
                 store.read_only = true
             }
@@ -161,6 +157,8 @@ impl Store {
             let folder = self.root.join(folder);
             self.disk.create_folders(&folder).at("create", &folder)?;
         }
+        // Only the first two are written here, since `zip` ends with the texts. The others come
+        // into being when they are first used.
         for (name, text) in FILES.iter().zip([CACHEDIR_TAG, VERSION]) {
             let path = self.root.join(name);
             if !path.exists() {
@@ -175,6 +173,8 @@ impl Store {
     /// as it is.
     fn share(&mut self) -> Result<(), StoreError> {
         let file = self.lock_file()?;
+        // This waits for a `gc` that removes things just now. An error means that the file system
+        // has no locks; then the age of blobs is what protects a run (docs/store.md, Garbage).
         let _ = file.lock_shared();
         self.lock = Some(file);
         Ok(())
@@ -182,6 +182,8 @@ impl Store {
 
     /// The same, for who only reads: where there is a store and it can be locked.
     pub fn share_if_there(&mut self) {
+        // Reading is enough for a shared lock, so that a store which cannot be written is protected
+        // too.
         self.lock = File::open(self.root.join("lock")).ok();
         let _ = self.lock.iter().try_for_each(File::lock_shared);
     }
@@ -189,6 +191,7 @@ impl Store {
     /// Keeps everyone else from using the store; an error if anyone does.
     pub fn alone(&mut self) -> Result<(), StoreError> {
         let file = self.lock_file()?;
+        // It does not wait: runs last for hours, and whoever cleans up can come back.
         match file.try_lock() {
             Ok(()) => self.lock = Some(file),
             Err(TryLockError::WouldBlock) => {
@@ -235,6 +238,8 @@ impl Store {
 
     /// Writes a whole file: in `tmp/`, flushed, then renamed. Replaces what was there.
     fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+        // Readers see the old file or the new one, and never a part: the bytes are on disk before
+        // the name is.
         let staged = self.staged(path, bytes)?;
         self.disk.rename(&staged, path).at("write", path)?;
         self.flush_folder(parent(path))
@@ -243,6 +248,7 @@ impl Store {
     /// The same, unless something is there already: then nothing changes and the answer is false.
     fn put_new(&self, path: &Path, bytes: &[u8]) -> Result<bool, StoreError> {
         let staged = self.staged(path, bytes)?;
+        // Looking first and renaming then would let two processes both find the place free.
         match self.disk.rename_new(&staged, path) {
             Ok(()) => self.flush_folder(parent(path)).map(|()| true),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
@@ -272,6 +278,8 @@ impl Store {
     /// moment.
     fn sweep(&self) -> Result<(), StoreError> {
         let folder = self.root.join("tmp");
+        // A process that is alive may have files here, so age decides. A clock that was set back
+        // makes them young, and they stay for the next time.
         for entry in fs::read_dir(&folder).at("read", &folder)?.flatten() {
             let age = entry
                 .metadata()
@@ -287,6 +295,7 @@ impl Store {
     }
 
     fn fanned(&self, folder: &str, digest: &Digest, extension: &str) -> PathBuf {
+        // Thousands of these are made in a plan: one allocation each.
         let mut path = PathBuf::with_capacity(self.root.as_os_str().len() + 96);
         path.push(&self.root);
         path.push(place(folder, digest, extension));
@@ -297,6 +306,8 @@ impl Store {
 /// Where a thing of this name lies in a store, here or elsewhere: `cas/3f/3f9a..`.
 pub fn place(folder: &str, digest: &Digest, extension: &str) -> String {
     let name = digest.to_string();
+    // Two digits in between keep folders small: some file systems are slow with a hundred thousand
+    // names in one.
     [folder, "/", &name[..2], "/", &name, extension].concat()
 }
 
@@ -311,6 +322,8 @@ fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, StoreError> {
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, StoreError> {
     match fs::read(path) {
         Ok(bytes) => Ok(serde_json::from_slice(&bytes).ok()),
+        // What may not be read is not damaged: computing it again would help nobody, so the user is
+        // told.
         Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
             Err(error).at("read", path)
         }

@@ -66,6 +66,7 @@ impl Store {
     /// Removes a pin. Whether there was one.
     pub fn remove_pin(&self, name: &str) -> Result<bool, StoreError> {
         let path = self.pin_path(name);
+        // Removing what is absent is no error, so that has to be asked before.
         let there = path.exists();
         self.disk
             .remove_file(&path)

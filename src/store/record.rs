@@ -60,6 +60,7 @@ pub struct StoredFile {
 pub struct Glance(pub(super) Option<Signature>);
 
 impl PartialEq for Glance {
+    // Two records that say the same are equal, whenever their files were last looked at.
     fn eq(&self, _: &Self) -> bool {
         true
     }
@@ -69,6 +70,8 @@ impl Record {
     /// Whether this can be the record of a key: it says so, and all its files stay inside their
     /// folders.
     pub fn is_of(&self, key: &Digest) -> bool {
+        // Records come from a folder that others can write and from remotes. A path with `..` would
+        // let one write outside of the folder where it is shown.
         self.key == *key && self.files().all(|(_, file)| is_inside(&file.path))
     }
 

@@ -62,6 +62,8 @@ impl Store {
     /// Looks a key up and reads all blobs of its result through, unless that was done and nothing
     /// has changed since.
     pub fn lookup(&self, key: &Digest) -> Result<Lookup, StoreError> {
+        // Each looked-up result is handed out once: later questions in a long run must see what has
+        // changed since.
         let known = self
             .known
             .lock()
@@ -70,10 +72,14 @@ impl Store {
         if let Some(record) = known.or_else(|| self.unchanged(key)) {
             return Ok(Lookup::Sound(record));
         }
+        // The time and the signatures are taken before anything is read. A file that changes during
+        // the reading then has another signature, and is not taken for what was read.
         let now = self.clock.now();
         let path = self.result_path(key);
         let result = Signature::at(&path);
         let Some(record) = read_json::<Record>(&path)? else {
+            // Without following links: a link that leads nowhere is damage to be moved away, not an
+            // absent result.
             let there = fs::symlink_metadata(&path).is_ok();
             return Ok(if there {
                 Lookup::Broken(Breakage::Record)
@@ -97,6 +103,8 @@ impl Store {
                 damage,
             }))
         });
+        // The first in the order of the record, not the first that a thread came upon: the message
+        // is the same each time.
         let first = broken
             .collect::<Result<Vec<_>, StoreError>>()?
             .into_iter()
@@ -133,6 +141,8 @@ impl Store {
 
     /// Takes a result that cannot be used any more out of the store, its record first.
     pub fn discard(&self, key: &Digest, breakage: &Breakage) -> Result<(), StoreError> {
+        // With the record gone first, a process that stops in between leaves no result that lacks a
+        // blob.
         self.set_aside(&self.result_path(key))?;
         match breakage {
             Breakage::Blob {
@@ -140,6 +150,7 @@ impl Store {
                 damage: Damage::Changed,
                 ..
             } => self.set_aside(&self.blob_path(blob)),
+            // A missing blob leaves nothing to move, and a damaged record names no blobs.
             _ => Ok(()),
         }
     }
@@ -149,6 +160,8 @@ impl Store {
     pub fn put_result(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
         let path = self.result_path(&record.key);
         let bytes = json(&path, &record)?;
+        // Who forces a stage wants the new bits. Otherwise the first result stays, since others may
+        // be reading it already.
         if replace {
             self.put(&path, &bytes)?;
         } else if !self.put_new(&path, &bytes)?

@@ -85,12 +85,16 @@ impl Store {
         if self.read_only {
             return Ok(());
         }
+        // A run ends here, whichever way it ended: what it has found sound is kept for the next
+        // one.
         self.keep_index();
         let folder = self.root.join("runs");
         // On one line: there may be thousands of stages.
         let bytes = serde_json::to_vec(run)
             .map_err(std::io::Error::from)
             .at("write", &folder)?;
+        // Two runs of a pipeline can begin in the same millisecond, on two hosts for example.
+        // Neither record is lost.
         for number in 0.. {
             let again = if number == 0 {
                 String::new()
@@ -113,8 +117,11 @@ impl Store {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
             Err(error) => return Err(error).at("read", &folder),
         };
+        // The moment at the front has a fixed width, so the order of names is that of time.
         paths.sort_by(|a, b| b.file_stem().cmp(&a.file_stem()));
         let pipeline = pipeline.map(str::to_owned);
+        // Read only when asked for: most callers want the newest of thousands. A garbled one is
+        // left out.
         let runs = paths
             .into_iter()
             .filter_map(|path| read_json::<Run>(&path).ok().flatten());

@@ -39,6 +39,8 @@ impl Store {
             let seen = self
                 .index
                 .read(place)
+                // Once the pipeline is read and wants few of these results, looking at all of them
+                // takes longer than looking each up.
                 .filter(|_| !enough.load(Ordering::Relaxed));
             seen.and_then(|seen| self.confirm(seen))
                 .map(|record| (record.key, record))
@@ -75,11 +77,15 @@ impl Store {
             .values_mut()
             .flat_map(|output| &mut output.files)
         {
+            // Kept with the file: whoever shows the result next compares with it, and spares a
+            // second look.
             file.glance = Glance(Signature::at(&self.blob_path(&file.blob)));
             if file.glance.0.as_ref() != Some(stamps.next()?) {
                 return None;
             }
         }
+        // The record too: a run that forces the stage replaces it, and the old blobs may still be
+        // there.
         (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
     }
 
@@ -87,8 +93,12 @@ impl Store {
     /// them through: those whose blobs are still as they were written, and were left alone for long
     /// enough that it would show if they were not.
     pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
+        // Results of a moment ago are not settled and are left out. The next run reads them
+        // through, and remembers them then.
         let now = self.clock.now();
         for record in records {
+            // Showing a result gives its blobs second names, which changes their inodes and not
+            // their content.
             let still = |file: &StoredFile| {
                 Signature::at(&self.blob_path(&file.blob)).filter(|now| {
                     file.glance

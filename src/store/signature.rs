@@ -24,6 +24,8 @@ impl Signature {
             |seconds: i64, nanos: i64| seconds.checked_mul(1_000_000_000)?.checked_add(nanos);
         let modified = nanos(data.mtime(), data.mtime_nsec())?;
         let changed = nanos(data.ctime(), data.ctime_nsec())?;
+        // Content can be changed and its time set back, as `touch` and `rsync` do. When the inode
+        // changed nobody can set, and a file that was replaced has another inode.
         Some(Self(data.ino(), data.len(), modified, changed))
     }
 
@@ -47,6 +49,8 @@ impl Signature {
     /// Whether the file was left alone for long enough before `now` that any change after it would
     /// show.
     pub fn is_settled(&self, now: SystemTime) -> bool {
+        // A file from the future, by a clock that was set back, is not settled either: another
+        // change could leave the same time.
         let now = now
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default()

@@ -42,6 +42,8 @@ impl Store {
         let stands = |(path, before): &(String, Signature)| {
             Signature::at(Path::new(path)).as_ref() == Some(before)
         };
+        // One look at each file is all that a run with nothing to do needs. With thousands of them
+        // that is what takes its time.
         looked.par_iter().all(stands).then_some(standing)
     }
 
@@ -56,6 +58,8 @@ impl Store {
         since: SystemTime,
     ) {
         let look = |path: PathBuf| {
+            // Settled before the looking began: what changed during the run may have done so after
+            // it was looked at.
             let signature = Signature::at(&path).filter(|signature| signature.is_settled(since))?;
             Some((path.into_os_string().into_string().ok()?, signature))
         };
@@ -69,6 +73,7 @@ impl Store {
 
     /// The files and folders that say of a result that it is there and sound.
     pub fn evidence(&self, record: &Record) -> Vec<PathBuf> {
+        // The folder stands for the manifests in it: it changes when one of its names does.
         let files = [
             self.result_path(&record.key),
             parent(&self.manifest_path(&record.key)).to_owned(),
@@ -98,6 +103,8 @@ impl Store {
                     .take_while(|path| path.starts_with(&folder))
                     .map(Path::to_owned),
             );
+            // A hard link has its blob's signature, and the blob is looked at anyway. A copy has to
+            // be looked at by itself.
             if Signature::at(&shown) != Signature::at(&self.blob_path(&file.blob)) {
                 files.push(shown);
             }

@@ -16,6 +16,7 @@ use super::error::{At, StoreError};
 impl Store {
     /// The state that the latest result of an extension key has left.
     pub fn state(&self, extension: &Digest) -> Option<PathBuf> {
+        // There is one, but for the moment in which the next has come and the last is not yet gone.
         let age = |path: &PathBuf| {
             fs::metadata(path)
                 .and_then(|data| data.modified())
@@ -34,6 +35,8 @@ impl Store {
         let path = self.states_folder(extension).join(key.to_string());
         let folder = super::parent(&path);
         self.disk.create_folders(folder).at("create", folder)?;
+        // The new state comes before the old one goes, so that there is always one. The keeper has
+        // flushed the file.
         self.disk.rename(file, &path).at("write", &path)?;
         for other in self
             .states(extension)

@@ -45,6 +45,7 @@ impl Store {
                 .stages
                 .into_iter()
                 .filter_map(|(stage, run)| Some((stage, run.key?)));
+            // Runs come newest first, so that the first of each pipeline is its last run.
             runs.entry(run.pipeline).or_insert_with(|| keys.collect());
         }
         let record = |(_, key): &(String, Digest)| records.get(key);
@@ -136,6 +137,7 @@ fn space<'r>(
     records: impl Iterator<Item = &'r Record> + Clone,
     holders: &BTreeMap<Digest, usize>,
 ) -> Space {
+    // A blob is their own if nobody else holds it: all its holders are among these.
     let within = self::holders(records.clone());
     let sizes = sizes(records);
     let own = sizes

@@ -64,13 +64,19 @@ impl View {
     pub fn retain(&self, store: &Store, stages: BTreeSet<String>) -> Result<(), StoreError> {
         let list = self.list();
         let text = serde_json::json!(stages).to_string();
+        // Untouched where nothing is new: the list is part of what a run with nothing to do looks
+        // at.
         if fs::read(&list).is_ok_and(|before| before == text.as_bytes()) {
             return Ok(());
         }
+        // A list that cannot be understood names nothing: then too much stays, and nothing of the
+        // user's is removed.
         let before: BTreeSet<String> = read_json(&list)?.unwrap_or_default();
         for gone in before.difference(&stages).filter(|name| is_ours(name)) {
             store.clear(&self.folder.join(gone))?;
         }
+        // The list is written last: whoever is killed before finds the old names in it, and removes
+        // them again.
         fs::create_dir_all(parent(&list)).at("create", parent(&list))?;
         fs::write(&list, text).at("write", &list)?;
         Ok(())
@@ -79,6 +85,8 @@ impl View {
 
 /// Whether a name in the list can be that of a stage's folder, which may lie in that of an arm.
 fn is_ours(name: &str) -> bool {
+    // The list is a file that anyone can edit. A name with `..` in it must not lead out of the
+    // folder.
     let is_plain = |part: &str| !part.is_empty() && !part.starts_with('.');
     !name.contains(['\\', ':']) && name.split('/').all(is_plain)
 }

@@ -53,6 +53,8 @@ impl Store {
             Claim::Theirs(holder) => return Ok(Err(holder)),
         };
         let folder = self.root.join("work").join(key.to_string());
+        // The nonce comes from the system's random numbers. Process numbers repeat on other hosts,
+        // and clocks can be set back.
         let run = folder.join(format!(
             "run-{:016x}",
             RandomState::new().build_hasher().finish()
@@ -64,6 +66,7 @@ impl Store {
             run,
             lease,
         };
+        // The lease is ours by now, so whoever made these folders is dead or has lost it.
         work.sweep()?;
         for folder in [work.outputs(), work.scratch()] {
             self.disk.create_folders(&folder).at("create", &folder)?;
@@ -93,7 +96,10 @@ impl Work<'_> {
             .join(other.to_string())
             .join("scratch");
         let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
+        // An own checkpoint is further on. The other one is copied, not moved: a later run on the
+        // GPU can still go on from it.
         if !to.exists() {
+            // Without it the stage takes longer, and comes to its result all the same.
             let _ = fs::copy(from, to);
         }
     }
@@ -129,6 +135,8 @@ impl Work<'_> {
     /// write to.
     fn sweep(&self) -> Result<(), StoreError> {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            // `scratch` belongs to the key, not to a lease: it holds the checkpoint from which the
+            // stage goes on.
             if entry.file_name() != "scratch" {
                 self.store.clear(&entry.path())?;
             }
@@ -148,6 +156,8 @@ impl Work<'_> {
         for (name, kind) in outputs {
             kept.insert((*name).to_owned(), self.keep(name, *kind)?);
         }
+        // The record may only be seen when its blobs have names that last: else a loss of power
+        // could leave a record without them.
         for file in kept.values().flat_map(|output| &output.files) {
             self.store
                 .flush_folder(parent(&self.store.blob_path(&file.blob)))?;
@@ -169,6 +179,8 @@ impl Work<'_> {
             peak_memory,
         };
         let record = self.store.put_result(record, replace)?;
+        // Last of all: until the record is in place, the checkpoint is all that there is of the
+        // work.
         self.store.clear(&self.folder)?;
         Ok(record)
     }
@@ -188,8 +200,10 @@ impl Work<'_> {
             output: name.to_owned(),
             problem,
         };
+        // First, since taking the blobs moves the files away.
         let digest = semantic_digest(kind, &folder).map_err(|error| refused(error.to_string()))?;
         let mut files = Vec::new();
+        // File systems list names in any order; sorted, equal outputs have equal records.
         for entry in WalkDir::new(&folder).sort_by_file_name() {
             let entry = entry.map_err(|error| refused(error.to_string()))?;
             if !entry.file_type().is_dir() {

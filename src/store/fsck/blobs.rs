@@ -18,6 +18,8 @@ impl Fsck<'_> {
     /// Reads all blobs through.
     pub(super) fn blobs(&mut self, references: &References) -> Result<(), StoreError> {
         let files = self.files("cas")?;
+        // Reading goes on all threads. What follows changes the store and the report, in the order
+        // of names.
         let digests: Vec<_> = files
             .par_iter()
             .map(|entry| digest_file(&entry.path))
@@ -28,6 +30,8 @@ impl Fsck<'_> {
                     self.sound_blob(entry, digest, bytes, references)?;
                 }
                 Ok((digest, bytes)) => self.wrong_blob(entry, digest, bytes, references)?,
+                // Removed since the folder was listed; whether a result misses it is found out
+                // later.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => {
                     let of = entry
@@ -59,6 +63,7 @@ impl Fsck<'_> {
         self.report.blobs.1 += bytes;
         let of = references.get(&digest).map(|(_, of)| of.clone());
         if of.is_none() {
+            // No damage: a process that runs just now may be about to put the record for it.
             self.note(&entry.path, Fault::Orphan { bytes }, None, Remedy::None);
         }
         if !entry.data.permissions().readonly() {
@@ -88,6 +93,8 @@ impl Fsck<'_> {
         references: &References,
     ) -> Result<(), StoreError> {
         let place = self.store.blob_path(&found);
+        // Only where it is missed and the place is free: a good blob must never be replaced by one
+        // that was found elsewhere.
         if let Some((_, of)) = references.get(&found)
             && fs::symlink_metadata(&place).is_err()
         {
