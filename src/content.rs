@@ -285,6 +285,7 @@ fn read_png_text(bytes: &[u8]) -> Option<serde_json::Map<String, Value>> {
         {
             return serde_json::from_slice(text).ok();
         }
+        // Behind each chunk stand the four bytes of its checksum.
         rest = after.get(4..)?;
     }
 }
@@ -298,6 +299,7 @@ fn read_whole(path: &Path) -> Result<Vec<u8>, String> {
 /// A text that holds JSON as what it holds.
 fn text_value(text: &str) -> Value {
     match serde_json::from_str(text) {
+        // Only objects: a plain `1` or `true` is a text like any other.
         Ok(value @ Value::Object(_)) => value,
         _ => Value::String(text.to_owned()),
     }
@@ -305,6 +307,7 @@ fn text_value(text: &str) -> Value {
 
 fn range(values: impl Iterator<Item = f32>) -> Option<[f64; 3]> {
     let mut least = f64::INFINITY;
+    // In double precision: with millions of values a sum of floats would drift.
     let mut sum = 0.0;
     let mut most = f64::NEG_INFINITY;
     let mut count = 0u64;

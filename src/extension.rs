@@ -22,6 +22,7 @@ pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest
         .iter()
         .filter(|(path, _)| path.strip_prefix("params.") != Some(field))
     {
+        // With the lengths, as in keys, so that texts cannot run into each other.
         for part in [path, text] {
             hasher
                 .update(&(part.len() as u64).to_le_bytes())
@@ -37,6 +38,7 @@ pub fn obstacle(extension: Extension, reason: &Reason) -> Option<&'static str> {
     let (Extension::Impossible(field, why), Reason::Changed(changes)) = (extension, reason) else {
         return None;
     };
+    // If anything else has changed as well, nobody expects the stage to go on.
     let [change] = changes.as_slice() else {
         return None;
     };

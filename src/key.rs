@@ -53,6 +53,7 @@ impl Manifest {
     /// The key that belongs to what it says: its entries, hashed in the order of [`walk`].
     pub fn key(&self) -> Digest {
         let mut entries: Vec<(&String, &String)> = self.0.iter().collect();
+        // The map is in the order of its texts, and the key needs that of the walk.
         entries.sort_by_key(|(path, _)| place(path));
         let mut hash = Hash::default();
         entries
@@ -67,6 +68,7 @@ fn place(path: &str) -> (usize, Vec<&str>) {
     const ORDER: [&str; 8] = [
         "kind", "version", "seed", "device", "salt", "params", "inputs", "sources",
     ];
+    // Compared step by step, as the walk goes: as plain text, `a-b` comes before `a.c`.
     let steps: Vec<&str> = path.split('.').collect();
     (
         ORDER
@@ -93,6 +95,8 @@ impl Hash {
 impl Sink for Hash {
     fn entry(&mut self, path: &str, text: &str) {
         for part in [path, text] {
+            // With the lengths, no two lists of entries have the same bytes: `ab`, `c` is not `a`,
+            // `bc`.
             self.0.extend_from_slice(&(part.len() as u64).to_le_bytes());
             self.0.extend_from_slice(part.as_bytes());
         }
@@ -127,6 +131,7 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
     sink.entry("kind", node.stage.kind());
     sink.entry("version", &node.stage.version().to_string());
     sink.entry("seed", &node.seed.to_string());
+    // A stage whose bits are the same everywhere has one result for all devices.
     if node.stage.determinism() == Determinism::PerDeviceKind {
         sink.entry(
             "device",
@@ -140,6 +145,8 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
     if let Some(salt) = salt {
         sink.entry("salt", salt);
     }
+    // An input's field holds the name of a stage, and names are no part of a key: the digest of
+    // what it gives is.
     let ports = node.stage.inputs();
     let is_parameter =
         |(name, _): &(&String, &Value)| ports.iter().all(|port| port.name != name.as_str());
@@ -158,9 +165,11 @@ pub fn walk(recipe: &Recipe, sink: &mut dyn Sink) {
         true => sink.entry("params", "{}"),
         false => path.walk_fields(params, sink),
     }
+    // A map by name, so the order is the same in every run.
     for (name, digest) in *inputs {
         sink.entry(&format!("inputs.{name}"), &digest.to_string());
     }
+    // In the order of the manifest's `place`, not in that in which the stage names them.
     let mut sources: Vec<&Source> = sources.iter().collect();
     sources.sort_by(|a, b| a.name.split('.').cmp(b.name.split('.')));
     for source in sources {
@@ -180,6 +189,8 @@ impl Path<'_> {
     /// A value field by field, in the order of the fields' names. A variant's name is an entry, not
     /// a step of the path.
     fn walk(&mut self, value: &Value, sink: &mut dyn Sink) {
+        // Where photos lie does not matter, only what they are: their digests are among the
+        // sources.
         if self
             .text
             .strip_prefix("params.")
@@ -201,6 +212,7 @@ impl Path<'_> {
     }
 
     fn walk_fields(&mut self, mut fields: Vec<(&String, &Value)>, sink: &mut dyn Sink) {
+        // By name, so that fields can be moved about in the code without changing a key.
         fields.sort_unstable_by_key(|(name, _)| *name);
         let length = self.text.len();
         for (name, value) in fields {

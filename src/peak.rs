@@ -24,10 +24,12 @@ pub fn watched<T>(work: impl FnOnce() -> T) -> (T, Option<u64>) {
         let watcher = scope.spawn(|| {
             while !done.load(Ordering::Acquire) {
                 look();
+                // Parked, not asleep: the end of the work need not wait for the next look.
                 thread::park_timeout(PAUSE);
             }
         });
         let result = work();
+        // Once more at the end: short work would otherwise be over before the first look.
         look();
         done.store(true, Ordering::Release);
         watcher.thread().unpark();

@@ -108,6 +108,8 @@ impl Context<'_> {
     fn find(&self, at: usize, inputs: &Inputs) -> Result<(Digest, Lookup), StoreError> {
         let key = self.recipe(at, inputs).key();
         let found = self.store.lookup(&key)?;
+        // The stage's own key goes first: a result that one device has computed is preferred to one
+        // that two have.
         if let (Lookup::Absent, Some(fallen)) = (&found, self.fallen(at, inputs)) {
             let key = fallen.key();
             if let Lookup::Sound(record) = self.store.lookup(&key)? {
@@ -128,6 +130,8 @@ impl Context<'_> {
                 let manifest = self.manifest(at, &inputs);
                 Err(self
                     .reason(at, &manifest, &BTreeSet::new())?
+                    // Nothing tells it from an earlier run, and yet there is no result: it was
+                    // lost.
                     .unwrap_or(Reason::Lost))
             }
         };
@@ -161,6 +165,7 @@ impl Context<'_> {
     pub fn cached(&self) -> Result<Vec<Found>, StoreError> {
         let mut cached = Vec::<Found>::new();
         let mut places = vec![None; self.graph.nodes.len()];
+        // In the graph's order, so that a stage comes after those that it reads.
         for &at in &self.needed {
             let node = &self.graph.nodes[at];
             let result = |from: usize| match places[from] {
@@ -174,6 +179,8 @@ impl Context<'_> {
                 ))
             };
             let inputs: Inputs = node.wires.iter().filter_map(digest).collect();
+            // Without the digest of every input there is no key. The scheduler looks again once the
+            // others have run.
             if inputs.len() < node.wires.len() || self.forced.contains(&at) {
                 continue;
             }
@@ -206,6 +213,8 @@ impl Context<'_> {
         unknown: &BTreeSet<&str>,
     ) -> Result<Option<Reason>, StoreError> {
         let node = &self.graph.nodes[at];
+        // Of several earlier runs the one that differs least: the user has most likely changed that
+        // one.
         let Some(past) = self.history.nearest(&node.name, manifest, unknown)? else {
             return Ok(Some(Reason::New));
         };

@@ -96,9 +96,13 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
         news: &Receiver<News>,
     ) -> Result<(), StoreError> {
+        // By the clock, not whenever nothing was heard: a stage that talks all the time must not
+        // keep the others from being looked at.
         let mut ticked = Instant::now();
         loop {
             self.begin_all(board, scope, sender)?;
+            // Whatever is queued begins once nothing else runs, since alone any stage may: idle
+            // means that there is no more to do. A run that is being stopped waits for nobody else.
             if board.is_idle(!self.stopped()) {
                 return Ok(());
             }
@@ -117,7 +121,10 @@ impl Scheduler<'_> {
     fn adopt(&self, board: &mut Board, cached: Vec<Found>) -> Result<(), StoreError> {
         let store = self.context.store;
         let show = |found: &Found| self.show(found.at, &found.record);
+        // Shown before they are told of: who reads of a result can open it.
         self.pool.install(|| cached.par_iter().try_for_each(show))?;
+        // A manifest may be gone while its result is sound. It comes out in order, for the search
+        // below.
         let lost = self
             .pool
             .install(|| store.without_manifest(cached.iter().map(|found| found.record.key)));
@@ -162,6 +169,8 @@ impl Scheduler<'_> {
         sender: &Sender<News>,
     ) -> Result<(), StoreError> {
         while !self.stopped() {
+            // What is known to run begins first, and computes while the results of the others are
+            // looked up.
             if let Some((at, queued)) = board.admit(&self.budget) {
                 self.begin(board, at, queued, scope, sender)?;
             } else if let Some(at) = board.next() {
@@ -177,6 +186,7 @@ impl Scheduler<'_> {
                     Err(reason) if self.fetch(board, at, key, &reason)? => {}
                     Err(reason) => {
                         let manifest = self.context.manifest(at, &inputs);
+                        // All inputs are there by now, so that their sizes count.
                         let estimate = self.estimate(at, &board.outcome.records);
                         board.queue(
                             at,
@@ -231,6 +241,7 @@ impl Scheduler<'_> {
         key: Digest,
         reason: &Reason,
     ) -> Result<bool, StoreError> {
+        // Who forces a stage wants it computed here, not somebody else's result.
         let Some(remote) = self.context.remote.filter(|_| *reason != Reason::Forced) else {
             return Ok(false);
         };
@@ -286,6 +297,8 @@ impl Scheduler<'_> {
         };
         let result = match result {
             Err(Failure::Device(fault)) => match self.fall_back(board, at, &ended, &fault) {
+                // The stage has not ended: it goes back into the queue under its other key, and its
+                // readers wait on.
                 Some(queued) => {
                     board.queue(at, queued);
                     return Ok(());
@@ -312,6 +325,7 @@ impl Scheduler<'_> {
                 });
                 board.done(at, run(End::Ran), record);
             }
+            // No failure: the other process computes the same, and its result is used.
             Err(Failure::Lost(holder)) => board.wait(at, &holder),
             Err(Failure::Stopped) => {
                 board.progress.event(&Event::Stopped { stage });
@@ -325,8 +339,11 @@ impl Scheduler<'_> {
                 });
                 board.over(at, run(End::Failed));
                 board.outcome.failures.push((at, failure));
+                // After the failure is told, so that people read of the cause before they read of
+                // what it stops.
                 board.block(at);
                 if self.fail_fast {
+                    // The same flag as for a signal: the stages that run keep checkpoints and stop.
                     self.cancelled.store(true, Ordering::Relaxed);
                 }
             }

@@ -102,12 +102,15 @@ impl Task<'_> {
                 pool.install(|| self.compute(&messages))
             }))
         };
+        // `watched` needs work that does not panic: its watcher would never be told to stop.
         let (end, peak_memory) = watched(compute);
+        // Whatever came of it: the key is another's, and so are its checkpoint and its result.
         if let Some(holder) = self.work.lost_to() {
             return Err(Failure::Lost(holder));
         }
         match end {
             Ok(Ok(())) => {
+                // Before the commit, which removes the checkpoint with the rest of the folder.
                 self.extension
                     .map_or(Ok(()), |extension| self.work.keep_state(&extension))?;
                 let outputs: Vec<(&str, ArtifactKind)> = self
@@ -126,10 +129,12 @@ impl Task<'_> {
                     remarks: remarks.into_inner().unwrap_or_default(),
                     peak_memory,
                 };
+                // In the pool, since digests are taken by all threads.
                 Ok(pool.install(|| self.work.commit(&outputs, facts, self.replace))?)
             }
             Ok(Err(error)) => {
                 let outputs = self.work.outputs();
+                // The checkpoint stays, for the next run to go on from.
                 self.work.abandon()?;
                 Err(failure(error, &outputs))
             }
@@ -155,6 +160,8 @@ impl Task<'_> {
             earlier: self.earlier.clone(),
             provenance: self.provenance(),
             messages,
+            // A stage that has lost its lease stops as if the run did: what it computes would not
+            // be used.
             cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),
         };
         attempt(|| self.node.stage.run(&io))?
@@ -191,6 +198,8 @@ fn failure(error: StageError, outputs: &Path) -> Failure {
     match error {
         StageError::Cancelled => Failure::Stopped,
         StageError::Device(fault) => Failure::Device(fault),
+        // A full disk is not the stage's fault. An input that cannot be read is told as the stage's
+        // error.
         StageError::Artifact(SchemaError::Io { path, source }) if path.starts_with(outputs) => {
             Failure::Store(StoreError::io("write", &path, source))
         }
@@ -204,6 +213,7 @@ static LATEST: Mutex<Option<String>> = Mutex::new(None);
 /// Keeps panics off the terminal: they are reported as errors, with their place.
 pub fn quiet_panics() {
     std::panic::set_hook(Box::new(|info| {
+        // The place is known only here, and whoever catches the panic sees only its text.
         if let (Ok(mut latest), Some(place)) = (LATEST.lock(), info.location()) {
             *latest = Some(format!("{}:{}", place.file(), place.line()));
         }

@@ -80,6 +80,7 @@ impl Experience {
         let runs = store.runs(None)?.take(RUNS);
         let stages = runs.flat_map(|run| run.stages);
         let keys = stages.filter_map(|(stage, was)| Some((stage, was.key?)));
+        // The same result is in many runs: it is read once.
         let results = keys.filter(|(_, key)| seen.insert(*key)).take(RESULTS);
         let mut experience = Self::default();
         results
@@ -95,6 +96,7 @@ impl Experience {
         };
         let kept = self.by_kind.entry(kind.clone()).or_default();
         let is_old = kept.iter().any(|newer| known.is_like(newer));
+        // The newest come first, so what is kept is the latest of each.
         if kept.len() < KEPT && !is_old {
             kept.push(known);
         }
@@ -108,6 +110,7 @@ impl Experience {
         let device = |manifest: &Manifest| manifest.0.get("device").cloned();
         let comparable = known.filter(|known| device(&known.manifest) == device(manifest));
         let beside = comparable.map(|known| (known, parameters(&known.manifest, manifest)));
+        // `min_by_key` takes the first of several, which is the newest.
         beside.min_by_key(|(known, changes)| (changes.len(), known.stage != node.name))
     }
 }
@@ -154,6 +157,7 @@ impl Context<'_> {
         let node = &self.graph.nodes[at];
         let sized = node.wires.iter().all(|wire| record(wire.from).is_some());
         let guess = estimate(node, record);
+        // Inputs are left out: they tell nothing of cost, and of a plan most are not known yet.
         let manifest = self.manifest(at, &Inputs::new());
         match experience.nearest(node, &manifest) {
             Some((known, changes)) => known.cost(node, &changes, &guess),
@@ -182,6 +186,8 @@ impl Known {
         let name = |change: &Change| change.path.trim_start_matches(PARAMETERS).to_owned();
         Cost {
             seconds: self.seconds * pace(node, changes),
+            // Results of systems that do not tell, and those of earlier versions, have no such
+            // figure.
             memory: self.memory.unwrap_or(guess.memory),
             basis: match changes.is_empty() {
                 true => Basis::Result { stage },
@@ -204,6 +210,7 @@ fn pace(node: &Node, changes: &[Change]) -> f64 {
     };
     let change = changes.iter().find(|change| change.path == steps);
     let number = |text: &Option<String>| text.as_ref()?.parse::<f64>().ok().filter(|n| *n > 0.0);
+    // Parameters that have no number, or none before, say nothing of the pace.
     let ratio = change.and_then(|change| Some(number(&change.now)? / number(&change.before)?));
     ratio.unwrap_or(1.0)
 }

@@ -84,16 +84,20 @@ impl Context<'_> {
         let node = &self.graph.nodes[at];
         let (inputs, unknown) = known_inputs(node, upstream);
         if unknown.is_empty() {
+            // Only here is the remote asked: of a stage without a key there is nothing to ask for.
             let assessment = self.with_remote(self.assess(at, inputs)?);
             return Ok(match &assessment.verdict {
                 Ok(_) => Forecast::Cached(Box::new(assessment)),
                 Err(reason) => Forecast::Run(reason.clone(), Some(Box::new(assessment))),
             });
         }
+        // Whatever its inputs will be, it will run.
         if self.forced.contains(&at) {
             return Ok(Forecast::Run(Reason::Forced, None));
         }
         let manifest = self.manifest(at, &inputs);
+        // If it differs by itself, it runs in any case. If only inputs are unknown, they may turn
+        // out as before and spare it.
         match self.reason(at, &manifest, &unknown.keys().copied().collect())? {
             Some(reason) => Ok(Forecast::Run(reason, None)),
             None => {

@@ -47,6 +47,8 @@ pub fn sources(
                 })
             };
             let read = match node.stage.source_files() {
+                // Photos and weights can have many gigabytes. They are hashed again only when a
+                // file has changed.
                 Some(files) if !files.is_empty() => store.while_unchanged(&what, &files, ask)?,
                 _ => ask()?,
             };

@@ -48,6 +48,7 @@ impl<'p> Board<'p> {
         for &at in &context.needed {
             let inputs = nodes[at].wires.iter().map(|wire| wire.from);
             inputs.clone().for_each(|from| readers[from].push(at));
+            // What is given has no end to wait for: those stages are no part of the run.
             let missing = inputs.filter(|from| !context.given.contains_key(from));
             states.set(at, waiting_for(missing.count()));
         }
@@ -84,6 +85,8 @@ impl<'p> Board<'p> {
         let running = running.map(|(_, stage)| &stage.estimate);
         let mut queued = self.states.known(Kind::Queued);
         let fits = |stage: &Queued| budget.admits(running.clone(), &stage.estimate);
+        // A small stage may overtake a large one. The large one gets its turn at the latest when
+        // nothing else runs.
         queued.find(|(_, stage)| fits(stage)).map(|(at, _)| at)
     }
 
@@ -126,6 +129,8 @@ impl<'p> Board<'p> {
     /// Another process computes a stage.
     pub fn wait(&mut self, at: usize, holder: &Holder) {
         self.states.set(at, State::Elsewhere);
+        // Once: a stage elsewhere is looked at again with every tick, and would be told of each
+        // time.
         if self.told.insert(at) {
             self.progress.event(&Event::Waiting {
                 stage: &self.graph.nodes[at].name,
@@ -136,6 +141,7 @@ impl<'p> Board<'p> {
 
     /// The results of these stages are there already.
     pub fn adopt(&mut self, found: Vec<(usize, Record)>) {
+        // An event of no results would print an empty line.
         if found.is_empty() {
             return;
         }
@@ -163,6 +169,8 @@ impl<'p> Board<'p> {
         self.over(at, run);
         self.outcome.records.insert(at, record);
         for &reader in &self.readers[at] {
+            // Readers that the run does not need, or that another failure has blocked, are left as
+            // they are.
             if let State::Waiting { missing } = *self.states.get(reader) {
                 self.states.set(reader, waiting_for(missing - 1));
             }
@@ -184,6 +192,8 @@ impl<'p> Board<'p> {
         let nodes = &self.graph.nodes;
         let mut lost: Vec<usize> = self.readers[failed].clone();
         while let Some(at) = lost.pop() {
+            // A reader still waits for this stage, or was blocked by another failure: then it has
+            // been told of, with all behind it.
             if !matches!(self.states.get(at), State::Waiting { .. }) {
                 continue;
             }
@@ -199,6 +209,8 @@ impl<'p> Board<'p> {
     pub fn tick(&mut self) {
         let elsewhere: Vec<usize> = self.states.all(Kind::Elsewhere).collect();
         for at in elsewhere {
+            // Ready, not queued: its result is looked for first, and its lease is asked for only if
+            // there is none.
             self.states.set(at, State::Ready);
         }
         self.progress.event(&Event::Tick);
@@ -207,6 +219,7 @@ impl<'p> Board<'p> {
     /// No stage runs any more, and none will.
     pub fn close(self, interrupted: bool) -> Outcome {
         let stages = self.states.close(&StageRun::stopped());
+        // A signal that came when all was done has interrupted nothing.
         let unfinished = stages.values().any(|stage| stage.end == End::Stopped);
         Outcome {
             stages,

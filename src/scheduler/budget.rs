@@ -22,12 +22,15 @@ impl Budget {
         running: impl Iterator<Item = &'e Estimate> + Clone,
         stage: &Estimate,
     ) -> bool {
+        // Estimates may be as large as they like: the sum must not wrap around and admit
+        // everything.
         let memory = running.clone().fold(stage.memory, |sum, running| {
             sum.saturating_add(running.memory)
         });
         let device_taken =
             self.one_on_device && stage.device && running.clone().any(|running| running.device);
         let count = running.count();
+        // Alone, whatever it needs: a stage that never began would let the run wait for ever.
         count == 0 || (count < self.threads && memory <= self.memory && !device_taken)
     }
 
@@ -70,6 +73,7 @@ fn group_limit() -> Option<u64> {
         fs::read_to_string(file).ok()?.trim().parse::<u64>().ok()
     };
     let mut least = limit(group);
+    // A group may have no limit of its own and lie in one that has, as jobs of a batch system do.
     while let Some(parent) = group.parent() {
         group = parent;
         least = least.into_iter().chain(limit(group)).min();

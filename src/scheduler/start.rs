@@ -32,13 +32,17 @@ impl Scheduler<'_> {
         scope: &'s Scope<'s, '_>,
         sender: &Sender<News>,
     ) -> Result<(), StoreError> {
+        // The lease comes before everything else: only its holder may touch the key's folder, or
+        // move a damaged result away.
         let Some(work) = self.claim(board, at, queued.key, &queued.reason)? else {
             return Ok(());
         };
+        // The checkpoint of the GPU's key is copied before the stage looks for one of its own.
         queued
             .begun_as
             .iter()
             .for_each(|begun| work.take_over(begun));
+        // Before the stage runs: whenever there is a result, there is a manifest that says of what.
         self.context
             .store
             .put_manifest(&queued.key, &queued.manifest)?;
@@ -89,6 +93,8 @@ impl Scheduler<'_> {
                 return Ok(None);
             }
         };
+        // Looked up once more: between the first look and the lease, its holder may have committed
+        // a result.
         if *reason != Reason::Forced
             && let Lookup::Sound(record) = store.lookup(&key)?
         {
@@ -102,6 +108,8 @@ impl Scheduler<'_> {
                 stage: self.name(at),
                 text: &text,
             });
+            // With the lease in hand, so that no two processes move the same result, and none a new
+            // one.
             store.discard(&key, breakage)?;
         }
         Ok(Some(work))
@@ -140,6 +148,8 @@ impl Scheduler<'_> {
             ..
         } = self;
         let device = device_of(&*node.stage, self.device);
+        // The record names both devices: its bits are neither those of the GPU nor those of the CPU
+        // alone.
         let (device, kind) = match (queued.begun_as, self.context.fallback) {
             (Some(_), Some(kind)) => (&CPU, kind),
             _ => (device, device.kind()),
@@ -176,6 +186,7 @@ impl Scheduler<'_> {
             stage: self.name(at),
             text: &text,
         });
+        // On the CPU it does not hold the GPU, so another stage can have that meanwhile.
         let estimate = Estimate {
             device: false,
             ..self.estimate(at, &board.outcome.records)
@@ -199,6 +210,8 @@ impl Scheduler<'_> {
             move |message| drop(sender.send(News::Said(at, message)))
         };
         let result = task.run(self.pool, &say);
+        // On the stage's own thread: sending takes long, and the others go on. The result is
+        // committed here by now.
         if let (Ok(record), Some(remote)) = (&result, self.context.remote) {
             remote.publish(self.context.store, record);
         }

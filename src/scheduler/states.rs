@@ -109,6 +109,7 @@ impl States {
     pub fn set(&mut self, at: usize, state: State) -> State {
         let kind = state.kind();
         let before = std::mem::replace(&mut self.of[at], state);
+        // The array holds the truth. These sets are only kept for speed, and change here alone.
         if before.kind() != kind {
             if let Some(those) = self.by_kind.get_mut(&before.kind()) {
                 those.remove(&at);
