@@ -88,6 +88,8 @@ fn measure(pairs: impl Iterator<Item = (f64, f64, u64)>) -> Distance {
 /// both zeros.
 fn ulps_single(a: f32, b: f32) -> u64 {
     let place = |x: f32| {
+        // Without the sign, bits count upwards with the number. With it put before them, neighbours
+        // are one apart across zero.
         let bits = i64::from(x.to_bits() & 0x7fff_ffff);
         if x.is_sign_negative() { -bits } else { bits }
     };

@@ -114,14 +114,20 @@ fn verdict(name: &str, a: &Side, b: &Side, upstream: &BTreeMap<String, Verdict>)
         let digest_was = known(before);
         let digest_is = known(now);
         let differ = digest_was.is_some() && digest_is.is_some() && digest_was != digest_is;
+        // Of a pipeline that has not run, digests are unknown: then what differs upstream is taken
+        // to reach this stage.
         let unknown = digest_was.is_none() || digest_is.is_none();
         match is.and_then(|is| upstream.get(is)) {
+            // Only stages that differ by themselves are named as causes, not those in between that
+            // follow too.
             Some(Verdict::Follows(further)) if was == is && (differ || unknown) => {
                 causes.extend(further.clone())
             }
             Some(Verdict::Differs(_)) if was == is && (differ || unknown) => {
                 causes.extend(is.cloned())
             }
+            // Wired otherwise, or other content without a cause upstream: that is a difference of
+            // its own.
             _ if was != is || differ => own.push(change(
                 input,
                 was.or(digest_was.as_ref()),

@@ -111,6 +111,7 @@ fn sentence(changes: &[Change]) -> String {
 /// left out.
 pub fn diff(before: &Manifest, now: &Manifest, unknown: &BTreeSet<&str>) -> Vec<Change> {
     let paths: BTreeSet<&String> = before.0.keys().chain(now.0.keys()).collect();
+    // An input that has yet to be computed is no difference. Only what is known can be compared.
     let known = |path: &&String| {
         path.strip_prefix("inputs.")
             .is_none_or(|input| !unknown.contains(input))
@@ -158,6 +159,7 @@ impl<'s> History<'s> {
     }
 
     fn runs(&self) -> Result<&[Run], StoreError> {
+        // `get_or_init` takes no function that can fail, so reading comes first.
         if self.runs.get().is_none() {
             let runs = self.store.runs(Some(&self.pipeline))?.take(RUNS).collect();
             return Ok(self.runs.get_or_init(|| runs));
@@ -174,6 +176,7 @@ impl<'s> History<'s> {
                 .stages
                 .get(stage)
                 .and_then(|stage| stage.key)
+                // Most runs find a stage as it was: each of its keys is compared once.
                 .filter(|key| seen.insert(*key));
             let manifest = key.and_then(|key| self.store.manifest(&key));
             if let (Some(key), Some(manifest)) = (key, manifest) {

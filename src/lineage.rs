@@ -89,6 +89,8 @@ impl<'s> Lineage<'s> {
         let mut root: Option<Told> = None;
         let mut seen = BTreeSet::new();
         while let Some(output) = self.input(root.as_ref().unwrap_or(told), FIELD) {
+            // A training that changed nothing gave the field that it began with, and would lead in
+            // a circle.
             if !seen.insert(output.digest) {
                 break;
             }
@@ -139,6 +141,7 @@ impl<'s> Lineage<'s> {
         read: impl FnOnce(&Path) -> Result<T, String>,
     ) -> Result<T, StoreError> {
         let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
+        // Inside of the temporary folder: `show` clears the folder that it fills.
         let shown: PathBuf = folder.path().join("artifact");
         self.store.show(output, &shown)?;
         read(&shown).map_err(|problem| StoreError::Output {
@@ -162,6 +165,7 @@ pub fn last_fields(run: &Run, store: &Store) -> Result<BTreeMap<String, Output>,
             continue;
         };
         let manifest = store.manifest(&key).unwrap_or_default();
+        // The last fields of a run are those with which no other stage has begun.
         begun_with.extend(manifest.0.get("inputs.field").cloned());
         fields.insert(name.clone(), field);
     }

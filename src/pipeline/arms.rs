@@ -31,6 +31,8 @@ pub struct Variant {
 /// that of the same name in an extended file; a matrix, with what belongs to it, replaces a matrix.
 pub fn read(layers: &[Layer]) -> Result<Vec<Variant>, Problem> {
     let mut arms: Vec<Variant> = Vec::new();
+    // The innermost file first, so that its arms keep their places and outer files replace them by
+    // name.
     for layer in layers.iter().rev() {
         for arm in named(layer)? {
             match arms.iter_mut().find(|known| known.name == arm.name) {
@@ -43,6 +45,7 @@ pub fn read(layers: &[Layer]) -> Result<Vec<Variant>, Problem> {
     let with_matrix = |layer: &&Layer| of_matrix.iter().any(|name| layer.field(name).is_some());
     if let Some(layer) = layers.iter().find(with_matrix) {
         for arm in combined(layer)? {
+            // An arm's name is a folder: two of one name would overwrite each other's results.
             if arms.iter().any(|known| known.name == arm.name) {
                 let message = format!("there are two arms `{}`", arm.name);
                 let problem = layer.problem("matrix", message);
@@ -77,6 +80,8 @@ fn combined(layer: &Layer) -> Result<Vec<Variant>, Problem> {
         None => &[],
     };
     let mut combinations: Vec<Vec<Override>> = Vec::new();
+    // One empty combination for the axes to extend. Without axes there must be none: `include`
+    // alone can give arms.
     if !axes.is_empty() {
         combinations.push(Vec::new());
     }
@@ -100,6 +105,8 @@ fn combined(layer: &Layer) -> Result<Vec<Variant>, Problem> {
             .iter()
             .flat_map(|before| values.iter().map(move |value| with(before, value)))
             .collect();
+        // Inside of the loop: each further axis multiplies, and would fill the memory before anyone
+        // counts.
         if combinations.len() > MOST_ARMS {
             let message = format!("this matrix has more than {MOST_ARMS} combinations");
             return Err(layer.problem("matrix", message));
@@ -107,6 +114,7 @@ fn combined(layer: &Layer) -> Result<Vec<Variant>, Problem> {
     }
     let excluded = differences_in(layer, "exclude")?;
     combinations.retain(|combination| !excluded.iter().any(|part| is_part(part, combination)));
+    // After the exclusion, so that what is named one by one is never excluded.
     combinations.extend(differences_in(layer, "include")?);
     let arm = |changes: Vec<Override>| Variant {
         name: name_of(&changes),
@@ -150,6 +158,7 @@ fn word(value: &Json) -> String {
         (None, Json::String(text)) => text.clone(),
         (None, other) => other.to_string(),
     };
+    // The word becomes part of a folder's name, on every system.
     let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     let text: String = text.chars().map(safe).collect();
     let parts: Vec<&str> = text.split('-').filter(|part| !part.is_empty()).collect();

@@ -60,6 +60,7 @@ impl Draft {
         let touches = |place: &Place| {
             place.0.starts_with(&fault.place.0) || fault.place.0.starts_with(&place.0)
         };
+        // The latest change of a value is the one that counts.
         let mut causes = self.changes.iter().rev();
         let cause = causes.find(|(_, place)| touches(place) && place.0.len() > 1);
         let problem = match (cause, locate(layers, &fault.place)) {

@@ -149,6 +149,7 @@ impl<T> Named<T> {
             return false;
         };
         self.items.remove(at);
+        // All behind it have moved one place to the front.
         for place in self.index.values_mut().filter(|place| **place > at) {
             *place -= 1;
         }
@@ -185,6 +186,8 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for NamedVisitor<T> {
         let mut named = Named::default();
         while let Some(name) = map.next_key::<String>()? {
             if named.index.contains_key(&name) {
+                // A map would keep the last of two silently, and the first stage would be gone
+                // without a word.
                 return Err(A::Error::custom(format!("`{name}` is defined twice")));
             }
             named.index.insert(name.clone(), named.items.len());

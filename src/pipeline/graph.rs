@@ -144,6 +144,7 @@ impl Graph {
     /// (`i3ds`, `i3ds.2`), or a stage of a loop in all rounds (`i3ds.render`); in all arms, or in
     /// the one that stands before it (`ours/i3ds.render`).
     pub fn find(&self, name: &str) -> Result<BTreeSet<usize>, UnknownStage> {
+        // With the dot, so that `fit` does not mean `fitting` as well.
         let within = format!("{name}.");
         let means_it =
             |full: &str| full == name || full.starts_with(&within) || without_rounds(full) == name;
@@ -187,6 +188,7 @@ impl Graph {
     /// These stages and all that they depend on.
     pub fn needed(&self, wanted: &BTreeSet<usize>) -> BTreeSet<usize> {
         let mut needed = wanted.clone();
+        // Stages stand behind those that they read, so one pass from the end meets all of them.
         for at in (0..self.nodes.len()).rev() {
             if needed.contains(&at) {
                 needed.extend(self.nodes[at].wires.iter().map(|wire| wire.from));
@@ -214,6 +216,7 @@ fn order(nodes: &[Node]) -> Result<Vec<usize>, usize> {
             .iter()
             .for_each(|wire| readers[wire.from].push(at));
     }
+    // A sorted set, so that the order in the file decides wherever the wires leave a choice.
     let mut ready: BTreeSet<usize> = (0..nodes.len()).filter(|&at| missing[at] == 0).collect();
     let mut order = Vec::with_capacity(nodes.len());
     while let Some(at) = ready.pop_first() {
@@ -235,6 +238,8 @@ fn order(nodes: &[Node]) -> Result<Vec<usize>, usize> {
 /// Going upstream from any stage that still waits, one comes to a circle sooner or later.
 fn on_a_circle(nodes: &[Node], missing: &[usize]) -> usize {
     let mut at = missing.iter().position(|&missing| missing > 0).unwrap_or(0);
+    // As many steps as there are stages: fewer could end on the way to a circle, where no mistake
+    // is.
     for _ in nodes {
         at = nodes[at]
             .wires

@@ -31,6 +31,8 @@ pub fn with_bases(source: Source) -> Result<Vec<Source>, Problem> {
         let extending = &files[files.len() - 1];
         let folder = Path::new(&extending.name).parent();
         let path = folder.unwrap_or(Path::new("")).join(path);
+        // A file that extends itself has no end. Counting finds any circle, whatever names the
+        // files go by.
         if files.len() == DEEPEST {
             let problem = extending.problem(span, "too many files extend each other here");
             return Err(problem.with_help("does one of them extend itself?"));
@@ -68,6 +70,8 @@ impl Layer {
         let extensions = ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES
             | ron::extensions::Extensions::IMPLICIT_SOME;
         let options = ron::Options::default().with_default_extension(extensions);
+        // The text is read twice: `ron` gives the types, and the tree the places that serde does
+        // not tell.
         let document = options
             .from_str(&source.text)
             .map_err(|error| malformed(source, &error))?;
@@ -123,6 +127,7 @@ impl Layer {
     /// Lays this file over what it extends.
     fn lay_over(&self, draft: &mut Draft) -> Result<(), Problem> {
         let stages = &mut draft.pipeline.stages;
+        // Taken out before anything is put in: a file may replace a stage by another at the end.
         for name in &self.document.without {
             let known: Vec<String> = stages.names().map(str::to_owned).collect();
             if !stages.remove(name) {
@@ -135,6 +140,7 @@ impl Layer {
         }
         draft.pipeline.name.clone_from(&self.document.name);
         draft.pipeline.seed = self.document.seed.unwrap_or(draft.pipeline.seed);
+        // Last, so that values can be set in the stages that this file itself adds.
         match self.field("set") {
             Some(set) => draft.apply_all(self.differences(set)?),
             None => Ok(()),
@@ -151,6 +157,7 @@ pub fn lay(layers: &[Layer]) -> Result<Draft, Problem> {
             problem.with_help("name it (base: \"i3ds.ron\"), or give the stages their values")
         );
     }
+    // From the innermost file outwards: what extends another has the last word.
     for layer in layers.iter().rev() {
         layer.lay_over(&mut draft)?;
     }
@@ -160,6 +167,8 @@ pub fn lay(layers: &[Layer]) -> Result<Draft, Problem> {
 /// Where a place stands: in the outermost file that spells out its stage, else in the innermost.
 pub fn locate<'l>(layers: &'l [Layer], place: &Place) -> Option<&'l Layer> {
     let spells_out = |layer: &&Layer| {
+        // Two steps name the stage: `stages`, `fit`. The file that spells it out is the one to look
+        // into.
         let steps = place.0.iter().take(2);
         let mut tree = Some(&layer.tree);
         for step in steps {

@@ -45,6 +45,7 @@ impl Merge {
         let nodes = &mut self.graph.nodes;
         let at = *self.places.entry(identity(&node)).or_insert(nodes.len());
         match nodes.get_mut(at) {
+            // It keeps the name of the arm that came first, and is shown under all of them.
             Some(same) => same.also.push(node.name),
             None => nodes.push(node),
         }

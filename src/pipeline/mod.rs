@@ -46,6 +46,7 @@ pub fn load(files: &[Source], overrides: &[Override]) -> Result<Graph, Problem> 
         .map(Layer::read)
         .collect::<Result<Vec<_>, _>>()?;
     let mut draft = layers::lay(&layers)?;
+    // Before the arms: an override is of all of them, and an arm has the last word.
     draft.apply_all(overrides.to_vec())?;
     let arms = arms::read(&layers)?;
     if arms.is_empty() {
@@ -60,6 +61,8 @@ pub fn load(files: &[Source], overrides: &[Override]) -> Result<Graph, Problem> 
             .iter()
             .zip(experiment.folders(&arm.name))
         {
+            // Each arm is unrolled by itself, so that its mistakes are found with their places.
+            // What arms share is found afterwards.
             merge.add(&folder, wanted(&own, *seeds, &layers)?);
         }
     }
@@ -71,6 +74,7 @@ pub fn load(files: &[Source], overrides: &[Override]) -> Result<Graph, Problem> 
 /// The seeds of each run of an arm.
 fn seeds(draft: &Draft, seeds: &[u64]) -> Vec<Seeds> {
     let sources = draft.pipeline.seed;
+    // An experiment's seeds leave the photos alone: all runs are measured against the same ones.
     let with = |&computing| Seeds { computing, sources };
     match seeds {
         [] => vec![Seeds::all(sources)],
@@ -81,6 +85,7 @@ fn seeds(draft: &Draft, seeds: &[u64]) -> Vec<Seeds> {
 /// The stages that the file wants, and all that they need.
 fn wanted(draft: &Draft, seeds: Seeds, layers: &[Layer]) -> Result<Graph, Problem> {
     let graph = draft.graph(seeds, layers)?;
+    // The outermost file that names targets decides.
     let asking = layers.iter().find(|layer| layer.document.targets.is_some());
     let Some((layer, targets)) =
         asking.and_then(|layer| Some((layer, layer.document.targets.as_ref()?)))
@@ -101,6 +106,7 @@ fn malformed(source: &Source, error: &SpannedError) -> Problem {
     use ron::Error::{DuplicateStructField, NoSuchEnumVariant, NoSuchStructField};
     let start = source.offset(error.span.start.line, error.span.start.col);
     let end = source.offset(error.span.end.line, error.span.end.col);
+    // `ron` tells where it stopped reading, which is behind the name that it did not know.
     let word = |name: &str| word_before(&source.text, name, end.max(start)).unwrap_or(start..end);
     match &error.code {
         NoSuchEnumVariant {
@@ -143,6 +149,8 @@ fn span(tree: &Tree, place: &Place) -> std::ops::Range<usize> {
     let mut at = tree;
     let mut span = 0..0;
     for (depth, name) in place.0.iter().enumerate() {
+        // What the text does not spell out has its default: the nearest thing above it is pointed
+        // at.
         let Some(entry) = at.entry(name) else { break };
         span = if depth + 1 == place.0.len() && !is_stage(&entry.tree) {
             entry.tree.span.clone()

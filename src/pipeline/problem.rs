@@ -30,6 +30,7 @@ impl Source {
     pub fn read(path: &Path) -> io::Result<Self> {
         let mut text = String::new();
         File::open(path)?
+            // One byte more than allowed tells a file that is too large from one that just fits.
             .take(Self::LARGEST + 1)
             .read_to_string(&mut text)?;
         if text.len() as u64 > Self::LARGEST {
@@ -46,6 +47,7 @@ impl Source {
 
     /// A problem at these bytes of the text.
     pub fn problem(&self, span: Range<usize>, message: impl Into<String>) -> Problem {
+        // A problem at the end of a text may point behind it, where there is nothing to show.
         let start = span.start.min(self.text.len());
         let length = span.end.clamp(start, self.text.len()) - start;
         Problem {
@@ -130,6 +132,8 @@ pub fn nearest<'a>(found: &str, known: &[&'a str]) -> Option<&'a str> {
     let distance =
         |name: &str| strsim::damerau_levenshtein(&found.to_lowercase(), &name.to_lowercase());
     let near = known.iter().copied().min_by_key(|name| distance(name))?;
+    // A third of the name may be wrong, and one letter more. Beyond that a guess would only
+    // mislead.
     (distance(near) <= near.chars().count().max(3) / 3 + 1).then_some(near)
 }
 

@@ -91,6 +91,7 @@ impl<'t> Reader<'t> {
 
     fn tree(&mut self) -> Result<Tree, Garbled> {
         self.space();
+        // Values are read by recursion. A text of nothing but brackets must not use up the stack.
         if self.depth == DEPTH {
             return Err(self.garbled("less nesting"));
         }
@@ -152,6 +153,7 @@ impl<'t> Reader<'t> {
     fn at_field(&mut self) -> bool {
         let before = self.at;
         self.space();
+        // `(a: 1)` and `(a, b)` begin alike, so the colon is looked for before anything is taken.
         let field = self.identifier().is_ok() && self.eat(':');
         self.at = before;
         field
@@ -221,6 +223,7 @@ impl<'t> Reader<'t> {
         let length = rest
             .find(|c: char| !c.is_ascii_alphanumeric() && !"+-._".contains(c))
             .unwrap_or(rest.len());
+        // `ron` takes `1_000` too, and both have to agree on every file.
         let digits = rest[..length].replace('_', "");
         let number = whole(&digits).or_else(|| digits.parse().ok().and_then(Number::from_f64));
         let number = number.ok_or(self.garbled("a number"))?;
@@ -277,6 +280,7 @@ fn block_comment(text: &str) -> usize {
         match text.get(at..at + 2) {
             Some("/*") => (depth, at) = (depth + 1, at + 2),
             Some("*/") => (depth, at) = (depth - 1, at + 2),
+            // A step can end inside of a character, where `get` finds no text and the loop goes on.
             _ => at += 1,
         }
         if depth == 0 {

@@ -68,6 +68,7 @@ pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
     let (head, rest) = reference
         .split_once('.')
         .map_or((reference, None), |(head, rest)| (head, Some(rest)));
+    // From the inside out: a stage of a loop hides one of the same name outside.
     for (depth, frame) in chain.iter().enumerate().rev() {
         let stage = format!("{}{head}", frame.prefix);
         match frame.stages.get(head) {
@@ -114,6 +115,7 @@ fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
         let Some((rounds, round)) = frame.turn else {
             continue;
         };
+        // `carry` is written beside the loop, and so its names are those outside of it.
         let outside = &chain[..depth];
         match (rounds.carry.get(name), rounds.next.get(name)) {
             (Some(first), _) if round <= 1 => return resolve(outside, &first.0),
@@ -122,6 +124,7 @@ fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
                     .prefix
                     .strip_suffix(&format!(".{round}."))
                     .unwrap_or_default();
+                // What is `next` is said by the stages of the round that ends.
                 let before = Frame::round(prefix, rounds, round - 1);
                 return resolve(
                     &outside.iter().cloned().chain([before]).collect::<Vec<_>>(),

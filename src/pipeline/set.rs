@@ -164,14 +164,17 @@ impl Override {
         path: &[Segment],
         place: Place,
     ) -> Result<Place, Problem> {
+        // A path that ends at the stage itself names no value.
         self.split(path)?;
         let whole = 0..self.source.text.len();
         let mut fields = stage
             .parameters()
             .map_err(|error| self.source.problem(whole, error.to_string()))?;
         *self.slot(&mut fields, path)? = self.value.clone();
+        // Reading the whole stage back checks the new value as strictly as one in a file.
         *stage = AnyStage::from_parameters(stage.stage().kind(), fields).map_err(|error| {
             let message = format!("`{}`: {}", error.path(), error.inner());
+            // serde tells the unknown name and the known ones in its message alone.
             let names = quoted(&message);
             let problem = self.source.problem(self.value_span.clone(), &message);
             match (&names[1..], &self.value) {
@@ -207,6 +210,8 @@ impl Override {
                     None => problem.with_help(format!("what stands here is {}", content(value))),
                 }
             };
+            // Asked before going there: a missing field would otherwise be made, and a typing error
+            // would pass unseen.
             let step = match content(value) {
                 Json::Object(fields) => fields.contains_key(&segment.name),
                 Json::Array(items) => segment.name.parse().is_ok_and(|at: usize| at < items.len()),

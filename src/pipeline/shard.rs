@@ -21,12 +21,14 @@ pub fn shard(mut graph: Graph) -> Result<Graph, Fault> {
         if parts.is_empty() {
             nodes.push(node);
         } else {
+            // Its parts come next, so the first of them will lie at the present end.
             let merge = merge(&node, parts.len(), nodes.len());
             for (number, stage) in (1..).zip(parts) {
                 nodes.push(part(&node, number, stage)?);
             }
             nodes.push(merge);
         }
+        // Whoever reads the whole reads the merge from now on, which comes last.
         place.push(nodes.len() - 1);
     }
     Ok(Graph { nodes, ..graph })
@@ -61,6 +63,7 @@ fn merge(whole: &Node, parts: usize, first: usize) -> Node {
     Node {
         name: whole.name.clone(),
         also: Vec::new(),
+        // A merge draws no random numbers; with one seed for all, equal merges have equal keys.
         seed: 0,
         params: merge.parameters(),
         stage: Box::new(merge),

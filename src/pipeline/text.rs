@@ -83,6 +83,7 @@ impl Tree {
             Value::Tuple(None, items) => items.iter().map(Self::json).collect(),
             Value::Tuple(Some(name), items) => match &items[..] {
                 [] => Json::String(name.clone()),
+                // serde writes an option without a wrapper, so `Some(3)` and `3` are one value.
                 [only] if name == "Some" => only.json(),
                 [only] => tagged(name, only.json()),
                 more => tagged(name, more.iter().map(Self::json).collect()),

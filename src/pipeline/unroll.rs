@@ -81,6 +81,7 @@ pub fn unroll(pipeline: &Pipeline, seeds: Seeds) -> Result<Graph, Fault> {
     if all.is_empty() {
         return Err(Place::root("stages").fault("the pipeline has no stages"));
     }
+    // Wires come after all stages are known, since a reference may point to a stage further down.
     let index: BTreeMap<&str, usize> = all
         .iter()
         .enumerate()
@@ -98,6 +99,7 @@ pub fn unroll(pipeline: &Pipeline, seeds: Seeds) -> Result<Graph, Fault> {
     let (nodes, places): (Vec<graph::Node>, Vec<Place>) = nodes.into_iter().unzip();
     let graph = Graph::new(pipeline.name.clone(), nodes);
     let graph = graph.map_err(|at| places[at].fault("this stage depends on itself in a circle"))?;
+    // After the order is found: each part then stands just before its merge.
     shard::shard(graph)
 }
 
@@ -155,6 +157,7 @@ fn unroll_rounds<'p>(
         )));
     }
     for (carried, reference) in rounds.carry.iter() {
+        // Checked even if no stage reads it: a mistake should not wait until somebody does.
         resolve(chain, &reference.0).map_err(|miss| miss.fault(&place.at("carry").at(carried)))?;
         if rounds.next.get(carried).is_none() {
             let message = format!(
@@ -166,6 +169,7 @@ fn unroll_rounds<'p>(
     for round in 1..=rounds.count {
         let inner = Frame::round(name, rounds, round);
         let chain: Vec<Frame> = chain.iter().cloned().chain([inner]).collect();
+        // In each round anew, since `@name` means something else in the first than in later ones.
         for (carried, reference) in rounds.next.iter() {
             resolve(&chain, &reference.0)
                 .map_err(|miss| miss.fault(&place.at("next").at(carried)))?;
@@ -202,6 +206,7 @@ fn unrolled<'p>(
         .map_err(|error| parameter_fault(&error, &place))?;
     let mut links = Vec::new();
     for port in any.stage().inputs().iter().filter(|port| port.used) {
+        // Ports that these parameters do not use may stay unconnected.
         let Input(reference) = port.reference;
         if reference.is_empty() {
             let message = format!(
@@ -267,6 +272,7 @@ fn wire(
             .with_names(&name, outputs.iter().map(|o| o.name)));
     };
     if port.kind != link.kind {
+        // The most likely mistake is the right stage with the wrong output.
         let fitting = outputs.iter().find(|other| other.kind == link.kind);
         let fault = place().fault(format!(
             "`{}` takes {}, but `{stage}.{}` is {}",

@@ -40,11 +40,15 @@ fn once() -> RetryConfig {
 
 /// The client for an address, and the folder in it. Nothing is asked of the service.
 pub fn open(address: &str) -> Result<(Box<dyn ObjectStore>, Path), AddressError> {
+    // A folder is taken as it is: its name may hold characters that mean something in an address.
     if !address.contains("://") {
         return folder(address, std::path::Path::new(address));
     }
     let url = Url::parse(address).map_err(|error| AddressError::new(address, error.to_string()))?;
+    // Command lines are seen by others and kept with each run. In `abfss` the part before the @ is
+    // the container.
     if url.password().is_some() || (!url.username().is_empty() && url.scheme() != "abfss") {
+        // The message goes to logs: it must not repeat what it warns of.
         let hidden = format!("{}://..", url.scheme());
         return Err(AddressError::new(
             &hidden,
@@ -104,5 +108,6 @@ fn folder(
     }
     let whole = std::path::absolute(path).map_err(|error| refused(error.to_string()))?;
     let root = Path::from_absolute_path(whole).map_err(|error| refused(error.to_string()))?;
+    // Flushed like a store of our own, since others rely on what they find there.
     Ok((boxed(LocalFileSystem::new().with_fsync(true)), root))
 }

@@ -45,6 +45,7 @@ fn cause(error: &object_store::Error) -> String {
 }
 
 fn root<'e>(error: &'e (dyn Error + 'static)) -> &'e (dyn Error + 'static) {
+    // The outer errors only say which request it was. The innermost says what happened.
     let mut deepest = error;
     while let Some(source) = deepest.source() {
         deepest = source;
@@ -54,6 +55,7 @@ fn root<'e>(error: &'e (dyn Error + 'static)) -> &'e (dyn Error + 'static) {
 
 /// Up to where a quotation, a page or a second line begins.
 fn first_words(text: &str) -> String {
+    // Pages and quotations come from the server, and may hold parts of the request.
     let end = text.find(['\n', '<', '{', '"']).unwrap_or(text.len());
     text[..end].trim_end_matches([' ', ':', ',']).to_owned()
 }

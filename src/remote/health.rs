@@ -31,6 +31,7 @@ impl Health {
     fn state(&self) -> MutexGuard<'_, State> {
         self.0
             .lock()
+            // What a thread that panicked leaves here is at worst a notice that nobody hears.
             .unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
@@ -63,6 +64,7 @@ impl Health {
     /// Reading a result failed.
     pub fn read_failed(&self, name: &str, key: &Digest, fault: &Fault) {
         let mut state = self.state();
+        // One damaged result is no reason to give up the remote.
         if let Fault::Damaged(what) = fault {
             if state.damaged.insert(*key) {
                 state.notices.push(format!(
@@ -79,9 +81,11 @@ impl Health {
     /// Writing a result failed: since nothing answers, or since results are not taken.
     pub fn write_failed(&self, name: &str, fault: &Fault) {
         let mut state = self.state();
+        // Stages end on several threads, and the same fault should be told once.
         if state.lost || state.closed {
             return;
         }
+        // It was asked several times by now: what would have passed has not.
         if fault.may_pass() {
             state.lost = true;
             state

@@ -49,6 +49,8 @@ impl Remote {
     /// environment; nothing is asked of it yet.
     pub fn open(address: &str) -> Result<Self, AddressError> {
         let (objects, root) = address::open(address)?;
+        // Threads of its own: transfers wait most of the time, and the pool of the stages should
+        // not wait with them.
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .enable_all()
@@ -76,6 +78,8 @@ impl Remote {
         if !self.health.is_new(key) {
             return Ok(None);
         }
+        // The local store's errors end the run, those of the remote do not. So they leave by
+        // another way.
         let mut local = None;
         let fetched = self.unless_lost(key, || {
             match self.runtime.block_on(self.bring(store, key)) {
@@ -94,6 +98,7 @@ impl Remote {
         key: &Digest,
         ask: impl FnOnce() -> Result<Option<T>, Fault>,
     ) -> Option<T> {
+        // Each question to a remote that is gone would cost the whole patience again.
         if self.health.is_lost() {
             return None;
         }
@@ -105,6 +110,8 @@ impl Remote {
 
     /// Puts a result of the local store there, unless it is there already.
     pub fn publish(&self, store: &Store, record: &Record) {
+        // A failure here fails nothing: the result is in the local store, and `store push` can send
+        // it later.
         if self.health.takes_results() {
             let sent = self.runtime.block_on(self.send(
                 store,
@@ -124,6 +131,7 @@ impl Remote {
     pub fn push(&self, store: &Store) -> Result<Traffic, Fault> {
         let mut traffic = Traffic::default();
         for key in store.keys()? {
+            // Damage must not spread: each result is read through before others get it.
             if let Some(record) = store.lookup(&key)?.sound() {
                 let (new, bytes) = self.runtime.block_on(self.send(store, &record, false))?;
                 traffic.add(new, bytes);
@@ -148,6 +156,8 @@ impl Remote {
                 Ok(fetched) => fetched
                     .iter()
                     .for_each(|(_, bytes)| traffic.add(true, *bytes)),
+                // One damaged result says nothing of the others. A remote that does not answer
+                // would not answer for those either.
                 Err(Fault::Damaged(what)) => damaged(&key, &what),
                 Err(fault) => return Err(fault),
             }

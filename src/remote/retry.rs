@@ -34,6 +34,7 @@ impl Patience {
     ) -> Result<T, Fault> {
         let begun = Instant::now();
         let mut pause = self.pause;
+        // The last attempt stands behind the loop: after it there is nothing to wait for.
         for _ in 1..self.attempts {
             match ask().await {
                 Err(fault) if fault.may_pass() && begun.elapsed() + pause < self.total => {}

@@ -40,6 +40,8 @@ impl Remote {
         let Some(record) = self.record(key).await? else {
             return Ok(None);
         };
+        // Asked for here, since the plan counts such a result as there: one without its blobs would
+        // be found out hours later.
         self.each_file(&record, async |name, file| {
             match self.size(&file.blob).await? {
                 Some(bytes) if bytes == file.bytes => Ok(0),
@@ -66,14 +68,18 @@ impl Remote {
                 self.bring_blob(store, &name, file).await
             })
             .await?;
+        // A manifest that is absent or garbled does no harm: only explanations need it.
         let manifest = self.small(&self.path("manifests", key, ".json")).await?;
         if let Some(manifest) = manifest.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
             store.put_manifest(key, &manifest)?;
         }
+        // What lies here is absent or damaged, else nobody would have asked: a damaged record has
+        // to give way.
         Ok(Some((store.put_result(record, true)?, bytes)))
     }
 
     async fn bring_blob(&self, store: &Store, name: &str, file: &StoredFile) -> Result<u64, Fault> {
+        // Results share blobs, and a fetch that was cut off has brought some already.
         if store.check_blob(&file.blob)?.is_none() {
             return Ok(0);
         }
@@ -95,6 +101,7 @@ impl Remote {
             received.write_all(&piece).at("write", &receiving)?;
             at = range.end;
         }
+        // Nothing that comes from outside gets into `cas/` before its bytes have proved its name.
         if Digest::from(hasher.finalize()) != file.blob {
             return Err(Fault::Damaged(format!("blob damaged: {name}")));
         }
@@ -112,6 +119,8 @@ impl Remote {
         replace: bool,
     ) -> Result<(bool, u64), Fault> {
         let sent = self.each_file(record, async |_, file| {
+            // A blob's name is its digest, so its size is enough to tell a whole one from one that
+            // was cut short.
             let there = !replace && self.size(&file.blob).await? == Some(file.bytes);
             if there {
                 Ok(0)
@@ -122,9 +131,12 @@ impl Remote {
         let bytes = sent.await?;
         if let Some(manifest) = store.manifest(&record.key) {
             let path = self.path("manifests", &record.key, ".json");
+            // Never replaced: a manifest of the same key says the same.
             self.put(&path, serde_json::to_vec_pretty(&manifest), PutMode::Create)
                 .await?;
         }
+        // The record comes last, so that whoever sees it can count on the blobs. The first of two
+        // senders wins, as in the local store.
         let mode = if replace {
             PutMode::Overwrite
         } else {
@@ -141,6 +153,7 @@ impl Remote {
     async fn send_blob(&self, store: &Store, file: &StoredFile) -> Result<u64, Fault> {
         let from = store.blob_path(&file.blob);
         let to = self.path("cas", &file.blob, "");
+        // An upload in pieces takes several requests more, which small files do not repay.
         let send = async || match file.bytes {
             0..=PIECE => {
                 let bytes = std::fs::read(&from).at("read", &from)?;
@@ -190,6 +203,7 @@ impl Remote {
             .await
         {
             Ok(_) => Ok(true),
+            // Another sender's, or our own first attempt whose answer was lost: a record is there.
             Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
             Err(error) => Err(error.into()),
         };
@@ -211,6 +225,8 @@ impl Remote {
         let get = async || {
             let found = self.objects.get(path).await?;
             match found.meta.size {
+                // The size is looked at before the body is read: a wrong object must not fill the
+                // memory.
                 0..=LARGEST_RECORD => Ok(found.bytes().await?.to_vec()),
                 bytes => Err(Fault::Damaged(format!("{path} has {bytes} bytes"))),
             }
@@ -247,6 +263,7 @@ impl Remote {
             .iter()
             .filter_map(|object| key(&object.location))
             .collect();
+        // Services list in an order of their own.
         keys.sort_unstable();
         Ok(keys)
     }
