@@ -189,6 +189,7 @@ fn scored(arm: &Read, baseline: Option<&Read>, bound: Option<&Read>, metrics: &[
     let score = |metric: &Metric| {
         let values = by_run(&arm.runs, &metric.name);
         let mean = mean(&values)?;
+        // An arm has nothing ahead of itself.
         let baseline = baseline.filter(|baseline| baseline.arm.name != arm.arm.name);
         Some(Score {
             mean,

@@ -154,6 +154,8 @@ fn replaced(text: &str, start: &str, end: &str, by: &str) -> String {
     let parts = text.split_once(start);
     match parts.and_then(|(before, rest)| Some((before, rest.split_once(end)?.1))) {
         Some((before, after)) => format!("{before}{by}{after}"),
+        // The texts are those of the main job as it is built in. A test notices when they no longer
+        // fit.
         None => text.to_owned(),
     }
 }

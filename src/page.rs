@@ -48,6 +48,7 @@ impl Page<'_> {
         self.parameters(&mut html);
         self.provenance(&mut html);
         html.put("</main>");
+        // A name with `</script>` in it would end the script. In JSON, `<\/` is the same text.
         let data = self.data().to_string().replace("</", "<\\/");
         Ok(format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\

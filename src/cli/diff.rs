@@ -44,6 +44,7 @@ impl Diff {
     /// Prints the comparison.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let known = Known::new(Store::open(&self.changes.folders.store)?)?;
+        // Overrides are of the second side, so that a pipeline can be compared with itself changed.
         let plain = Changes {
             set: Vec::new(),
             ..self.changes.clone()
@@ -248,6 +249,7 @@ pub(super) fn find_run<'r>(runs: &'r [Run], word: &str) -> Option<&'r Run> {
         Some(Err(_)) => None,
         None => runs
             .iter()
+            // A whole date at least, so that a few digits mean a key.
             .find(|run| word.len() >= 8 && run.started.starts_with(word)),
     }
 }
@@ -269,6 +271,7 @@ fn tell(a: &Side, b: &Side, verdicts: &BTreeMap<String, Verdict>) {
         .iter()
         .filter(|(_, verdict)| **verdict != Verdict::Same)
         .collect();
+    // What differs by itself comes first, since the rest follows from it.
     different.sort_by_key(|(_, verdict)| rank(verdict));
     let rows: Vec<Vec<String>> = different
         .iter()

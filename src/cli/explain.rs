@@ -120,6 +120,8 @@ fn first_cause(
         };
         let manifest = context.manifest_of(at, &now.inputs, &now.key);
         let mut changes = diff(&past.manifest, &manifest, &BTreeSet::new());
+        // A changed input only passes on what changed before it. The cause lies where something
+        // else changed.
         changes.retain(|change| change.input().is_none());
         if !changes.is_empty() {
             return Ok(Some((

@@ -134,6 +134,7 @@ impl<const FOLDER: bool> Target<FOLDER> {
 /// The command line that every job begins with: this program, and the options that decide keys and
 /// places.
 fn command(pipeline: &Path, changes: &Changes, arms: &[String]) -> Vec<String> {
+    // By its own path: on another node or in a job, PATH may lead to another version.
     let program =
         std::env::current_exe().map_or("srnerf-dag".into(), |path| path.display().to_string());
     let mut words = vec![
@@ -169,6 +170,7 @@ fn write(path: &Path, text: &str, mark: &str) -> Result<(), Error> {
             "choose another place: --to PATH",
         )
     };
+    // An earlier export may be replaced. A Snakefile that somebody wrote by hand must not.
     match fs::read_to_string(path) {
         Ok(there) if !there.contains(mark) => {
             let message = format!("{} is there already, and was not exported", path.display());

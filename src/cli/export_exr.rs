@@ -123,6 +123,7 @@ impl Exr {
                 splat::normals(&view.camera, depth, &coverage)
             });
         let mut about = about.clone();
+        // OpenEXR has no attribute for a lens, so it stands in the text about the frame.
         if !view.camera.distortion.is_none() {
             about["distortion"] = json!(view.camera.distortion);
         }

@@ -42,6 +42,8 @@ impl Gc {
         } = self;
         let mut store = Store::open(&folders.store)?;
         let _alone = if delete { Some(store.alone()?) } else { None };
+        // With the store to itself if anything is to go: a run could take up again what is listed
+        // here.
         let garbage = store.garbage(&Policy {
             keep_last,
             older_than,

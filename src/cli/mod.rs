@@ -144,6 +144,7 @@ impl Cli {
             Command::Man(man) => man.run(Self::command()),
             Command::Doctor(doctor) => doctor.run(self.json),
         };
+        // A command that failed by itself says so first: that its output is cut short matters less.
         match done.and_then(|()| output::complete()) {
             Ok(()) => OK,
             Err(error) => {

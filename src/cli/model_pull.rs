@@ -102,6 +102,7 @@ impl Pull {
                 "check the cache's folder, HF_HOME",
             )
         };
+        // In the hub's cache the file is a link, and what it leads to bears the digest as its name.
         let blob = path.canonicalize().map_err(unreadable)?;
         let expected = blob
             .file_name()
@@ -111,6 +112,7 @@ impl Pull {
         if actual.is_none_or(|actual| actual == expected) {
             return Ok(path);
         }
+        // Both are removed, the file and the link to it, so that the next try gets it anew.
         std::fs::remove_file(&blob)
             .and_then(|()| std::fs::remove_file(&path))
             .map_err(unreadable)?;
@@ -149,6 +151,7 @@ fn digest_like(tag: &str, path: &Path) -> std::io::Result<Option<String>> {
     match tag.len() {
         64 => digest(Sha256::new(), &mut file).map(Some),
         40 => {
+            // git puts this head before the bytes when it names a file.
             let size = file.metadata()?.len();
             digest(Sha1::new_with_prefix(format!("blob {size}\0")), &mut file).map(Some)
         }

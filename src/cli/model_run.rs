@@ -172,6 +172,7 @@ impl Run {
     fn compute(&self, device: &Device) -> Result<Answer, Error> {
         let call = self.question(device)?;
         let before = device.counts();
+        // With gradients comes the forward pass, so it need not be asked for twice.
         let outputs = call.gradients().unwrap_or_else(|| call.forward());
         let bytes = to_safetensors(&outputs)?;
         let counts = device

@@ -44,6 +44,7 @@ impl Only {
     /// suffice.
     pub fn narrow(&self, context: &mut Context, stage: usize) -> Result<(), Error> {
         context.needed = context.graph.needed(&BTreeSet::from([stage]));
+        // A stage upstream that was forced would count as one without a result.
         context.forced.retain(|&forced| forced == stage);
         let mut forecasts = context.forecast()?;
         let name = |at: usize| context.graph.nodes[at].name.clone();
@@ -91,6 +92,8 @@ impl Only {
             .filter(|folder| !folder.as_os_str().is_empty())
             .unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder).at("create", folder)?;
+        // Snakemake takes a stamp that is there for a job that is done, so it must never be half
+        // written.
         let mut file = tempfile::NamedTempFile::new_in(folder).at("write", path)?;
         writeln!(file, "{stamp}").at("write", path)?;
         file.persist(path)

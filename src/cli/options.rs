@@ -99,6 +99,7 @@ pub fn size(text: &str) -> Result<u64, String> {
         power.ok_or_else(|| format!("`{unit}` is no unit of size; the units are K, M, G and T"))?;
     let bytes =
         number.parse::<f64>().map_err(|error| error.to_string())? * 1024f64.powi(power as i32);
+    // Numbers are read as floats for the sake of `1.5G`, and so `NaN` and `inf` get this far.
     if bytes.is_finite() && bytes >= 0.0 {
         Ok(bytes as u64)
     } else {

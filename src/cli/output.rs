@@ -14,6 +14,7 @@ static LOST: OnceLock<std::io::Error> = OnceLock::new();
 /// Prints one line on standard output.
 pub fn print(line: &dyn Display) {
     match writeln!(stdout().lock(), "{line}") {
+        // As `head` closes its input: that is no error, and nobody reads what would still come.
         Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
         // Only the first loss is told.
         Err(error) => drop(LOST.set(error)),

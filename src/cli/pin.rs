@@ -43,6 +43,7 @@ impl Pin {
 
     fn pin(&self, name: &str, json: bool) -> Result<(), Error> {
         let good = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+        // The name becomes that of a file.
         if name.starts_with('.') || !name.chars().all(good) || !(1..=64).contains(&name.len()) {
             let help = "names are letters, digits, `_`, `-` and `.`";
             return Err(Error::usage(format!("`{name}` cannot name a pin"), help));

@@ -41,6 +41,7 @@ impl Plan {
         let device = device::open(&changes.device)?;
         let since = SystemTime::now();
         let question = standing::question(&self.pipeline, &self.choice, &device);
+        // A run that had nothing to do has answered for the plan as well, and looked at more.
         let questions: Vec<_> = question
             .iter()
             .flat_map(|run| [*run, standing::of_plan(run)])

@@ -90,6 +90,7 @@ impl Run {
         let begun = Instant::now();
         let started = now();
         let PipelineOptions { pipeline, changes } = &self.pipeline;
+        // Before anything is looked at: what changes from here on must not count as found.
         let since = SystemTime::now();
         let device = device::open(&changes.device)?;
         self.tell_device(&device);
@@ -98,6 +99,8 @@ impl Run {
             .is_all()
             .then(|| standing::question(&self.pipeline, &self.choice, &device))
             .flatten();
+        // Before the pipeline is parsed: with thousands of stages that alone takes most of a run
+        // with nothing to do.
         if let Some(found) = standing::find(question.as_slice(), &changes.folders.store)? {
             return Ok(self.find_all_done(&ManuallyDrop::new(found).1, started, begun, json)?);
         }
@@ -109,6 +112,7 @@ impl Run {
         let view = View::new(&changes.folders.out, &session.graph.pipeline);
         let only = self.only.stage(&session)?;
         match only {
+            // A job of one stage removes no folders: it runs beside the jobs of the others.
             Some(stage) => self.only.narrow(&mut context, stage)?,
             None => view.retain(
                 &store,
@@ -133,6 +137,7 @@ impl Run {
             .stages
             .iter()
             .filter(|(_, stage)| stage.end == End::Ran);
+        // Before `put_run`, which writes down what was found.
         store.remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
         store.put_run(&record)?;
         if let Some(question) = &question {
@@ -218,11 +223,14 @@ impl Run {
         view: &View,
         json: bool,
     ) -> Result<Outcome, Error> {
+        // One pool for all that computes: two of them would want twice as many cores as there are.
         let pool = thread_pool(self.threads)?;
         let cached = pool.install(|| context.cached())?;
+        // Now, not when the stage begins: that may be after hours of other stages.
         if !self.over_memory {
             room::check(context, &cached, memory_limit())?;
         }
+        // From here on there is something to keep. Before, a signal may end the program at once.
         let cancelled = stop_on_signals()?;
         tuning::apply(&session.device);
         let mut progress = progress::choose(json, self.verbosity(), !self.no_progress);
@@ -270,6 +278,7 @@ impl Run {
         Budget {
             threads,
             memory,
+            // The memory of a GPU is not counted in estimates, so two stages could fill it.
             one_on_device: device.is_gpu(),
         }
     }
@@ -351,6 +360,8 @@ pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>, Error> {
 fn catch_signals() -> std::io::Result<Arc<AtomicBool>> {
     let cancelled = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        // The order matters: handlers run as they were registered. The first signal finds the flag
+        // unset here, and sets it below; the second one finds it set.
         signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, cancelled.clone())?;
         signal_hook::flag::register(signal, cancelled.clone())?;
     }

@@ -58,6 +58,7 @@ impl Session {
             error,
         })?;
         let mut store = Store::open(&changes.folders.store)?;
+        // Before anything is looked up: what is found must still be there when it is used.
         store.share_if_there();
         let files = crate::pipeline::with_bases(source)?;
         let graph = load(&files, &overrides, &store)?;
@@ -66,6 +67,7 @@ impl Session {
         let sources = plan::sources(&graph, &needed, &store)?;
         let remote = changes.remote.as_deref().map(Remote::open).transpose()?;
         let salt = changes.salt.clone();
+        // On a CPU nothing can fall back to it, and results keep their own keys.
         let fallback = changes.fallback.as_ref().filter(|_| device.is_gpu());
         let fallback = fallback.map(|fallback| format!("{}, then {fallback}", device.kind()));
         Ok(Self {
@@ -83,6 +85,7 @@ impl Session {
 
     /// The context for planning and running.
     pub fn context<'s>(&'s self, store: &'s Store) -> Context<'s> {
+        // What was looked up while the pipeline was read need not be looked up again.
         store.take_findings(&self.store);
         Context {
             graph: &self.graph,
@@ -143,6 +146,8 @@ fn load(
         scope.spawn(|_| store.look_ahead(&enough));
         let graph = crate::pipeline::load(files, overrides);
         let stages = graph.as_ref().map_or(0, |graph| graph.nodes.len());
+        // A store can remember many pipelines. Where it has far more than this one needs, looking
+        // ahead is no gain.
         enough.store(store.remembers_many(stages), Ordering::Relaxed);
         graph
     })

@@ -33,12 +33,14 @@ pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> 
     if changes.remote.is_some() || !choice.force.is_empty() {
         return None;
     }
+    // Another build may compute other keys or look at other things, even under one version.
     let program = std::env::current_exe().ok()?;
     let files = pipeline::with_bases(Source::read(path).ok()?).ok()?;
     let texts: Vec<_> = files
         .iter()
         .map(|file| *blake3::hash(file.text.as_bytes()).as_bytes())
         .collect();
+    // The working folder counts, since paths in the pipeline start from it.
     let places: Vec<PathBuf> = [
         Path::new("."),
         path,
@@ -140,6 +142,7 @@ impl Found<'_> {
         if self.context.graph.experiment.is_some() {
             return;
         }
+        // Where it cannot be said which files a stage reads, nobody can see that they have changed.
         let Some(sources) = self.session.source_files(self.context) else {
             return;
         };
@@ -150,6 +153,7 @@ impl Found<'_> {
                 .flat_map(|record| self.store.evidence(record)),
         );
         let name = |at: &usize| self.context.graph.nodes[*at].name.clone();
+        // Only of these does a run print anything. The others need not be read back.
         let told = records.iter().filter(|(_, record)| report::tells(record));
         let standing = Standing {
             pipeline: self.context.graph.pipeline.clone(),

@@ -128,6 +128,7 @@ impl Verify {
                 key: assessment.key,
                 reason: "computing it again",
             });
+            // Outside of the store, which then has no lease, no work folder and no result of this.
             let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
             let inputs = inputs(context, at, &forecasts, folder.path())?;
             let say = |message: Message| {
@@ -142,6 +143,7 @@ impl Verify {
                 inputs,
                 outputs: folder.path().join("out"),
                 scratch: folder.path().join("scratch"),
+                // Nobody goes on from this, and an earlier state would verify nothing.
                 checkpoint_every: Duration::MAX,
                 earlier: None,
                 provenance: Provenance::default(),
@@ -213,6 +215,7 @@ fn differences(
     let mut differences = Vec::new();
     for (name, output) in &record.outputs {
         let folder = folder.join(name);
+        // By content first: the files themselves also say which stage made them.
         let same =
             semantic_digest(output.kind, &folder).is_ok_and(|digest| digest == output.digest);
         if !same {
@@ -300,6 +303,7 @@ fn conclude(verdicts: &[Verdict], named: bool) -> Result<(), Error> {
             help: None,
         });
     }
+    // Of a whole pipeline some stages may not have run yet. A stage that was named must have.
     if absent == verdicts.len() || (named && absent > 0) {
         let help = "run it first, with the same --set, --salt and --store";
         return Err(Error::usage(

@@ -28,6 +28,7 @@ pub fn by_another(
     path: &Path,
     write: impl FnOnce(&Path) -> Result<(), Error>,
 ) -> Result<(), Error> {
+    // In the same folder, and so on the same file system: only there can it be renamed into place.
     let work = tempfile::tempdir_in(parent(path)).map_err(|error| refused(path, &error))?;
     let name = path.file_name().unwrap_or_default();
     let beside = work.path().join(name);

@@ -226,6 +226,7 @@ impl Comparison {
             ] {
                 let Some(value) = value else { continue };
                 let mut row = vec![arm.name.clone(), name.to_owned(), value.to_string()];
+                // Readers of CSV want as many cells in each line as in the first.
                 row.resize(rows[0].len(), String::new());
                 rows.push(row);
             }

@@ -88,6 +88,7 @@ impl<'a> Reader<'a> {
         let stages: Vec<(&str, &StageRun)> = self
             .run
             .stages
+            // With the slash, so that `ours` does not take the stages of `ours_long`.
             .range(within.clone()..)
             .map_while(|(name, stage)| Some((name.strip_prefix(&within)?, stage)))
             .collect();
@@ -97,6 +98,8 @@ impl<'a> Reader<'a> {
                 continue;
             };
             read.cost.add(stage, &record);
+            // The first stage that has the row: an arm has one score, whatever else was measured in
+            // it.
             if !found && let Some(metrics) = self.metrics(&record)? {
                 self.keep(&read.arm.name, &metrics, read.runs.len());
                 read.runs

@@ -65,6 +65,8 @@ pub fn paired(pairs: &[(f64, f64)], better: Better) -> Option<Paired> {
     let mean = mean(&differences)?;
     let interval = spread(&differences).map(|spread| {
         let count = differences.len();
+        // Student's quantile, since there are a handful of views: the normal one would make
+        // intervals too narrow.
         let half = student_95(count - 1) * spread / (count as f64).sqrt();
         [mean - half, mean + half]
     });

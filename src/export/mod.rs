@@ -75,6 +75,7 @@ impl Workflow {
         for &at in &context.needed {
             let node = &nodes[at];
             let array = shard_of(nodes, at);
+            // Shards follow one another in the graph, so the last job is that of the first shard.
             if let (Some((whole, 2..)), Some(job)) = (array, jobs.last_mut()) {
                 job.recipes.push(recipe(context, at));
                 job.resources = job.resources.most(Resources::of(node));
@@ -130,6 +131,8 @@ fn shard_of(nodes: &[Node], at: usize) -> Option<(&str, usize)> {
 
 fn recipe(context: &Context, at: usize) -> Digest {
     let node = &context.graph.nodes[at];
+    // Without inputs, whose digests change with every result: stamps already tell Snakemake of
+    // those.
     let sources = &context.sources[at];
     Recipe {
         node,
@@ -143,6 +146,7 @@ fn recipe(context: &Context, at: usize) -> Digest {
 
 impl Resources {
     fn of(node: &Node) -> Self {
+        // No inputs are there yet, so this is the stage's guess by its parameters alone.
         let estimate = node.stage.estimate(&BTreeMap::new());
         let asked = Self {
             threads: LEAST.threads,

@@ -53,6 +53,7 @@ pub fn animation(pictures: &[Picture], rate: Rate) -> Result<Vec<u8>, WebpError>
     // A background nobody sees, and no end of turns.
     chunk(&mut body, b"ANIM", &[0; 6]);
     for (i, still) in stills.into_iter().enumerate() {
+        // Differences of rounded moments, so that rounding does not add up over a long film.
         let lasts = rate.milliseconds(i + 1) - rate.milliseconds(i);
         let place = [0; 6];
         let lasts = &(lasts as u32).to_le_bytes()[..3];
@@ -93,6 +94,7 @@ fn chunk(into: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
     into.extend(name);
     into.extend((data.len() as u32).to_le_bytes());
     into.extend(data);
+    // RIFF chunks begin at even bytes. The length leaves out this one.
     if data.len() % 2 == 1 {
         into.push(0);
     }

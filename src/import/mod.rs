@@ -53,6 +53,7 @@ impl Import {
         fs::create_dir_all(&work).map_err(|error| ImportError::file(&work, error))?;
         let photos = photos::gather(self, &work, progress)?;
         let registered = self.reconstruct(tool, &work, &photos, progress)?;
+        // The name appears when all is well, so that a folder of this name is always a whole scene.
         fs::rename(&work, &self.folder).map_err(|error| ImportError::file(&self.folder, error))?;
         Ok(Imported {
             photos: photos.count,
@@ -84,6 +85,7 @@ impl Import {
         let mut best = 0;
         // The global mapper is faster, but finds less where focal lengths are unknown.
         for global in tool.mappers() {
+            // What an earlier mapper left would be taken for models of this one.
             remove(&work.join("sparse"))?;
             fs::create_dir(work.join("sparse")).map_err(|error| ImportError::file(work, error))?;
             run(Step::Poses { global: *global }, progress)?;

@@ -99,6 +99,7 @@ fn take_frames(
     progress: &mut dyn Progress,
 ) -> Result<(), ImportError> {
     let version = Command::new("ffmpeg").arg("-version").output();
+    // Asked first, so that a missing program is told apart from a video that it cannot read.
     version.map_err(|error| ImportError::NoFfmpeg {
         path: import.photos.clone(),
         error,

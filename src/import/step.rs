@@ -114,6 +114,7 @@ fn watch(
     let mut bytes = Vec::new();
     while reader.read_until(b'\n', &mut bytes)? > 0 {
         log.write_all(&bytes)?;
+        // Names of photos need not be UTF-8.
         let line = String::from_utf8_lossy(&bytes).trim().to_owned();
         bytes.clear();
         each(&line);

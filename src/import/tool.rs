@@ -137,6 +137,8 @@ impl Tool {
             Step::Poses { global: true } => "global_mapper",
             Step::Poses { global: false } => "mapper",
         };
+        // Options have changed their names between versions, and COLMAP refuses those that it does
+        // not know.
         let known = ask(&self.program, &[name, "--help"], "COLMAP").unwrap_or_default();
         let mut command = Command::new(&self.program);
         command.arg(name);

@@ -34,6 +34,7 @@ impl Loopback {
             .worker_threads(SERVING)
             .enable_all()
             .build()?;
+        // Never another address: the page is for this machine alone.
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let listener = runtime.block_on(TcpListener::bind(address))?;
         let guard = Guard::new(listener.local_addr()?).map_err(std::io::Error::other)?;

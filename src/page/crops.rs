@@ -51,6 +51,8 @@ fn of_view(gallery: &Gallery, view: usize) -> Vec<Crop> {
     };
     let width = first.width as usize;
     let height = first.height as usize;
+    // Arms may enlarge by different factors. Only pictures of one size can be compared pixel by
+    // pixel.
     let alike: Vec<&[u8]> = pictures
         .iter()
         .filter(|picture| picture.rgb8.len() == first.rgb8.len())
@@ -58,6 +60,7 @@ fn of_view(gallery: &Gallery, view: usize) -> Vec<Crop> {
         .collect();
     let variance: Vec<f64> = (0..width * height).map(|at| variance(&alike, at)).collect();
     let side = (height / 5).clamp(8, 256).min(width).min(height);
+    // Half over each other, so that what is telling is not cut in two by the raster.
     let step = (side / 2).max(1);
     let tops = (0..=height - side).step_by(step);
     let windows = tops.flat_map(|top| {

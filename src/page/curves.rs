@@ -36,6 +36,7 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
     let mut curves: BTreeMap<(String, &str), Curve> = BTreeMap::new();
     let mut seen = BTreeSet::new();
     for (name, stage) in &run.stages {
+        // A stage that arms share has one curve, under the first of its names.
         let Some(key) = stage.key.filter(|key| seen.insert(*key)) else {
             continue;
         };
@@ -84,6 +85,7 @@ impl Curve {
         let [first, last] = range(|point| point.0);
         let [low, high] = range(|point| point.1);
         let place = |(x, y): &(f64, f64)| {
+            // Where all values are one there is nothing to divide by.
             let across = (x - first) / (last - first).max(1e-12);
             let up = (y - low) / (high - low).max(1e-12);
             format!("{:.1},{:.1}", across * WIDTH, (1.0 - up) * HEIGHT)

@@ -61,6 +61,8 @@ impl Gallery {
         let mut bytes = 0;
         for name in names {
             let of_view: usize = sets.iter().map(|sets| sets.bytes(name)).sum();
+            // One view is shown even if it is too large by itself: a report without pictures tells
+            // too little.
             if bytes + of_view > MOST_BYTES && !gallery.views.is_empty() {
                 break;
             }
@@ -79,6 +81,7 @@ impl Gallery {
     fn add(&mut self, name: &str, sets: &[Sets]) {
         let view = self.views.len();
         self.views.push(name.to_owned());
+        // All arms have the same photo of a view, so it is kept once.
         let photo = sets.iter().find_map(|sets| sets.photos.get(name));
         if let Some(photo) = photo {
             let number = self.keep(photo);

@@ -105,6 +105,8 @@ impl Html {
     /// Adds a part of a picture with its caption, as wide as a whole one.
     pub fn crop(&mut self, shown: &Shown, crop: &Crop, caption: &str, label: &str) {
         let share = |at: usize, length: u32| {
+            // In CSS, 100 % puts the picture's far edge at that of the box: percent are of what
+            // does not fit.
             let room = (length as usize - crop.side).max(1);
             100.0 * at as f64 / room as f64
         };

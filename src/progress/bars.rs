@@ -71,6 +71,7 @@ impl Progress for Bars {
                 }
                 return;
             }
+            // Without steps a bar would stand still, and its times with it.
             Event::Tick => return self.running.values().for_each(ProgressBar::tick),
             Event::Started { stage, .. } => self.start(stage),
             Event::Finished { stage, .. }

@@ -137,6 +137,8 @@ impl Lines {
                 total,
                 finished,
             } => {
+                // From here the pace is counted: the steps of the earlier run took no time in this
+                // one.
                 self.running.insert(stage.to_owned(), Running::new(*step));
                 let what = if *finished {
                     "extending its finished result"

@@ -94,6 +94,7 @@ impl Progress for Tev {
 impl Drop for Tev {
     /// The last images are shown before the program ends.
     fn drop(&mut self) {
+        // The thread ends when its queue does, so that closes first.
         self.pushes = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
@@ -108,6 +109,8 @@ fn push_all(address: &str, queue: &Receiver<Push>) -> std::io::Result<()> {
     for Push { stage, folder } in queue {
         let tev = match &mut tev {
             Some(tev) => tev,
+            // Not before there is something to show: a user may start tev while the first stages
+            // run.
             None => tev.insert(connect(address)?),
         };
         show(tev, &stage, &folder)?;
@@ -119,6 +122,7 @@ fn connect(address: &str) -> std::io::Result<TevClient> {
     let nowhere = || std::io::Error::other("it is no address");
     let address = address.to_socket_addrs()?.next().ok_or_else(nowhere)?;
     let socket = TcpStream::connect_timeout(&address, PATIENCE)?;
+    // A tev that hangs must not keep the program from ending.
     socket.set_write_timeout(Some(PATIENCE))?;
     Ok(TevClient::wrap(socket))
 }

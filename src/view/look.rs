@@ -93,6 +93,7 @@ impl Look {
             ));
         }
         let camera = self.stand.camera(subject)?;
+        // Requests are not trusted with sizes: one could ask for more pixels than there is memory.
         let [width, height] = sized(&camera, self.width)?;
         Ok(camera.scaled(width, height))
     }

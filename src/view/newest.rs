@@ -46,6 +46,7 @@ impl<T> Newest<T> {
         match std::mem::replace(&mut *place, Place::Empty) {
             Place::Waiting(thing) => Some(thing),
             Place::Empty | Place::Closed => {
+                // Taking has emptied the place, and a closed one must stay closed.
                 *place = Place::Closed;
                 None
             }

@@ -15,7 +15,9 @@ const SCRIPT: &str = concat!(
 /// The page of what a card tells, and the policy that it comes with: nothing from elsewhere, and
 /// nothing runs but what stands in it under `nonce`, a word that nobody else knows.
 pub fn page(card: &Value, nonce: &str) -> (String, String) {
+    // Names come from users' files. Without `<` none of them can end the script.
     let card = card.to_string().replace('<', "\\u003c");
+    // The card comes last, so that nothing in it is taken for a place to fill in.
     let html = include_str!("page/page.html")
         .replace("NONCE", nonce)
         .replace("/*STYLE*/", include_str!("page/style.css"))

@@ -105,6 +105,7 @@ impl<'s> Painter<'s> {
         stop: &(impl Fn() -> Result<(), Overtaken> + Sync),
     ) -> Result<(), Overtaken> {
         let first = self.first_level(order);
+        // A camera on its way will have moved on before a finer picture is done.
         let levels = if order.look.moving {
             &LEVELS[first..=first]
         } else {
@@ -139,9 +140,12 @@ impl<'s> Painter<'s> {
         for (number, pane) in order.look.panes.iter().enumerate() {
             let rendered = self.renderers[pane.field].try_render(&camera, &options, stop)?;
             let frame = frame(order, number, level, &rendered, &camera).ok_or(Overtaken)?;
+            // The channel holds all frames of an order, so this fails only when nobody listens any
+            // more.
             order.reply.try_send(frame).map_err(|_| Overtaken)?;
         }
         let speed = level.count(order) / begun.elapsed().as_secs_f64().max(1e-6);
+        // A moving average: how fast rays are depends on where the camera looks.
         self.rays_per_second += NEWS * (speed - self.rays_per_second);
         Ok(())
     }
@@ -155,6 +159,7 @@ fn frame(
     rendered: &Rendered,
     camera: &Camera,
 ) -> Option<Vec<u8>> {
+    // What is soon replaced may lose a little, and comes sooner.
     let format = match order.look.moving || level.part > 1 {
         true => Format::Jpeg,
         false => Format::Png,

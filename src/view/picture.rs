@@ -61,6 +61,7 @@ pub fn encode(rgb: &[u8], [w, h]: [u32; 2], format: Format) -> Result<Vec<u8>, I
             JpegEncoder::new_with_quality(&mut file, QUALITY).write_image(rgb, w, h, color)?;
         }
         Format::Png => {
+            // Over loopback bytes cost little, and packing them costs time.
             PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up)
                 .write_image(rgb, w, h, color)?;
         }

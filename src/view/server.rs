@@ -104,6 +104,7 @@ impl Server {
                 Either::Right(_) => Ok(()),
             }
         });
+        // The painter waits for orders: only now does it end and can be joined.
         site.orders.close();
         if let Err(bug) = painter.join() {
             std::panic::resume_unwind(bug);
@@ -146,6 +147,7 @@ async fn html(State(site): State<Arc<Site>>) -> Result<Response, StatusCode> {
 
 /// Frames, one behind the other, as they are rendered.
 async fn look(State(site): State<Arc<Site>>, body: Bytes) -> Result<Response, Problem> {
+    // Checked before it is ordered: the painter has nobody to tell of a mistake.
     let look: Look = read(&body)?;
     let camera = look.camera(&site.subject).map_err(Problem)?;
     let (reply, frames) = mpsc::channel(MOST_FRAMES);
@@ -174,6 +176,7 @@ async fn photo(
     State(site): State<Arc<Site>>,
     Path((_, number)): Path<(String, usize)>,
 ) -> Result<Response, StatusCode> {
+    // Encoding takes a while, and the threads that serve must not wait for it.
     let encode = move || {
         let view = site.subject.photos.get(number)?;
         let size = [view.camera.width, view.camera.height];

@@ -75,6 +75,7 @@ impl Board {
             pipeline: pipeline.to_owned(),
             cards: Mutex::new(cards.collect()),
             names,
+            // A page that does not read must not hold up the run: what it misses is dropped.
             changes: broadcast::channel(LAG).0,
         }
     }
@@ -173,6 +174,7 @@ impl Board {
         change(card);
         let now = Instant::now();
         let long_ago = |shown: Instant| now.duration_since(shown) >= PAUSE;
+        // Stages take hundreds of steps a second. A change of state is never held back.
         if at_once || card.shown.is_none_or(long_ago) {
             card.shown = Some(now);
             self.tell(&json!({"stages": {stage: card}}));
@@ -187,6 +189,8 @@ impl Board {
 
 /// Adds a point to a curve; every second one is dropped when there are too many.
 fn add(curve: &mut Vec<(u64, f64)>, step: u64, value: f64) {
+    // A training has hundreds of thousands of steps, and every page gets the whole curve with each
+    // change.
     if curve.len() >= MOST_POINTS {
         let mut at = 0;
         curve.retain(|_| {

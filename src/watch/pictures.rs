@@ -46,6 +46,7 @@ fn names(folder: &Path) -> Vec<String> {
 
 /// A picture as a PNG of 8 bits, sRGB; `None` where there is none.
 pub fn png(path: &Path) -> Option<Vec<u8>> {
+    // Browsers show these as they are. EXR files they do not know.
     if path.extension()? == "png" {
         return fs::read(path).ok();
     }

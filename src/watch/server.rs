@@ -65,6 +65,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         if let Some(runtime) = self.runtime.take() {
+            // Without waiting: a stream of changes lasts for as long as its page is open.
             runtime.shutdown_background();
         }
     }
@@ -81,6 +82,7 @@ fn router(site: Arc<Site>, guard: Arc<guard::Guard>) -> Router {
 }
 
 async fn html() -> Result<Response, StatusCode> {
+    // Drawn for each page: a script that got into one from outside could not know the word.
     let nonce = guard::random_word().map_err(|_| StatusCode::INTERNAL_SERVER_ERROR)?;
     let (html, policy) = page::page(&nonce);
     Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(html)).into_response())
@@ -108,6 +110,7 @@ async fn change(
 ) -> Option<(String, Receiver<String>)> {
     match changes.recv().await {
         Ok(change) => Some((change, changes)),
+        // Single changes are lost by now, so only the whole is right.
         Err(RecvError::Lagged(_)) => Some(board.look()),
         Err(RecvError::Closed) => None,
     }
@@ -120,6 +123,7 @@ async fn list(
     if !site.board.has(&stage) {
         return Err(StatusCode::NOT_FOUND);
     }
+    // Reading folders blocks, and two threads serve all pages.
     let list = move || serde_json::to_string(&pictures::list(&site.view.stage(&stage))).ok();
     let listed = tokio::task::spawn_blocking(list).await.ok().flatten();
     let listed = listed.ok_or(StatusCode::INTERNAL_SERVER_ERROR)?;

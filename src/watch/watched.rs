@@ -34,6 +34,8 @@ impl Watched {
         cancelled: &Arc<AtomicBool>,
     ) -> std::io::Result<Self> {
         let board = Arc::new(Board::new(pipeline, names));
+        // Before the first stage, so that a page which cannot be served is known before hours of
+        // work.
         let server = Server::new(board.clone(), view.clone())?;
         tell(&format_args!("watch it at {}", server.url));
         Ok(Self {

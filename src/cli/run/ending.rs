@@ -107,6 +107,7 @@ pub fn verdict(outcome: &Outcome, graph: &Graph) -> Result<(), Error> {
     let stages = if count == 1 { "stage" } else { "stages" };
     let message = format!("{count} {stages} failed{}", failed_arms(outcome, graph));
     let any = |is: fn(&Failure) -> bool| outcome.failures.iter().any(|(_, failure)| is(failure));
+    // The gravest decides the exit code: a script must not take a bug for a bad parameter.
     if any(|failure| matches!(failure, Failure::Bug(_))) {
         Err(Error::Bug(message))
     } else if any(|failure| matches!(failure, Failure::Store(_))) {

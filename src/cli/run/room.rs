@@ -38,6 +38,7 @@ fn too_large(
     if missing.is_empty() {
         return Ok(BTreeMap::new());
     }
+    // Read only when something has to be computed: it means reading thousands of records.
     let experience = Experience::of(context.store)?;
     let record = |at: usize| there.get(&at).copied().or_else(|| context.given.get(&at));
     let costs = missing
