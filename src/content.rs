@@ -307,12 +307,14 @@ fn text_value(text: &str) -> Value {
 
 fn range(values: impl Iterator<Item = f32>) -> Option<[f64; 3]> {
     let mut least = f64::INFINITY;
-    // In double precision: with millions of values a sum of floats would drift.
     let mut sum = 0.0;
     let mut most = f64::NEG_INFINITY;
     let mut count = 0u64;
     for value in values.map(f64::from) {
-        (least, sum, most, count) = (least.min(value), sum + value, most.max(value), count + 1);
+        least = least.min(value);
+        sum += value;
+        most = most.max(value);
+        count += 1;
     }
     (count > 0).then(|| [least, sum / count as f64, most])
 }

@@ -32,7 +32,7 @@ pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest
     Some(hasher.finalize().into())
 }
 
-/// Why a stage whose steps have been raised, and nothing else, begins at the first one all the
+/// Why a stage of which only the number of steps was raised begins with the first step all the
 /// same.
 pub fn obstacle(extension: Extension, reason: &Reason) -> Option<&'static str> {
     let (Extension::Impossible(field, why), Reason::Changed(changes)) = (extension, reason) else {

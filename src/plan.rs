@@ -33,8 +33,8 @@ pub struct Context<'a> {
     pub remote: Option<&'a Remote>,
     /// The kind of device to compute on.
     pub device: &'a str,
-    /// The kind that results have which were begun on that and went on on the CPU, where such
-    /// count: `--fallback cpu`.
+    /// What the device of a result is called that was begun on `device` and finished on the CPU;
+    /// `None` unless the user accepts such results: `--fallback cpu`.
     pub fallback: Option<&'a str>,
     /// The user's word in all keys.
     pub salt: Option<&'a str>,

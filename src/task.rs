@@ -72,7 +72,8 @@ pub struct Task<'a> {
     pub kind: &'a str,
     /// Set when it should stop.
     pub cancelled: &'a AtomicBool,
-    /// What it has in common with results of fewer steps, if more can go on from fewer.
+    /// The extension key: what it has in common with results of fewer steps, if a longer run can go
+    /// on from a shorter one.
     pub extension: Option<Digest>,
     /// The state that such a result left.
     pub earlier: Option<PathBuf>,

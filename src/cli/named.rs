@@ -16,7 +16,6 @@ pub fn field(
     store: &Store,
     lineage: &Lineage,
 ) -> Result<Told, Error> {
-    // A path goes first: a run or a pipeline can be named otherwise, by @1 or by its moment.
     let path = Path::new(what);
     if path.exists() {
         return read(path);

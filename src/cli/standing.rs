@@ -22,9 +22,9 @@ use crate::store::signature::Signature;
 use crate::store::standing::Standing;
 use crate::store::view::View;
 
-/// Everything, but what lies in files, that decides what becomes of each stage; and this program
-/// and the pipeline's text, with those of the files that it extends. `None` where more decides:
-/// what a remote has, or that something is computed whatever is there.
+/// A digest of what decides what becomes of each stage: the options, this program, and the texts of
+/// the pipeline and of the files that it extends. What lies in other files is no part of it. `None`
+/// where more decides: what a remote has, or that something is computed whatever is there.
 pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> Option<Digest> {
     let PipelineOptions {
         pipeline: path,
@@ -67,8 +67,8 @@ pub fn of_plan(question: &Digest) -> Digest {
     blake3::hash(format!("plan of {question}").as_bytes()).into()
 }
 
-/// The answer in a store that all results are there, to the first of these questions that has one
-/// which still stands; it does for as long as the store which comes with it lives.
+/// The store's answer to the first of these questions that has one which still holds: all results
+/// are there. It holds for as long as the store that comes with it, whose lock keeps `gc` out.
 pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standing)>, StoreError> {
     if questions.is_empty() {
         return Ok(None);

@@ -7,7 +7,8 @@ use crate::plan::{Basis, Cost};
 use crate::progress::duration;
 use crate::scheduler::budget::memory_limit;
 
-/// A result of other parameters is some measure, and no result a weaker one.
+/// Marks of costs that no result of the same parameters tells: those by a similar result, and those
+/// by the stage's own estimate.
 const LIKE: &str = "~";
 const GUESS: &str = "guess";
 

@@ -29,7 +29,7 @@ fn folder() -> Option<PathBuf> {
 
 fn apply_in(folder: &Path, device: &Device) {
     let path = file(folder, device);
-    // A file that does not fit this device is measured anew and replaced.
+    // Tiles that do not fit this device are measured anew, and the file is replaced.
     let known = fs::read_to_string(&path).is_ok_and(|text| device.tune(&text));
     if !known && device.is_hardware() && device.measure().is_ok() {
         let _ = keep(&path, device);

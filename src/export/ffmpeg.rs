@@ -176,8 +176,8 @@ impl Fed {
     fn of(ffmpeg: &mut Child, pictures: &[Picture]) -> std::io::Result<Self> {
         let stdin = ffmpeg.stdin.take();
         std::thread::scope(|scope| {
-            // Both pipes at once: if ffmpeg stopped to be read while we stopped to be written to,
-            // neither would go on.
+            // Both pipes at once: a pipe full of messages would stop ffmpeg, which then takes no
+            // pictures.
             let writer = scope.spawn(move || {
                 let mut stdin = stdin.ok_or_else(|| std::io::Error::other("it has no input"))?;
                 let mut pictures = pictures.iter();

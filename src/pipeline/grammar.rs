@@ -149,7 +149,6 @@ impl<T> Named<T> {
             return false;
         };
         self.items.remove(at);
-        // All behind it have moved one place to the front.
         for place in self.index.values_mut().filter(|place| **place > at) {
             *place -= 1;
         }

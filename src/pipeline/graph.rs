@@ -238,8 +238,8 @@ fn order(nodes: &[Node]) -> Result<Vec<usize>, usize> {
 /// Going upstream from any stage that still waits, one comes to a circle sooner or later.
 fn on_a_circle(nodes: &[Node], missing: &[usize]) -> usize {
     let mut at = missing.iter().position(|&missing| missing > 0).unwrap_or(0);
-    // As many steps as there are stages: fewer could end on the way to a circle, where no mistake
-    // is.
+    // As many steps as there are stages: fewer could end on the way to the circle, at a stage that
+    // is no part of it.
     for _ in nodes {
         at = nodes[at]
             .wires

@@ -16,8 +16,8 @@ pub enum Forecast {
     Cached(Box<Assessment>),
     /// It will be computed. Where its inputs are all known, so is its key.
     Run(Reason, Option<Box<Assessment>>),
-    /// It will be computed unless these stages, which will be, give the results that they gave
-    /// before.
+    /// It will be computed, unless these stages, which are computed before it, come to the same
+    /// results as they did.
     Unless(Vec<String>),
 }
 
@@ -91,7 +91,6 @@ impl Context<'_> {
                 Err(reason) => Forecast::Run(reason.clone(), Some(Box::new(assessment))),
             });
         }
-        // Whatever its inputs will be, it will run.
         if self.forced.contains(&at) {
             return Ok(Forecast::Run(Reason::Forced, None));
         }

@@ -168,6 +168,8 @@ impl Remote {
 
     async fn send_in_pieces(&self, from: &std::path::Path, to: &Path) -> Result<(), Fault> {
         let mut file = File::open(from).at("read", from)?;
+        // S3 takes parts of 5 MiB and more, and at most 10 000 of them: pieces of this size make 80
+        // GB.
         let mut upload = self.objects.put_multipart(to).await?;
         loop {
             let mut piece = Vec::new();

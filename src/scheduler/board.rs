@@ -105,8 +105,8 @@ impl<'p> Board<'p> {
         !runs && !waits
     }
 
-    /// A stage begins; with its first step, where it might have gone on from a result, for a reason
-    /// that is told.
+    /// A stage begins. `obstacle` says why it begins with its first step although a shorter run of
+    /// it is there.
     pub fn begin(&mut self, at: usize, stage: Queued, obstacle: Option<&str>) {
         let reason = match obstacle {
             Some(why) => format!("{}; from the first step, since {why}", stage.reason),

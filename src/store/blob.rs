@@ -41,8 +41,6 @@ impl Store {
         self.disk.protect(file).at("protect", file)?;
         // Replacing a blob of the same name also heals one that was damaged.
         self.disk.rename(file, &path).at("write", &path)?;
-        // The digest was taken a moment ago: there is no need to read the blob again in this
-        // process.
         self.know_sound(digest);
         Ok((digest, bytes))
     }

@@ -172,7 +172,7 @@ fn list(folder: &Path) -> Result<Vec<Entry>, StoreError> {
             Err(error) => return Err(error).at("read", &path),
         }
     }
-    // File systems list names in any order. What is printed and done has one.
+    // File systems list names in any order. Sorted, what is printed and done is the same each time.
     entries.sort_by(|a, b| a.path.cmp(&b.path));
     Ok(entries)
 }

@@ -341,7 +341,6 @@ impl Survey {
             )
         });
         let mut doomed = Vec::new();
-        // What was not used for longest is at the end.
         while let Some(record) = candidates.pop().filter(|_| bytes > most) {
             for blob in super::usage::sizes(std::iter::once(record)).into_keys() {
                 if let Some(count) = holders.get_mut(&blob) {

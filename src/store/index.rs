@@ -27,7 +27,7 @@ const HEAD: usize = 8 + 8 + 32;
 /// As soon as the file is so many times as long as what its entries need, it is written anew.
 const SPREAD: usize = 4;
 
-/// A file that is no longer than this is long enough for anything.
+/// A file up to this length is not written anew, however much of it is out of date.
 const SHORT: usize = 64 << 10;
 
 /// What an entry is of.
@@ -117,7 +117,8 @@ impl Index {
     /// Takes over what another index of the same file has read, and what came to it.
     pub fn take(&self, other: &Self) {
         if let Some(pages) = other.pages.get() {
-            // Pages that were read here first are as good: both are of the same file.
+            // This fails where pages were read here already. They are of the same file, and as
+            // good.
             let _ = self.pages.set(pages.clone());
         }
         if let (Ok(mut new), Ok(mut others)) = (self.new.lock(), other.new.lock()) {

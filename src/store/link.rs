@@ -15,7 +15,7 @@ use super::index::Kind;
 use super::record::{Output, StoredFile};
 use super::signature::Signature;
 
-/// How often to begin anew to show a folder that another process is about to show, too.
+/// How often to try again to show a folder that another process shows at the same time.
 const MOST_ATTEMPTS: u64 = 32;
 
 impl Store {

@@ -50,7 +50,7 @@ pub struct StoredFile {
     pub blob: Digest,
     /// How many they are.
     pub bytes: u64,
-    /// What the blob looked like when this process found it as it was.
+    /// The signature of the blob when this process last found it unchanged.
     #[serde(skip)]
     pub glance: Glance,
 }

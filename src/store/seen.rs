@@ -13,7 +13,8 @@ use super::index::{Kind, Place};
 use super::record::{Glance, Record, StoredFile};
 use super::signature::Signature;
 
-/// So many times what is wanted may be looked up ahead.
+/// An index that remembers more than this many times the results that are wanted is not looked
+/// through ahead.
 const AHEAD: usize = 4;
 
 /// A sound result, as the index remembers it.

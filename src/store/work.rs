@@ -96,8 +96,7 @@ impl Work<'_> {
             .join(other.to_string())
             .join("scratch");
         let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
-        // An own checkpoint is further on. The other one is copied, not moved: a later run on the
-        // GPU can still go on from it.
+        // Copied, not moved: a later run on the GPU can still go on from it.
         if !to.exists() {
             // Without it the stage takes longer, and comes to its result all the same.
             let _ = fs::copy(from, to);

@@ -13,7 +13,7 @@ use crate::progress::Event;
 
 /// Points of a curve at most; one of more is thinned out.
 const MOST_POINTS: usize = 240;
-/// The shortest time between two changes of one stage that are no change of its state.
+/// How long to wait between two messages about one stage, unless its state has changed.
 const PAUSE: Duration = Duration::from_millis(250);
 /// Changes that a slow page may lag behind before it gets the whole board anew.
 const LAG: usize = 512;
