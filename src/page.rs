@@ -4,6 +4,7 @@
 mod crops;
 mod curves;
 mod gallery;
+mod graph;
 mod html;
 mod verdict;
 
@@ -15,6 +16,7 @@ use crate::comparison::{Comparison, Scored};
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::runs::Run;
+use graph::Graph;
 use html::{Html, escaped};
 
 /// How many crops are shown, and how many of the worst views.
@@ -44,7 +46,7 @@ impl Page<'_> {
         self.crops(&mut html);
         self.worst(&mut html);
         self.curves(&mut html)?;
-        self.stages(&mut html);
+        self.stages(&mut html)?;
         self.parameters(&mut html);
         self.provenance(&mut html);
         html.put("</main>");
@@ -240,9 +242,17 @@ impl Page<'_> {
         Ok(())
     }
 
-    /// Every stage of the run with its end, its cost and its reason.
-    fn stages(&self, html: &mut Html) {
+    /// Every stage of the run with its end, its cost and its reason: drawn, and as a table.
+    fn stages(&self, html: &mut Html) -> Result<(), StoreError> {
         html.section("stages", "Stages");
+        if let Some(graph) = Graph::of(self.run, self.store)? {
+            html.tag("p", "Each box is a result: its stage, its arm, and what it took when it was computed. Lines lead to what was made from it.");
+            html.put("<p class=\"states\"><span class=\"ran\">ran in this run</span><span class=\"cached\">cached</span><span class=\"failed\">failed</span><span class=\"stopped\">stopped</span></p>");
+            html.put(&format!(
+                "<div class=\"scroll graph\" tabindex=\"0\">{}</div>",
+                graph.svg()
+            ));
+        }
         html.put("<details><summary>Each stage, what became of it in this run, and why</summary>");
         let head = ["arm", "stage", "state", "time", "peak memory", "why it ran"];
         let mut rows = vec![head.map(str::to_owned).to_vec()];
@@ -253,6 +263,7 @@ impl Page<'_> {
         }
         html.table(&rows, |_, _| false);
         html.put("</details></section>");
+        Ok(())
     }
 
     fn stage(&self, arm: &str, stage: &str, cost: &crate::comparison::StageCost) -> Vec<String> {

@@ -44,7 +44,8 @@ pub struct Fit {
     /// that chose its exposure and white balance anew for each. Then it computes on the CPU.
     pub exposure: Option<ExposureOptions>,
     /// Refine where each photo was taken from: `poses: ()`. For poses that are off by up to some
-    /// hundredths. Then it computes on the CPU.
+    /// hundredths, in radians and in parts of the distance to what is seen. Then it computes on the
+    /// CPU.
     pub poses: Option<PoseOptions>,
 }
 
