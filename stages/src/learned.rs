@@ -71,8 +71,10 @@ impl Learned {
             tile: self.tile as usize,
             ensemble: self.ensemble,
         };
+        // Networks overshoot, and the next pass was trained on 0 to 1.
         let enlarge = |image: &Array| clamp(&network.enlarge(image, options), 0.0, 1.0);
         let mut image = enlarge(image);
+        // A network for x1 enlarges nothing, and would loop for ever.
         while network.scale() > 1 && (image.shape()[2] < height || image.shape()[3] < width) {
             image = enlarge(&image);
         }

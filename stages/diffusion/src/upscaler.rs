@@ -63,9 +63,11 @@ impl Upscaler<'_> {
             camera: Some(camera),
             ..asked(query, &sample, &labels)
         };
+        // Always the positive prompt, as in ProlificDreamer: the LoRA learns without guidance.
         let (output, tape) = unet.forward_train(&input, &self.positive, KEPT);
         let error = sub(&schedule.velocity(&output, query.noisy, query.t), target);
         let gradient =
+            // The derivative of the mean square by v is 2 error / n.
             schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
         let gradients = unet.backward(&input, &self.positive, tape, &gradient, false);
         (
@@ -111,6 +113,7 @@ impl Denoiser for Upscaler<'_> {
     }
 
     fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters {
+        // alpha = rank, so that the scale is 1, diffusers' default.
         let lora = self.prior.unet.new_lora(rank as usize, rank.into(), seed);
         lora.adapters.into_iter().chain(lora.camera).collect()
     }
