@@ -41,6 +41,7 @@ impl Perspective {
         let rows = front(cameras)?;
         let flat = |corner: DVec3| {
             let [x, y, depth] = rows.map(|row| row.dot(corner.extend(1.0)));
+            // Disparity for depth: equal steps of it are what photos tell apart.
             DVec3::new(x, y, 1.0) / depth
         };
         let corners = cameras.iter().flat_map(|camera| corners(camera)).map(flat);
@@ -48,12 +49,14 @@ impl Perspective {
             [low.min(at), high.max(at)]
         });
         let size = high - low;
+        // One scale for x and y, so that pixels' cells are square; depth fills 0 to 1 by itself.
         let across = 1.0 / size.x.max(size.y);
         let deep = 1.0 / size.z;
         let [x, y, depth] = rows;
         let place = [
             across * (x - low.x * depth),
             across * (y - low.y * depth),
+            // The nearest, of the highest disparity, lies at 0.
             deep * (high.z * depth - DVec4::W),
         ];
         let matrix = [place[0], place[1], place[2], depth].map(|row| row.as_vec4().to_array());
