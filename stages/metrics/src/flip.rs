@@ -44,12 +44,15 @@ pub struct Flip {
 pub fn flip(truth: Image, image: Image) -> Flip {
     truth.assert_same_size(&image, "flip");
     let (a, b) = rayon::join(|| Seen::new(truth), || Seen::new(image));
+    // Compressed like all others, so that it is mapped to 1.
     let largest = compressed(color::largest_difference());
     let at = |i: usize| {
         let color = redistributed(compressed(a.colors[i].difference(&b.colors[i])), largest);
         let edges = (a.edges[i] - b.edges[i]).abs();
         let points = (a.points[i] - b.points[i]).abs();
         let feature = (edges.max(points) / std::f64::consts::SQRT_2).powf(Q_F);
+        // Where one picture alone has a feature the exponent falls to 0, and any difference becomes
+        // 1.
         color.powf(1.0 - feature.min(1.0))
     };
     let map: Vec<f64> = (0..a.colors.len()).into_par_iter().map(at).collect();
