@@ -103,6 +103,7 @@ impl Perspective {
         if depth > 0.0 {
             [0, 1, 2].map(|i| self.row(i, point, 1.0) / depth)
         } else {
+            // Outside of the box on every axis, whatever asks.
             [-1.0; 3]
         }
     }
@@ -113,6 +114,7 @@ impl Perspective {
         let unit = self.to_unit(point);
         let depth = self.depth(point);
         std::array::from_fn(|j| {
+            // The quotient rule: u = row_i p / row_3 p.
             let slope = |i: usize| self.matrix[i][j] - unit[i] * self.matrix[3][j];
             (0..3).map(|i| d_unit[i] * slope(i)).sum::<f32>() / depth
         })
@@ -128,6 +130,7 @@ impl Perspective {
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
         let depth = self.depth(point);
         if depth > 0.0 {
+            // Disparity is 1 / depth, whose slope is 1 / depth^2.
             self.deep / (depth * depth)
         } else {
             0.0
@@ -162,6 +165,7 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
     let ahead = axes.sum::<DVec3>().try_normalize()?;
     let aside = |camera: &&Camera| {
         let position = camera.position();
+        // All that it sees and not its axis alone: a wide lens sees what the map cannot hold.
         corners(camera).any(|corner| (corner - position).normalize().dot(ahead) < LEAST_COSINE)
     };
     if cameras.iter().any(aside) {
@@ -171,6 +175,7 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
         .iter()
         .map(|camera| camera.camera_to_world.y_axis.truncate())
         .sum::<DVec3>();
+    // Cameras that look straight up or down have no common right, and no map.
     let right = ahead.cross(up).try_normalize()?;
     let middle = cameras
         .iter()
@@ -187,6 +192,7 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
         .map(|corner| (corner - middle).dot(ahead));
     let back = LEAST_DEPTH * nearest - depths.fold(f64::INFINITY, f64::min);
     let place = middle - ahead * back.max(0.0);
+    // Each row is an axis and less the front camera's place along it.
     Some([right, right.cross(ahead), ahead].map(|axis| axis.extend(-axis.dot(place))))
 }
 
