@@ -17,11 +17,11 @@ use filters::{Contrast, Feature};
 /// Pixels in a degree of the visual field: a 4K screen 0.7 m wide, seen from 0.7 m.
 const PIXELS_PER_DEGREE: f64 = 0.7 * 3840.0 / 0.7 * std::f64::consts::PI / 180.0;
 
-/// Colour differences are compressed by this exponent,
+/// Colour differences are compressed by this exponent.
 const Q_C: f64 = 0.7;
-/// and what lies below this share of the largest one
+/// The share of the largest difference below which differences count as small.
 const P_C: f64 = 0.4;
-/// is mapped to 0 up to this, the rest to what is left up to 1.
+/// Small differences are mapped to 0 up to this, the others from there to 1.
 const P_T: f64 = 0.95;
 /// Feature differences are compressed by this exponent.
 const Q_F: f64 = 0.5;

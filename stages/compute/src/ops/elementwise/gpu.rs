@@ -12,7 +12,7 @@ use crate::runtime::gpu::pool::Buffer;
 const BLOCK: usize = 4096;
 
 params! {
-    /// The constants of a function; what they mean, it knows.
+    /// The constants of a function, which says what they mean.
     struct Constants {
         a: f32,
         b: f32,

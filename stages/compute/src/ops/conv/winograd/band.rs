@@ -1,7 +1,7 @@
 //! Some channels: a band of output rows is worked through while all of it stays in the second
 //! cache. A panel of its tiles is transformed, multiplied at 36 spots by a block of outputs, and
-//! transformed back; so transformed tiles never go to memory. Bands are each other's business in
-//! nothing, and run in parallel.
+//! transformed back; so transformed tiles never go to memory. Bands share nothing, and run in
+//! parallel.
 
 use super::extents::{BLOCK, COLUMNS, DEPTH, SPOTS, WIDEST};
 use super::kernels::{Lines, Multiply};
