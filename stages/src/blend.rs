@@ -138,6 +138,8 @@ impl Blend {
             (images, _, _) => images.map(|alpha| alpha.to_vec()),
         };
         let (detail, low) = self.colours(views, device);
+        // Colours and alpha get the same shares, so that an outline and what it bounds stay
+        // together.
         let sum = self.sum(&detail, shares, &low);
         View {
             name: views.images.name.clone(),

@@ -40,6 +40,7 @@ impl Checkpoint {
     /// Writes the file: whole, flushed and renamed into place, or not at all.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let folder = path.parent().unwrap_or(Path::new("."));
+        // In the same folder: a rename does not cross file systems.
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
         let body = self.body()?;
         file.write_all(MAGIC)?;

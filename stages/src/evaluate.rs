@@ -235,6 +235,7 @@ impl Stage for Evaluate {
             let low = convert::view_named(&lows, &view.name)?;
             let truth = Picked::of(view);
             let mask = view.mask.as_deref();
+            // Masked pixels take the truth's values, so that every metric finds no error there.
             let enlarged = self
                 .bicubic(&baseline, low, view, io)
                 .masked_by(&truth, mask);

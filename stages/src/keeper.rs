@@ -13,8 +13,8 @@ use crate::stage::{Io, Message};
 pub const FILE: &str = "checkpoint";
 /// What a damaged one is renamed to.
 const DAMAGED: &str = "checkpoint.damaged";
-// So that checkpoints take a hundredth of the time at most, however slow the disk.
 /// A stage computes at least so many times longer than it spends on checkpoints.
+// So that checkpoints take a hundredth of the time at most, however slow the disk.
 const LEAST_WORK: u32 = 99;
 
 /// Keeps the checkpoints of one stage while it goes through its steps.

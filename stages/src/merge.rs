@@ -140,6 +140,7 @@ fn first<A>(parts: Vec<A>) -> Result<(A, impl Iterator<Item = A>), StageError> {
 
 impl Joined for ImageSet {
     fn join(parts: Vec<Self>) -> Result<Self, StageError> {
+        // All shards have the bounds of the whole.
         let (mut all, others) = first(parts)?;
         others.for_each(|part| all.views.extend(part.views));
         // In the order of names, as the whole stage would have left them.

@@ -80,6 +80,7 @@ pub fn train(
     }
     let mut keeper = Keeper::new(io, options.steps.into());
     let config = field.config().clone();
+    // Kept apart, since the field is moved into whichever training begins.
     let bounds = field.bounds();
     let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
@@ -100,6 +101,7 @@ pub fn train(
             Diary::default(),
         )
     });
+    // Counts are of this run's steps, not of those before the checkpoint.
     let begun = training.steps_taken();
     let before = io.device.counts();
     while training.steps_taken() < options.steps {

@@ -239,6 +239,7 @@ impl Tokenizer {
     /// The rank and place of the pair that is merged next.
     fn best_pair(&self, symbols: &[String]) -> Option<(usize, usize)> {
         let rank = |(i, pair): (usize, &[String])| Some((*self.merges.get(&pair.join(" "))?, i));
+        // The least rank, and of equal ones the first in the word.
         symbols.windows(2).enumerate().filter_map(rank).min()
     }
 }

@@ -56,6 +56,7 @@ impl Upscaler<'_> {
     ) -> (f64, LoraParameters) {
         let schedule = &self.prior.schedule;
         let unet = &self.prior.unet;
+        // The upscaler's classes are levels of noise of the low-resolution image.
         let labels = [query.noise_level];
         let sample = joined(query);
         let input = Input {
@@ -140,6 +141,7 @@ impl Denoiser for Upscaler<'_> {
         lora: &LoraParameters,
     ) -> (f64, LoraParameters) {
         let lora = network(lora);
+        // Means over samples add up to the mean over the batch, as all are of one size.
         let share = 1.0 / query.t.len() as f32;
         let mut loss = 0.0;
         let mut sum = LoraParameters::new();

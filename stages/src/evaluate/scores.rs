@@ -24,8 +24,8 @@ struct Missing {
     why: String,
 }
 
-// The covariance of 36 features has full rank with at least 37 blocks.
 /// How many blocks NIQE needs for statistics of full rank.
+// The covariance of 36 features has full rank with at least 37 blocks.
 const BLOCKS: usize = 37;
 
 impl Scores {

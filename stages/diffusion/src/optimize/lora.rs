@@ -19,8 +19,8 @@ pub struct LoraState {
     pub steps: u64,
 }
 
-// The same limit as in the paper's code.
 /// Gradients of a larger norm, over all parameters together, are scaled down to it.
+// The same limit as in the paper's code.
 const MAX_NORM: f64 = 1.0;
 
 impl LoraState {

@@ -82,6 +82,7 @@ impl Vae {
 
     /// How many image pixels a latent pixel spans each way: 4 for the x4 upscaler.
     pub fn factor(&self) -> usize {
+        // Every block but the last one halves.
         1 << (self.config.block_out_channels.len() - 1)
     }
 
