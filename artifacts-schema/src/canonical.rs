@@ -76,6 +76,7 @@ pub fn check_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), Schem
     let mut previous = None;
     for name in names {
         check_name(name)?;
+        // Names come in order, so equal ones are neighbours.
         if previous == Some(name) {
             return Err(SchemaError::content(
                 format!("name {name:?}"),

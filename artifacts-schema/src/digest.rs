@@ -89,6 +89,7 @@ pub(crate) struct ContentHasher(blake3::Hasher);
 
 impl ContentHasher {
     pub fn new(kind: ArtifactKind) -> Self {
+        // A key of its own for each kind: two kinds never share a digest.
         Self(blake3::Hasher::new_derive_key(&format!(
             "srnerf-dag artifact {kind} v1"
         )))
@@ -99,6 +100,7 @@ impl ContentHasher {
     }
 
     pub fn count(&mut self, count: usize) {
+        // As 64 bits, whatever the machine counts with.
         self.0.update(&(count as u64).to_le_bytes());
     }
 
@@ -109,6 +111,7 @@ impl ContentHasher {
 
     pub fn json(&mut self, value: &serde_json::Value) {
         let mut value = value.clone();
+        // The order of fields means nothing, and may change with the program.
         value.sort_all_objects();
         self.text(&value.to_string());
     }
@@ -124,6 +127,7 @@ impl ContentHasher {
     pub fn real(&mut self, value: f64) {
         // Adding zero turns -0.0 into 0.0 and leaves every other number alone.
         let canonical = if value.is_nan() {
+            // There are many NaNs; which one a machine makes must not show.
             f64::NAN
         } else {
             value + 0.0
@@ -142,6 +146,7 @@ impl ContentHasher {
     }
 
     pub fn values(&mut self, values: &[f32]) {
+        // Bounds the copy; BLAKE3's result does not depend on where it is cut.
         const CHUNK: usize = 1 << 18;
         self.count(values.len());
         for chunk in values.chunks(CHUNK) {

@@ -176,6 +176,7 @@ impl Artifact for ImageSet {
             hasher.optional_values(view.depth.as_deref());
             hasher.mask(view.mask.as_deref());
         }
+        // Behind everything and only where there is one, as with what came later elsewhere.
         if let Some(to_source) = &self.to_source {
             hasher.text("to_source");
             hasher.reals(to_source.as_flattened());

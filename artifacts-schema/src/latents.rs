@@ -125,6 +125,7 @@ impl Latents {
         let path = folder.join(file);
         let tensors = tensors::open(&path)?;
         let metadata: LatentsMetadata = tensors::header(&tensors)?;
+        // Both ways: each view has a tensor, and each tensor a view.
         let unknown = |name: &&str| !metadata.views.contains_key(*name);
         let unknown = tensors.names().find(unknown).map(str::to_owned);
         let mut views = Vec::new();
@@ -157,6 +158,7 @@ impl Latents {
         hasher.real(self.scaling_factor);
         hasher.bounds(&self.bounds);
         hasher.count(self.views.len());
+        // By name, so that the digest does not depend on the order of a list.
         for view in self.sorted() {
             hasher.text(&view.name);
             hasher.count(view.size[0] as usize);

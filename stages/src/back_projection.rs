@@ -20,12 +20,15 @@ pub fn back_project(
     (0..rounds).fold(image, |image, _| {
         let missing = sub(
             low,
+            // The filter that made the low-resolution photos, so that what was made of one reduces
+            // to it.
             &resize(&image, reduced[2], reduced[3], Filter::BicubicPil, true),
         );
         let missing = match counts {
             Some(counts) => mul(&missing, counts),
             None => missing,
         };
+        // In every round: what is clipped must be missing in the next.
         clamp(
             &add(
                 &image,

@@ -94,6 +94,8 @@ impl Blend {
             Filter::BicubicTorch,
             false,
         );
+        // All three are brought in line with the photo first. So details differ only in what the
+        // photo does not show.
         let base = self.project(base, low);
         let images = sub(&self.project(images, low), &base);
         let own = sub(&self.project(own, low), &base);
@@ -114,6 +116,7 @@ impl Blend {
         let array = |view: &View| convert::srgb_array(view, device);
         let low = Low {
             values: array(views.low),
+            // [1, 3, h, w]
             counts: masks::factors(views.low, 3, device),
         };
         (
@@ -131,9 +134,12 @@ impl Blend {
                 let detail = self.detail(images, own, &low);
                 Some(self.sum(&detail, shares, &low).to_vec())
             }
+            // Without alpha on all sides there is no detail to weigh.
             (images, _, _) => images.map(|alpha| alpha.to_vec()),
         };
         let (detail, low) = self.colours(views, device);
+        // Colours and alpha get the same shares, so that an outline and what it bounds stay
+        // together.
         let sum = self.sum(&detail, shares, &low);
         View {
             name: views.images.name.clone(),

@@ -40,6 +40,7 @@ impl Checkpoint {
     /// Writes the file: whole, flushed and renamed into place, or not at all.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let folder = path.parent().unwrap_or(Path::new("."));
+        // In the same folder: a rename does not cross file systems.
         let mut file = tempfile::NamedTempFile::new_in(folder)?;
         let body = self.body()?;
         file.write_all(MAGIC)?;
@@ -47,6 +48,7 @@ impl Checkpoint {
         file.write_all(&body)?;
         file.as_file().sync_all()?;
         file.persist(path)?;
+        // A rename is safe from a power cut only once its folder is flushed too.
         File::open(folder)?.sync_all()
     }
 
@@ -63,6 +65,7 @@ impl Checkpoint {
         })?;
         let mut body = (header.len() as u64).to_le_bytes().to_vec();
         body.extend(header);
+        // The header was made of the same map, so the order is the same.
         for (_, values) in self.tensors.values() {
             let bytes: Vec<[u8; 4]> = values.iter().map(|value| value.to_le_bytes()).collect();
             body.extend_from_slice(bytes.as_flattened());
@@ -96,6 +99,7 @@ impl Checkpoint {
         } = serde_json::from_slice(header).ok()?;
         let mut tensors = Tensors::new();
         for (name, shape) in shapes {
+            // Bytes: four for each value. The header may claim any size, so products are checked.
             let count = shape
                 .iter()
                 .try_fold(4usize, |bytes, &extent| bytes.checked_mul(extent))?;
@@ -113,6 +117,7 @@ impl Checkpoint {
                 ),
             );
         }
+        // What the header does not name must not be there.
         values.is_empty().then_some(Self {
             step,
             tensors,

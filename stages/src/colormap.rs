@@ -18,6 +18,7 @@ pub fn color(value: f32) -> [f32; 3] {
     } else {
         value.clamp(0.0, 1.0)
     };
+    // Hue may pass 1: sine and cosine do not care.
     let between = |[from, to]: [f32; 2]| from + value * (to - from);
     let (sin, cos) = (std::f32::consts::TAU * between(HUE)).sin_cos();
     oklab_to_srgb([between(LIGHTNESS), CHROMA * cos, CHROMA * sin])
@@ -25,6 +26,7 @@ pub fn color(value: f32) -> [f32; 3] {
 
 /// The matrices are Ottosson's; what lies outside sRGB is clipped.
 fn oklab_to_srgb([l, a, b]: [f32; 3]) -> [f32; 3] {
+    // Oklab keeps cube roots of the cones' answers, since lightness is seen so.
     let cone = |a_part: f32, b_part: f32| (l + a_part * a + b_part * b).powi(3);
     let l = cone(0.396_337_78, 0.215_803_76);
     let m = cone(-0.105_561_346, -0.063_854_17);

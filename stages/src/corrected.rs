@@ -43,6 +43,8 @@ fn undone(view: View, exposure: &Exposure) -> View {
         let colors = shown.iter().zip(undone(shown));
         colors
             .into_iter()
+            // A value below white was recorded, not cut off. One at white may stay if the common
+            // exposure makes it as bright.
             .all(|(shown, color)| *shown < WHITE || color > 1.0 - CUT)
     };
     let open = |i: usize| view.mask.as_ref().is_none_or(|mask| mask[i]);
@@ -56,6 +58,7 @@ fn undone(view: View, exposure: &Exposure) -> View {
     let pixels: Pixels<Srgb> = Pixels::new(colors.collect(), alpha);
     View {
         pixels: pixels.linear(),
+        // No mask is smaller than one in which all pixels count.
         mask: mask.contains(&false).then_some(mask),
         ..view
     }
@@ -79,6 +82,8 @@ pub fn exposures(images: &ImageSet, exposures: &[Exposure]) -> Log {
 pub fn largest_shift(given: &ImageSet, refined: &ImageSet) -> f64 {
     let shift = |(given, refined): (&View, &View)| {
         let camera = &given.camera;
+        // The geometric mean of near and far stands for the distance: the two may be magnitudes
+        // apart.
         camera.position().distance(refined.camera.position()) / (camera.near * camera.far).sqrt()
     };
     given

@@ -54,6 +54,7 @@ pub fn export(
         points: &points,
     };
     let notes = layout.write(folder, &capture)?;
+    // Points are for splat trainers that begin from them; not every layout has a file for them.
     if let Some(file) = layout.points_file().filter(|_| !points.is_empty()) {
         let path = folder.join(file);
         write_points(&path, surface).map_err(|source| LayoutError::Write { path, source })?;
@@ -115,6 +116,7 @@ pub fn write(folder: &Path, train: &ImageSet, test: Option<&ImageSet>) -> Result
 fn shift(to_source: [[f64; 4]; 4]) -> Option<(DVec3, f64)> {
     let scale = to_source[0][0];
     let is_plain =
+        // Exactly: the matrix was made without a turn, so no rounding has touched its zeros.
         (0..3).all(|i| (0..3).all(|j| to_source[i][j] == if i == j { scale } else { 0.0 }));
     let offset = DVec3::new(to_source[0][3], to_source[1][3], to_source[2][3]);
     is_plain.then_some((offset, scale))

@@ -86,6 +86,7 @@ impl Decode {
         else {
             return clamp(&decoded, -1.0, 1.0);
         };
+        // z is what the refined latent z + h is without h, so it need not be an input.
         let encoded = sub(
             &refined,
             &convert::latent_array(&residual.tensor, io.device),
@@ -105,6 +106,7 @@ impl Decode {
         let mut image = self.image(prior, parts, io);
         if let Some(low) = parts.low {
             let counts = masks::factors(low, 3, io.device);
+            // After the decoder: its own loss would undo what came before it.
             let low = convert::signed_array(low, io.device);
             let rounds = self.back_projection;
             image = back_project(image, &low, counts.as_ref(), rounds, [-1.0, 1.0]);
@@ -220,6 +222,7 @@ impl Stage for Decode {
             &ImageSet {
                 views,
                 bounds: latents.bounds,
+                // Latents do not carry where the scene came from.
                 to_source: None,
             },
         )

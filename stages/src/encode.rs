@@ -96,6 +96,8 @@ impl Stage for Encode {
             });
             io.progress(done + 1, images.views.len(), &[])?;
         }
+        // The whole model's digest stands for its VAE, so that latents of another model are told
+        // apart.
         let vae = model::sources(&self.model)?[0].digest.to_string();
         io.write(
             "latents",

@@ -86,6 +86,7 @@ const BICUBIC: &str = "bicubic";
 
 impl Evaluate {
     fn render(&self, field: &Field, view: &View) -> Rendered {
+        // A truth with alpha is put before white (`Picked::of`), so the field must be too.
         let background = if view.pixels.alpha.is_some() {
             [BEHIND; 3]
         } else {
@@ -123,10 +124,13 @@ impl Evaluate {
         let array = io.device.array(&shape, planes(&small.rgb, 3));
         let height = truth.camera.height as usize;
         let width = truth.camera.width as usize;
+        // Enlarged from what the field shows, not from the photo: the baseline knows the scene as
+        // the field does.
         let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
         Picked {
             width,
             height,
+            // Bicubic overshoots at edges.
             rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect(),
         }
     }
@@ -214,6 +218,7 @@ impl Stage for Evaluate {
         let truths: ImageSet = io.read("truth")?;
         let lows: ImageSet = io.read("low")?;
         let train: ImageSet = io.read("train")?;
+        // Each held-out view is rendered by two fields and then measured.
         let steps = 3 * truths.views.len() + train.views.len();
         let mut done = 0;
         let mut tell = || {
@@ -230,6 +235,7 @@ impl Stage for Evaluate {
             let low = convert::view_named(&lows, &view.name)?;
             let truth = Picked::of(view);
             let mask = view.mask.as_deref();
+            // Masked pixels take the truth's values, so that every metric finds no error there.
             let enlarged = self
                 .bicubic(&baseline, low, view, io)
                 .masked_by(&truth, mask);
@@ -253,6 +259,7 @@ impl Stage for Evaluate {
             let no_depth = || Err("an enlarged picture has no depth".to_owned());
             scores.add(BICUBIC, &view.name, [("psnr_warped", no_depth())]);
             let mut put = |set: usize, picture| sets[set].insert(view.name.clone(), picture);
+            // Comparisons are large, and the first few views tell as much as all.
             if at < self.figures as usize {
                 put(0, side_by_side(&truth, &images));
             }

@@ -26,6 +26,8 @@ pub fn tree(folder: &Path) -> Option<Vec<PathBuf>> {
             return None;
         }
     }
+    // The file system gives entries in any order, and what is made of the list must not depend on
+    // it.
     found.sort();
     Some(found)
 }

@@ -108,6 +108,7 @@ impl Film {
         let mut bytes = Vec::new();
         let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
         encoder.set_repeat(Repeat::Infinite).map_err(failed)?;
+        // In the order of the map's names.
         for picture in figures.images.values() {
             let pixels = picture
                 .rgb8
@@ -159,6 +160,7 @@ fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
     let of_view = |view: &View| -> Vec<f32> {
         let depth = view.depth.iter().flatten().enumerate();
         depth
+            // Where little is opaque, depth is a mean over what shines through.
             .filter(|(i, depth)| view.pixels.coverage(*i) >= OPAQUE && depth.is_finite())
             .map(|(_, depth)| *depth)
             .collect()
@@ -171,6 +173,7 @@ fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
             .copied()
     };
     let [low, high] = [at(RANGE[0])?, at(RANGE[1])?];
+    // A flat picture would divide by 0.
     Some([low, if high > low { high } else { low + 1.0 }])
 }
 

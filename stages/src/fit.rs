@@ -142,10 +142,12 @@ impl Stage for Fit {
     }
 
     fn uses_device(&self) -> bool {
+        // The GPU's kernels have no gradients to poses and exposures.
         !self.corrects_photos()
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
+        // Two features of four bytes an entry.
         let levels = u64::from(self.field.levels) << self.field.log2_table;
         training::estimate(inputs, 8 * levels, self.steps, self.samples)
     }

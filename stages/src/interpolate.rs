@@ -98,6 +98,7 @@ impl Interpolate {
             Values::Linear => {
                 let low = convert::linear_array(view, device);
                 let large = self.resized(&low, size, network);
+                // Light has no upper end, and bicubic may undershoot.
                 let any = [f32::MIN, f32::MAX];
                 let large = back_project(large, &low, counts.as_ref(), self.back_projection, any);
                 Pixels::new(convert::pixels(&large), alpha)
@@ -146,6 +147,7 @@ impl Interpolate {
         let large = self.resized(&grey, size, network);
         let mean = large.to_vec();
         let plane = size[0] * size[1];
+        // A network need not keep grey grey.
         let mean = (0..plane)
             .map(|i| (mean[i] + mean[plane + i] + mean[2 * plane + i]) / 3.0)
             .collect();

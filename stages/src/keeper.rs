@@ -14,6 +14,7 @@ pub const FILE: &str = "checkpoint";
 /// What a damaged one is renamed to.
 const DAMAGED: &str = "checkpoint.damaged";
 /// A stage computes at least so many times longer than it spends on checkpoints.
+// So that checkpoints take a hundredth of the time at most, however slow the disk.
 const LEAST_WORK: u32 = 99;
 
 /// Keeps the checkpoints of one stage while it goes through its steps.
@@ -53,6 +54,7 @@ impl<'a> Keeper<'a> {
         self.sweep();
         let own = self.io.scratch.join(FILE);
         let earlier = self.io.earlier.clone();
+        // The stage's own state first: it may be further than the finished one.
         for (path, finished) in [(Some(&own), false), (earlier.as_ref(), true)] {
             let Some(path) = path else { continue };
             match self.try_resume(path, &mut rebuild) {
@@ -92,6 +94,7 @@ impl<'a> Keeper<'a> {
         rebuild: &mut impl FnMut(&Checkpoint) -> Result<T, String>,
     ) -> Result<Option<(u64, T)>, String> {
         let checkpoint = Checkpoint::read(path).map_err(|error| error.to_string())?;
+        // A state beyond the last step is of no use here.
         let Some(checkpoint) = checkpoint.filter(|checkpoint| checkpoint.step <= self.total) else {
             return Ok(None);
         };
@@ -123,6 +126,7 @@ impl<'a> Keeper<'a> {
         state: impl FnOnce() -> Checkpoint,
     ) -> Result<(), StageError> {
         let stopped = self.io.progress(step as usize, self.total as usize, values);
+        // When the run is stopped, the last steps are kept even if it is not time yet.
         if self.since.elapsed() >= self.pause || (stopped.is_err() && self.kept < step) {
             self.keep(step, state);
         }
@@ -143,6 +147,7 @@ impl<'a> Keeper<'a> {
                 ));
             }
         }
+        // From the end of the writing: the pause is time that was computed.
         self.since = Instant::now();
         let every = self.io.checkpoint_every;
         self.pause = if every.is_zero() {

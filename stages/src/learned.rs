@@ -71,8 +71,10 @@ impl Learned {
             tile: self.tile as usize,
             ensemble: self.ensemble,
         };
+        // Networks overshoot, and the next pass was trained on 0 to 1.
         let enlarge = |image: &Array| clamp(&network.enlarge(image, options), 0.0, 1.0);
         let mut image = enlarge(image);
+        // A network for x1 enlarges nothing, and would loop for ever.
         while network.scale() > 1 && (image.shape()[2] < height || image.shape()[3] < width) {
             image = enlarge(&image);
         }
@@ -104,6 +106,7 @@ impl Learned {
     pub fn cost(&self, images: u64) -> (u64, f64) {
         let weights = |path: &PathBuf| path.metadata().map_or(0, |file| file.len());
         let bytes = self.files().iter().map(weights).sum::<u64>().max(1 << 20);
+        // Large files are of networks that double their images before the last layers.
         let each = if bytes > 8 << 20 { LARGE } else { SMALL };
         let ways = if self.ensemble { 8.0 } else { 1.0 };
         let operations = ways * bytes as f64 * images as f64 / 6.0;

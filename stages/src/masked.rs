@@ -18,6 +18,7 @@ pub fn counted(scores: Vec<Scored>, mask: Option<&[bool]>) -> Vec<Scored> {
     let score = |(name, value): Scored| {
         let value = value.and_then(|value| match name {
             _ if open == 0 => Err("every pixel is masked".to_owned()),
+            // The squared error of those that count is that of all over `part`.
             name if name.starts_with("psnr") => Ok(value + 10.0 * part.log10()),
             name if name.starts_with("ssim_") => Ok(1.0 - (1.0 - value) / part),
             name if name.starts_with("flip") => Ok(value / part),

@@ -26,6 +26,7 @@ type Span = [usize; 2];
 /// Of `side` pixels, by new pixel of `new`.
 fn spans(side: usize, new: usize) -> Vec<Span> {
     (0..new)
+        // In whole numbers: rounding must not make a pixel touch its neighbour.
         .map(|i| [i * side / new, ((i + 1) * side - 1) / new])
         .collect()
 }

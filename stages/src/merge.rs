@@ -68,6 +68,7 @@ fn input(output: &str, shard: usize) -> &'static str {
     if let Some(known) = names.get(name.as_str()) {
         return known;
     }
+    // A port's name is `&'static str` since all other stages' are.
     let kept: &'static str = Box::leak(name.into_boxed_str());
     names.insert(kept);
     kept
@@ -139,8 +140,10 @@ fn first<A>(parts: Vec<A>) -> Result<(A, impl Iterator<Item = A>), StageError> {
 
 impl Joined for ImageSet {
     fn join(parts: Vec<Self>) -> Result<Self, StageError> {
+        // All shards have the bounds of the whole.
         let (mut all, others) = first(parts)?;
         others.for_each(|part| all.views.extend(part.views));
+        // In the order of names, as the whole stage would have left them.
         all.views.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(all)
     }

@@ -191,6 +191,7 @@ impl Stage for Optimize {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
+        // The warm-up's steps take views as well.
         let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
         Estimate::reading(inputs).computing(model::memory(&self.model), 0.1 * images)
     }
@@ -201,6 +202,7 @@ impl Stage for Optimize {
         let mut options = self.options();
         let all = latents.views.len();
         latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
+        // A part has fewer views, so it needs fewer steps to move each as often.
         options.steps = share(&options, all, latents.views.len());
         let prior = Prior::load_in(&self.model, io.device, self.precision)?;
         let views: Vec<_> = latents
@@ -224,6 +226,7 @@ impl Stage for Optimize {
         };
         while !optimization.is_done() {
             let step = optimization.step().map_err(refused)?;
+            // Before the state is kept, so that no checkpoint holds a LoRA that has diverged.
             check_finite(&step)?;
             log.push(step);
             let state = optimization.state();
@@ -231,6 +234,7 @@ impl Stage for Optimize {
                 convert::optimization_checkpoint(state, &log)
             })?;
         }
+        // Kept only where a run of more steps can go on from it.
         if matches!(self.extension(), Extension::Possible(_)) {
             let state = optimization.state();
             keeper.keep(state.step, || convert::optimization_checkpoint(state, &log));

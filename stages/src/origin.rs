@@ -149,6 +149,7 @@ impl Origin {
                 test_every: one(),
             })
         } else if has(&["poses_bounds.npy"]) {
+            // LLFF's scenes hold a COLMAP model too; their own file has near and far.
             Some(Self::Llff {
                 path,
                 images: None,

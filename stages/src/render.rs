@@ -202,6 +202,7 @@ impl Stage for Render {
         // the scene has.
         let alpha = self.path.is_some() || cameras.alpha;
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
+        // Once for all views: on a GPU the field moves there only once.
         let renderer = nerf::Renderer::new(io.device, &field);
         let mut views = Vec::new();
         for (done, (name, camera)) in path.iter().enumerate() {

@@ -127,6 +127,7 @@ impl Stage for Scene {
             Origin::Llff { size, .. } | Origin::Colmap { size, .. } => *size,
         };
         let Some((w, h)) = size else { return Ok(()) };
+        // At least eight low-resolution pixels a side.
         convert::in_range("source.size", w.min(h), self.downscale * 8, 16384)?;
         convert::in_range("source.size", w.max(h), self.downscale * 8, 16384)
     }
@@ -181,6 +182,7 @@ impl Stage for Scene {
         let data = self.read(io.seed)?;
         io.progress(1, 2, &[])?;
         data.notes.iter().for_each(|note| io.remark(note));
+        // Here too, since a drawn world has no survey.
         self.check_counts(data.photos.len(), data.test.len())?;
         let bounds = data.bounds;
         let (train, test) = match data.test.is_empty() {
@@ -188,6 +190,7 @@ impl Stage for Scene {
             false => (data.photos, data.test),
         };
         let to_source = match data.to_source == DMat4::IDENTITY {
+            // Without it readers know that the scene's coordinates are the source's.
             true => None,
             false => Some(rows::of(&data.to_source)),
         };

@@ -110,6 +110,8 @@ fn seeded(sights: &[Sight], options: &SplatOptions) -> Result<Cloud, SeedError> 
     let mut seeds = Seeds::new(options.most, pixels);
     for sight in sights {
         let coverage: Vec<f32> = sight.picture.pixels.iter().map(|pixel| pixel[3]).collect();
+        // Places first, from all cameras, and then colours: a splat's colour is a mean over the
+        // cameras that see it.
         seeds.look(&sight.camera, &sight.depth, &coverage);
     }
     let mut cloud = seeds.cloud(options.degree)?;

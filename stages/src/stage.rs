@@ -158,10 +158,12 @@ pub trait Stage: Send + Sync {
     /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its
     /// answer stands. `None` where that cannot be said.
     fn source_files(&self) -> Option<Vec<PathBuf>> {
+        // A stage that names places has files there, of which it alone knows.
         self.locations().is_empty().then(Vec::new)
     }
     /// How far equal inputs give equal bits.
     fn determinism(&self) -> Determinism {
+        // A GPU adds up in another order than a CPU.
         Determinism::PerDeviceKind
     }
     /// Whether it computes on the device that the user chose. All others compute on the CPU

@@ -132,7 +132,9 @@ pub fn surface(field: &Field, resolution: u32, level: f32) -> Surface {
 fn sample(field: &Field, resolution: u32, level: f32) -> Grid {
     let [low, high] = field.bounds();
     let step = longest_side(field) / resolution as f32;
+    // One point more than cells, and one of the rim at each end.
     let size = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / step).ceil() as usize + 3);
+    // Half a step out: the first points lie beyond the box, where a field has nothing.
     let low = low.map(|corner| corner - 0.5 * step);
     let mut grid = Grid {
         size,
@@ -167,6 +169,7 @@ fn vertices(grid: &Grid) -> Vertices {
     let mut found = Vec::new();
     for (index, owner) in owners.iter_mut().enumerate() {
         let place = grid.place(index);
+        // The last points of an axis begin no cell.
         if (0..3).any(|axis| place[axis] + 1 == grid.size[axis]) {
             continue;
         }
@@ -186,6 +189,7 @@ fn crossing(corners: &[f32; 8]) -> Option<[f32; 3]> {
     let mut count = 0;
     for (a, b) in EDGES {
         if (corners[a] > 0.0) != (corners[b] > 0.0) {
+            // The signs differ, so the difference is never 0.
             let part = corners[a] / (corners[a] - corners[b]);
             for (axis, sum) in sum.iter_mut().enumerate() {
                 let [from, to] = [a, b].map(|corner| (corner >> axis & 1) as f32);
@@ -215,6 +219,7 @@ fn outwards(corners: &[f32; 8]) -> [f32; 3] {
     if length > 0.0 {
         fall.map(|part| part / length)
     } else {
+        // A cell whose corners balance has no direction; any unit vector will do.
         [0.0, 0.0, 1.0]
     }
 }

@@ -59,6 +59,7 @@ pub fn extension(final_rate: f64) -> Extension {
 /// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments
 /// and a checkpoint multiply.
 pub fn estimate(inputs: &Sizes, table: u64, steps: u32, samples: u32) -> Estimate {
+    // About what two cores take for a sample (docs/performance.md).
     let seconds = f64::from(steps) * f64::from(samples) * 6e-7;
     Estimate::reading(inputs).computing(8 * table + 1024 * u64::from(samples), seconds)
 }
@@ -79,6 +80,7 @@ pub fn train(
     }
     let mut keeper = Keeper::new(io, options.steps.into());
     let config = field.config().clone();
+    // Kept apart, since the field is moved into whichever training begins.
     let bounds = field.bounds();
     let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
@@ -99,11 +101,13 @@ pub fn train(
             Diary::default(),
         )
     });
+    // Counts are of this run's steps, not of those before the checkpoint.
     let begun = training.steps_taken();
     let before = io.device.counts();
     while training.steps_taken() < options.steps {
         let stats = training.step();
         let step = u64::from(training.steps_taken());
+        // Before the state is kept: no checkpoint is of a field that has diverged.
         if !stats.loss.is_finite() {
             return Err(StageError::Diverged { step, rate: "rate" });
         }
@@ -112,6 +116,7 @@ pub fn train(
             checkpoint(&mut training, &diary)
         })?;
     }
+    // Kept only where a run of more steps can go on from it.
     if matches!(extension(options.final_rate), Extension::Possible(_)) {
         keeper.keep(options.steps.into(), || checkpoint(&mut training, &diary));
     }
@@ -177,6 +182,7 @@ impl Diary {
 
     /// All lines, with that of the last step.
     fn log(mut self) -> Log {
+        // The last step has a line even if it is no fiftieth.
         if self.lines.last() != Some(&self.last) {
             self.lines.push(self.last);
         }
@@ -186,5 +192,6 @@ impl Diary {
 
 /// A running mean over about the last fifty steps.
 fn smoothed(mean: f64, step: u32, stats: &StepStats) -> f64 {
+    // Early steps count evenly. A mean with a fixed weight would take long to come up from 0.
     mean + (stats.psnr - mean) / f64::from(step.min(LOG_EVERY))
 }

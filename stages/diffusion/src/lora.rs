@@ -87,9 +87,12 @@ impl LoraNetwork {
         let rng = Rng::new(seed, "lora");
         let mut adapters = BTreeMap::new();
         for (step, site) in sites.iter().enumerate() {
+            // Every matrix has a step of the stream to itself, so no two of one shape are equal.
             let normals = rng.normals(step as u64, &[rank, site.inputs], device);
             adapters.insert(
                 site.down.clone(),
+                // 1/r, as diffusers initialises; B is zero, so the product starts at zero all the
+                // same.
                 compute::elementwise::scale(&normals, 1.0 / rank as f32),
             );
             adapters.insert(site.up.clone(), device.zeros(&[site.outputs, rank]));
@@ -138,6 +141,7 @@ impl LoraNetwork {
                 }
             }
         }
+        // Files from elsewhere adapt the attentions only.
         let camera = if self.camera.is_empty() {
             BTreeMap::new()
         } else {
@@ -183,6 +187,7 @@ impl LoraNetwork {
                 ));
             }
         };
+        // The rank may differ between layers, but not between the two matrices of one.
         let down = self
             .adapters
             .get(&site.down)

@@ -22,6 +22,7 @@ const PEFT_CONFIG: &str = "adapter_config.json";
 
 /// The prefixes of a UNet's layers: in a pipeline's file, in PEFT's own, and in that of a UNet
 /// alone.
+// Longer ones first, since they end in shorter ones.
 const PREFIXES: [&str; 4] = ["base_model.model.unet.", "base_model.model.", "unet.", ""];
 
 /// The ways to write the two matrices, and the part of the layer's name that they replace.
@@ -72,6 +73,7 @@ impl LoraFile {
             }
         }
         let mut scales = Options::of(&file, path)?.scales(&adapters);
+        // kohya's own alpha beats the metadata: it is this layer's.
         for (down, alpha) in alphas {
             if let Some(rank) = adapters.get(&down).and_then(|down| down.shape().first()) {
                 scales.insert(down, alpha / *rank as f32);
@@ -108,6 +110,7 @@ fn canonical(stored: &str) -> Option<String> {
         .iter()
         .find_map(|way| layer.strip_suffix(way.0).map(|layer| (layer, way)))?;
     let mut layer = layer.replacen(dropped, "", usize::from(!dropped.is_empty()));
+    // Old attention processors say `to_out_lora`; the layer itself is the first entry of `to_out`.
     if !dropped.is_empty() && layer.ends_with(".to_out") {
         layer.push_str(".0");
     }

@@ -137,6 +137,7 @@ impl Schedule {
     pub fn velocity_backward(&self, velocity_gradient: &Array, t: &[u32]) -> Array {
         match self.prediction {
             Prediction::Velocity => velocity_gradient.clone(),
+            // v = (eps - s z_t) / a, and z_t does not depend on the network.
             Prediction::Noise => scale(velocity_gradient, t, |t| 1.0 / self.a(t)),
         }
     }
@@ -170,8 +171,11 @@ impl Prediction {
 fn alpha_bar(config: &SchedulerConfig) -> Vec<f64> {
     let start = config.beta_start.sqrt();
     let end = config.beta_end.sqrt();
+    // A schedule of one timestep has no interval to divide by.
     let last = (config.num_train_timesteps - 1).max(1) as f64;
     let beta = |t: u32| (start + (end - start) * f64::from(t) / last).powi(2);
+    // In f64: 1 - alpha_bar begins at 1e-4 and alpha_bar ends near 1e-3, and f32 would lose digits
+    // of both.
     let mut product = 1.0;
     (0..config.num_train_timesteps)
         .map(|t| {
@@ -209,6 +213,7 @@ fn per_sample(t: &[u32], batch: usize, f: impl Fn(Option<usize>, u32) -> Array) 
         "{} timesteps for a batch of {batch}",
         t.len()
     );
+    // The usual case: annealed timesteps are the same for all views.
     if t.iter().all(|&other| other == t[0]) {
         return f(None, t[0]);
     }

@@ -126,6 +126,7 @@ impl Layer {
             x,
             &self
                 .out
+                // Causal, as CLIP was trained: a token sees none behind it.
                 .forward(&attention(&q, &k, &v, self.heads, true).out),
         );
         let expanded = self.expand.forward(&self.norm2.forward(&x));

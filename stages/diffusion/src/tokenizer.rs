@@ -187,6 +187,7 @@ impl Tokenizer {
             rest = special.end();
         }
         self.encode_plain(&text[rest..], &mut ids);
+        // A text that is cut still ends with its end mark.
         ids.truncate(self.length.saturating_sub(1));
         ids.push(self.end);
         ids.resize(self.length, self.pad);
@@ -222,6 +223,7 @@ impl Tokenizer {
         }
         while let Some((_, first)) = self.best_pair(&symbols) {
             let pair = [symbols[first].clone(), symbols[first + 1].clone()];
+            // All places of the pair at once, as the reference merges them.
             let mut i = first;
             while i + 1 < symbols.len() {
                 if symbols[i..i + 2] == pair {
@@ -237,6 +239,7 @@ impl Tokenizer {
     /// The rank and place of the pair that is merged next.
     fn best_pair(&self, symbols: &[String]) -> Option<(usize, usize)> {
         let rank = |(i, pair): (usize, &[String])| Some((*self.merges.get(&pair.join(" "))?, i));
+        // The least rank, and of equal ones the first in the word.
         symbols.windows(2).enumerate().filter_map(rank).min()
     }
 }

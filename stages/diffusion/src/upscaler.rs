@@ -56,6 +56,7 @@ impl Upscaler<'_> {
     ) -> (f64, LoraParameters) {
         let schedule = &self.prior.schedule;
         let unet = &self.prior.unet;
+        // The upscaler's classes are levels of noise of the low-resolution image.
         let labels = [query.noise_level];
         let sample = joined(query);
         let input = Input {
@@ -63,9 +64,11 @@ impl Upscaler<'_> {
             camera: Some(camera),
             ..asked(query, &sample, &labels)
         };
+        // Always the positive prompt, as in ProlificDreamer: the LoRA learns without guidance.
         let (output, tape) = unet.forward_train(&input, &self.positive, KEPT);
         let error = sub(&schedule.velocity(&output, query.noisy, query.t), target);
         let gradient =
+            // The derivative of the mean square by v is 2 error / n.
             schedule.velocity_backward(&scale(&error, 2.0 / error.len() as f32), query.t);
         let gradients = unet.backward(&input, &self.positive, tape, &gradient, false);
         (
@@ -111,6 +114,7 @@ impl Denoiser for Upscaler<'_> {
     }
 
     fn new_lora(&self, rank: u32, seed: u64) -> LoraParameters {
+        // alpha = rank, so that the scale is 1, diffusers' default.
         let lora = self.prior.unet.new_lora(rank as usize, rank.into(), seed);
         lora.adapters.into_iter().chain(lora.camera).collect()
     }
@@ -137,6 +141,7 @@ impl Denoiser for Upscaler<'_> {
         lora: &LoraParameters,
     ) -> (f64, LoraParameters) {
         let lora = network(lora);
+        // Means over samples add up to the mean over the batch, as all are of one size.
         let share = 1.0 / query.t.len() as f32;
         let mut loss = 0.0;
         let mut sum = LoraParameters::new();

@@ -107,6 +107,7 @@ impl Camera {
         if depth <= 0.0 {
             return None;
         }
+        // Rows of an image go down.
         let [x, y] = self.bend([p.x / depth, -p.y / depth])?;
         Some([self.cx + self.fl_x * x, self.cy + self.fl_y * y, depth])
     }
@@ -150,6 +151,8 @@ impl Camera {
     pub fn view_window(&self) -> [f64; 4] {
         let w = f64::from(self.width);
         let h = f64::from(self.height);
+        // A straight lens sees furthest at its corners; of a bent one that may be anywhere on the
+        // rim.
         let steps = if self.distortion.is_none() { 1 } else { RIM };
         let along = (0..=steps).map(|step| f64::from(step) / f64::from(steps));
         let rim = along.flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
@@ -187,6 +190,7 @@ impl Camera {
         let without = points
             .filter(|(i, j)| !self.has_ray(at(*i, self.width), at(*j, self.height)))
             .count() as u32;
+        // A fisheye's image is round: its corners have no rays.
         let most = if self.distortion.fisheye {
             (RIM + 1) * (RIM + 1) / 2
         } else {
@@ -224,6 +228,7 @@ impl Camera {
     /// and far are scaled.
     pub fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
+        // Only places are scaled; axes stay of unit length.
         camera_to_world.w_axis = DVec4::from((camera_to_world.w_axis.truncate() * scale, 1.0));
         Camera {
             camera_to_world,

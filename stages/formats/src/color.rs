@@ -5,6 +5,7 @@
 /// Decodes an sRGB value to linear light. Both are 1 at reference white. Values below 0 mirror,
 /// those above 1 follow the curve on, so that [`linear_to_srgb`] undoes it everywhere.
 pub fn srgb_to_linear(encoded: f32) -> f32 {
+    // Values below 0, as bicubic leaves them, are mirrored: a power of them would be NaN.
     let x = encoded.abs();
     let linear = if x <= 0.04045 {
         x / 12.92

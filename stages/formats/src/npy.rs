@@ -40,6 +40,7 @@ pub enum NpyError {
 pub fn read_table(path: &Path) -> Result<Table, NpyError> {
     let mut bytes = Vec::new();
     let file = File::open(path)?;
+    // One byte more tells a file of just that size from a longer one.
     file.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > LARGEST_FILE {
         return Err(NpyError::Content("the file is over 64 MiB".into()));

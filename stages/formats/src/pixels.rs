@@ -56,6 +56,7 @@ impl<Space> Pixels<Space> {
 impl Pixels<Linear> {
     /// The same picture encoded; where nothing is covered, black.
     pub fn encoded(&self) -> Pixels<Srgb> {
+        // In files colours are times coverage, in linear light: divided before they are encoded.
         let rgb = self.map(|x, part| match part > 0.0 {
             true => linear_to_srgb(x / part),
             false => 0.0,
@@ -76,6 +77,7 @@ impl Pixels<Srgb> {
     pub fn before(self, grey: f32) -> Self {
         match self.alpha {
             None => self,
+            // On encoded values, as NeRF-synthetic does it.
             Some(_) => Self::opaque(self.map(|x, part| part * x + (1.0 - part) * grey)),
         }
     }
@@ -85,6 +87,7 @@ impl Pixels<Srgb> {
     pub fn of_before_black(before_black: Vec<f32>, alpha: Option<Vec<f32>>) -> Self {
         let mut pixels = Self::new(before_black, alpha);
         pixels.rgb = pixels.map(|x, part| match part > 0.0 {
+            // Where coverage is small the division enlarges what was rounded.
             true => (x / part).clamp(0.0, 1.0),
             false => 0.0,
         });

@@ -15,6 +15,7 @@ pub fn psnr_lr_consistency(render: Image, low_resolution: Image) -> f64 {
         .flat_map(|channel| render.channel(channel))
         .map(|value| value as f32)
         .collect();
+    // [1, 3, H, W]
     let full = Device::cpu().array(&[1, 3, render.height(), render.width()], planes);
     let width = low_resolution.width();
     let height = low_resolution.height();

@@ -20,6 +20,7 @@ pub(crate) fn eigen(mut matrix: Vec<Vec<f64>>) -> Eigen {
     for _ in 0..MAX_SWEEPS {
         let mut rotated = false;
         for p in 0..n {
+            // Row by row and not by size: the same matrix gives the same bits.
             for q in p + 1..n {
                 rotated |= rotate(&mut matrix, &mut vectors, p, q);
             }
@@ -61,10 +62,12 @@ fn rotate(matrix: &mut [Vec<f64>], vectors: &mut [Vec<f64>], p: usize, q: usize)
     if negligible(matrix, p, q) {
         return false;
     }
+    // cot of twice the angle; of both roots for its tangent the smaller one, which turns the least.
     let theta = (matrix[q][q] - matrix[p][p]) / (2.0 * matrix[p][q]);
     let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
     let c = 1.0 / t.hypot(1.0);
     let s = t * c;
+    // Q^T A Q: columns first, then rows.
     for row in matrix.iter_mut() {
         (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
     }

@@ -38,6 +38,7 @@ fn line(pairs: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
             .for_each(|(sum, term)| *sum += term);
     }
     let [count, a, b, aa, ab] = sums;
+    // The variance times the count's square, and so is the bound: a flat image has no gain to fit.
     let spread = count * aa - a * a;
     let gain = if spread > 1e-9 * count * count {
         (count * ab - a * b) / spread

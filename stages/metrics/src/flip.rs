@@ -17,11 +17,11 @@ use filters::{Contrast, Feature};
 /// Pixels in a degree of the visual field: a 4K screen 0.7 m wide, seen from 0.7 m.
 const PIXELS_PER_DEGREE: f64 = 0.7 * 3840.0 / 0.7 * std::f64::consts::PI / 180.0;
 
-/// Colour differences are compressed by this exponent,
+/// Colour differences are compressed by this exponent.
 const Q_C: f64 = 0.7;
-/// and what lies below this share of the largest one
+/// The share of the largest difference below which differences count as small.
 const P_C: f64 = 0.4;
-/// is mapped to 0 up to this, the rest to what is left up to 1.
+/// Small differences are mapped to 0 up to this, the others from there to 1.
 const P_T: f64 = 0.95;
 /// Feature differences are compressed by this exponent.
 const Q_F: f64 = 0.5;
@@ -44,12 +44,15 @@ pub struct Flip {
 pub fn flip(truth: Image, image: Image) -> Flip {
     truth.assert_same_size(&image, "flip");
     let (a, b) = rayon::join(|| Seen::new(truth), || Seen::new(image));
+    // Compressed like all others, so that it is mapped to 1.
     let largest = compressed(color::largest_difference());
     let at = |i: usize| {
         let color = redistributed(compressed(a.colors[i].difference(&b.colors[i])), largest);
         let edges = (a.edges[i] - b.edges[i]).abs();
         let points = (a.points[i] - b.points[i]).abs();
         let feature = (edges.max(points) / std::f64::consts::SQRT_2).powf(Q_F);
+        // Where one picture alone has a feature the exponent falls to 0, and any difference becomes
+        // 1.
         color.powf(1.0 - feature.min(1.0))
     };
     let map: Vec<f64> = (0..a.colors.len()).into_par_iter().map(at).collect();

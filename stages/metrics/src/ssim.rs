@@ -35,6 +35,7 @@ fn ssim_plane(x: &[f64], y: &[f64], width: usize) -> f64 {
     let at = |i: usize| {
         let mx = mean_x[i];
         let my = mean_y[i];
+        // In f64 these differences cancel far below C2.
         let variance_x = xx[i] - mx * mx;
         let variance_y = yy[i] - my * my;
         let covariance = xy[i] - mx * my;

@@ -95,10 +95,12 @@ impl Surface<'_> {
     fn seen(&self, u: f64, v: f64, depth: f64) -> Option<[f32; 3]> {
         let width = self.image.width();
         let height = self.image.height();
+        // Between centres: beyond them nothing is there to interpolate with.
         let inside = |at: f64, length: usize| (0.5..=length as f64 - 0.5).contains(&at);
         if !inside(u, width) || !inside(v, height) {
             return None;
         }
+        // The depth of the pixel itself: a mean across a rim would be that of no surface.
         let [_, _, own] = self.point((u as usize).min(width - 1), (v as usize).min(height - 1))?;
         ((depth - own).abs() <= DEPTH_TOLERANCE * own).then(|| self.interpolated(u - 0.5, v - 0.5))
     }

@@ -7,6 +7,7 @@ pub mod table;
 use pulp::{Arch, Simd, WithSimd};
 use std::sync::LazyLock;
 
+// instant-ngp's decays and epsilon.
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
 const EPSILON: f32 = 1e-15;
@@ -38,6 +39,7 @@ pub fn correction(n: i32) -> f64 {
 }
 
 /// [`correction`] for n = 0 (which has none), 1, 2, ...
+// A table, since every hash entry has a step count of its own.
 static CORRECTIONS: LazyLock<[f32; CORRECTED + 1]> = LazyLock::new(|| {
     std::array::from_fn(|n| {
         if n == 0 {
@@ -87,6 +89,7 @@ pub fn update_dense(
         parameters.len() == gradient.len() && parameters.len().is_multiple_of(16),
         "update_dense: sizes"
     );
+    // Both corrections in one factor of the rate; epsilon is not corrected, as in instant-ngp.
     let rate = rate * CORRECTIONS[(step as usize).min(CORRECTED)];
     Arch::new().dispatch(UpdateDense {
         parameters,
@@ -119,6 +122,7 @@ impl WithSimd for UpdateDense<'_> {
             .iter_mut()
             .zip(S::as_simd_f32s(self.gradient).0);
         for ((parameter, gradient), (first, second)) in parameters.zip(moments) {
+            // L2 in the gradient, not decoupled: it goes through the moments as in instant-ngp.
             let gradient = simd.mul_add_f32s(l2, *parameter, *gradient);
             [*parameter, *first, *second] =
                 advance(simd, [*parameter, *first, *second], gradient, rate);

@@ -147,6 +147,7 @@ impl Block {
         for &row in &rays.rows[span.clone()] {
             into.extend_from_slice(&geometry[row as usize * GEOMETRY..][..GEOMETRY]);
         }
+        // Zeros until the last tile of rows is whole.
         into.resize(span.len().next_multiple_of(ROWS) * GEOMETRY, 0.0);
         self.shade(field, rays)
     }
@@ -229,8 +230,11 @@ impl Block {
         field
             .network
             .color_backward(transposed, &mut self.activations, &mut gradient.weights);
+        // Before the density's backward pass overwrites what it reads.
         self.append_directions(field, rays, gradient);
         let rows = self.activations.geometry.chunks_exact_mut(GEOMETRY);
+        // The raw density is the first of the geometry outputs, which the colour network sees as
+        // well.
         rows.zip(&self.d_sigma)
             .for_each(|(row, d_sigma)| row[0] += d_sigma);
         field
@@ -260,6 +264,7 @@ impl Block {
             .zip(d_weights.iter_mut())
         {
             for ((raw, color), d_rgb) in raw.iter_mut().zip(color).zip(d.rgb) {
+                // C = sum of w c: dL/dw = dL/dC c, and dL/dc = dL/dC w.
                 *d_weight += d_rgb * color;
                 // d rgb / d raw = w c (1 - c): the sigmoid's derivative from its own output.
                 *raw = d_rgb * weight * color * (1.0 - color);
@@ -270,6 +275,7 @@ impl Block {
         let dt = &rays.samples.dt[samples];
         let mut distortion = 0.0;
         if regularizer.distortion > 0.0 {
+            // In fractions of the ray's range, so that the loss means the same for all scenes.
             let s: Vec<f32> = t.iter().map(|&t| segment.fraction(t)).collect();
             let ds: Vec<f32> = dt
                 .iter()

@@ -14,9 +14,11 @@ pub const CUT: f32 = 1e-4;
 /// their sigma_i dt_i, and `optical_depth` is the sum over the samples before them, to which those
 /// that are seen are added.
 pub fn visible(depths: impl Iterator<Item = f32>, optical_depth: &mut f32) -> usize {
+    // T < CUT is an optical depth above -ln CUT: sums instead of products of exponentials.
     let limit = -CUT.ln();
     depths
         .take_while(|depth| {
+            // The sample that crosses the limit is still seen.
             let seen = *optical_depth <= limit;
             *optical_depth += depth;
             seen

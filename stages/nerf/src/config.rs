@@ -103,9 +103,11 @@ impl FieldConfig {
     /// The levels of a box whose sides have the given lengths in unit space, coarse to fine.
     pub fn levels(&self, extent: [f32; 3]) -> Vec<Level> {
         let ratio = f64::from(self.finest_resolution) / f64::from(self.base_resolution);
+        // One level has no growth; the 2 keeps the division finite.
         let growth = ratio.ln() / f64::from(self.levels.max(2) - 1);
         let mut offset = 0;
         let level = |l: u32| {
+            // N_min counts vertices, of which cells have one less.
             let scale = f64::from(self.base_resolution) * (growth * f64::from(l)).exp() - 1.0;
             let level = Level::new(scale, extent, 1 << self.log2_table, offset);
             offset += level.entries;
@@ -145,6 +147,8 @@ impl Level {
             extent.map(|side| (scale * f64::from(side) - 1e-6).ceil().max(1.0) as u32 + 1);
         let vertices = resolution.iter().map(|&n| n as usize).product::<usize>();
         let dense = vertices <= most_entries;
+        // Groups of eight, as Adam's vectors take them. A hashed level has 2^T, so that a hash is
+        // cut by a mask.
         let entries = vertices.next_multiple_of(8).min(most_entries);
         Self {
             scale: scale as f32,

@@ -80,6 +80,7 @@ impl Corrections {
         views: &mut [TrainView],
     ) {
         if let Some(exposures) = &mut self.exposures {
+            // The exposures' rate rises and falls as the field's does.
             let share = options.rate_after(steps) / options.rate;
             exposures.descend(parts.clone().map(|part| &part.exposures), share, steps + 1);
         }
@@ -138,12 +139,14 @@ pub fn cameras_backward(
         let mut torque = Vec3::ZERO;
         let mut force = Vec3::ZERO;
         for ((ray, segment), d_direction) in rays.by_ref().take(view.rays_per_pixel()) {
+            // Colours depend on the direction, which turns with the camera and does not shift.
             torque += Vec3::from(segment.view).cross(Vec3::from(*d_direction));
             for sample in ray.clone() {
                 let unit = samples.positions.at(sample);
                 let world = field.space.to_world(unit.map(f64::from));
                 let point = world.map(|x| x as f32);
                 let d = Vec3::from(field.space.to_unit_backward(point, d_samples[sample]));
+                // About the camera's place: a turn moves what is far more than what is near.
                 torque += (glam::DVec3::from(world) - position).as_vec3().cross(d);
                 force += d;
             }

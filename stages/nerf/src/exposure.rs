@@ -78,6 +78,7 @@ impl Exposure {
 
     /// The gradient to the six numbers from those to gain and lift.
     pub fn backward(&self, d_gain: [f32; 3], d_lift: [f32; 3]) -> Dial {
+        // The logarithm of a gain moves the gain by itself, and the lift by PIVOT times that.
         let [a, b, c] = [0, 1, 2].map(|c| self.gain[c] * (d_gain[c] + PIVOT * d_lift[c]));
         let [d, e, f] = d_lift;
         [a, b, c, d, e, f]
@@ -133,6 +134,7 @@ impl Exposures {
     pub fn descend<'a>(&mut self, parts: impl Iterator<Item = &'a Vec<Dial>>, share: f64, n: u32) {
         let views = self.dials.values.len();
         let mut gradient = dials::sum(views, parts);
+        // The loss is a mean over views and channels, and the pull is in its terms.
         let pull = self.options.pull as f32 / (3.0 * views as f32);
         let values = self.dials.values.as_flattened().iter();
         let pulled = gradient.as_flattened_mut().iter_mut().zip(values);

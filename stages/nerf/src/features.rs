@@ -28,6 +28,7 @@ impl LookUp<'_> {
     /// Does it.
     pub fn run(self) {
         let done = self.features.len();
+        // Only what was added since the last look-up.
         self.features.resize(self.positions.len(), [0.0; FEATURES]);
         encode(
             self.level,

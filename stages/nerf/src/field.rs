@@ -48,6 +48,7 @@ impl Field {
         );
         let levels = config.levels(space.extent);
         let entries: usize = levels.iter().map(|level| level.entries).sum();
+        // instant-ngp's range: small, so that the first steps are the networks' own.
         let rng = Rng::new(seed, "hash table");
         let small =
             |i: usize, f: u64| 1e-4 * (2.0 * rng.uniform(0, (FEATURES * i) as u64 + f) - 1.0);
@@ -104,6 +105,7 @@ impl Field {
         self.look_up(
             points
                 .iter()
+                // Cells begin at 0; below it look-ups would have negative indices.
                 .map(|&point| self.space.to_unit(point).map(|x| x.max(0.0))),
             &mut features,
         );
@@ -163,6 +165,7 @@ impl Field {
 /// The density of a raw network output, per unit length: exp(raw - 1).
 #[inline(always)]
 pub(crate) fn sigma(raw: f32) -> f32 {
+    // Less 1, as nerfacc and DiSR-NeRF: a new field is thin haze, not fog.
     crate::exponential::exp(raw - 1.0)
 }
 
@@ -170,6 +173,7 @@ pub(crate) fn sigma(raw: f32) -> f32 {
 /// exp(15).
 #[inline(always)]
 pub(crate) fn sigma_backward(sigma: f32) -> f32 {
+    // exp is its own derivative.
     sigma.min(3_269_017.4)
 }
 

@@ -130,6 +130,7 @@ impl Look {
 
     /// From the densities of the wave, in `depths`, to the rays that are still open.
     fn close(&mut self, samples: &Samples) {
+        // Optical depth: density times length.
         for (depth, &sample) in self.depths.iter_mut().zip(&self.wave) {
             *depth *= samples.dt[sample as usize];
         }
@@ -151,6 +152,7 @@ impl Look {
             }
             row += length;
             ray.rest.start += length;
+            // A ray goes on only if all of its wave was seen and some of it is left.
             seen == length && !ray.rest.is_empty()
         });
         self.next_wave(samples);

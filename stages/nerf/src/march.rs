@@ -62,6 +62,7 @@ impl Segment {
         let end = space.to_unit(last);
         let way: [f32; 3] = std::array::from_fn(|axis| end[axis] - origin[axis]);
         let length = way.iter().map(|x| x * x).sum::<f32>().sqrt();
+        // Written so that NaN counts as nowhere.
         let nowhere = !(ends[0] < ends[1] && length > 0.0);
         let direction = way.map(|x| x / length);
         // Linear in the distance are 1 over the depth before the front camera, and the depth before
@@ -140,6 +141,7 @@ pub fn march(
     while t < end {
         let dt = stride.at(t);
         let middle = t + 0.5 * dt;
+        // At the middle: both ends may lie in other cells.
         let point = segment.at(middle);
         let cell = grid.cell(point);
         if grid.occupied(cell) {
@@ -167,6 +169,7 @@ fn exit(grid: &OccupancyGrid, segment: &Segment, cell: [usize; 3]) -> f32 {
             cell[axis]
         } as f32
             / grid.resolution;
+        // Along a face a ray leaves by another one.
         if direction == 0.0 {
             f32::INFINITY
         } else {

@@ -92,6 +92,7 @@ impl Network {
         let mut network = Self::zeros(features, used);
         let rng = Rng::new(seed, "network weights");
         for (l, layer) in network.layers.iter().enumerate() {
+            // Glorot and Bengio 2010, by the counts without padding.
             let limit = (6.0 / (layer.used[0] + layer.used[1]) as f32).sqrt();
             for row in 0..layer.used[0] {
                 for column in 0..layer.used[1] {
@@ -188,6 +189,7 @@ impl Network {
         let geometry = Matrix::new(&a.geometry, GEOMETRY);
         let of_geometry = Matrix::new(of_geometry, HIDDEN);
         first.resize(geometry.rows() * HIDDEN, 0.0);
+        // What the directions give is there first, and the geometry's product is added.
         a.views.forward(of_view, first);
         product(
             first,
@@ -258,6 +260,7 @@ impl Network {
         let [first, second] = &a.color_hidden;
         let [d_a, d_b] = &mut a.d_hidden;
         let d_color = Matrix::new(&a.color, COLOR_OUTPUT);
+        // Three of sixteen columns are used; a full product would mostly add zeros.
         add_narrow_gradient(
             &mut d_weights[self.layers[4].range()],
             Matrix::new(second, HIDDEN),
@@ -283,6 +286,7 @@ impl Network {
         a.views.backward(d_b, of_view);
         let geometry = Matrix::new(&a.geometry, GEOMETRY);
         let d_first = Matrix::new(d_b, HIDDEN);
+        // The weights' gradient comes first: the product below writes over `geometry`.
         add_transposed_product(of_geometry, geometry, d_first, [GEOMETRY, HIDDEN]);
         self.input_backward(
             2,
@@ -318,6 +322,8 @@ impl Network {
             Epilogue::ReluBackward(hidden),
             d_weights,
         );
+        // The product reads the encoding and writes its gradient: they trade places, so that the
+        // gradient ends up where the encoding was.
         std::mem::swap(&mut a.encoding, d_b);
         self.backward_layer(
             0,

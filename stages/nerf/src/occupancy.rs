@@ -80,6 +80,7 @@ impl OccupancyGrid {
 
     /// Folds fresh optical depths of some cells into the grid, in order: v = max(0.95 v, fresh).
     pub fn update(&mut self, cells: &[u32], fresh: &[f32]) {
+        // The first update forgets UNKNOWN, which is no measurement.
         let decay = if self.updates == 0 { 0.0 } else { DECAY };
         for (&cell, &fresh) in cells.iter().zip(fresh) {
             let value = &mut self.values[cell as usize];
@@ -149,6 +150,7 @@ fn members(values: &[f32], threshold: f32) -> Vec<u64> {
         values
             .iter()
             .rev()
+            // bits|
             .fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold))
     };
     let words = |values: &[f32]| values.chunks(64).map(word).collect::<Vec<u64>>();
@@ -162,6 +164,7 @@ pub fn elements(set: &[u64]) -> Vec<u32> {
         let mut rest = word;
         while rest != 0 {
             elements.push(64 * i as u32 + rest.trailing_zeros());
+            // Clears the lowest bit that is set.
             rest &= rest - 1;
         }
     }

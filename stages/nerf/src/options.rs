@@ -73,9 +73,11 @@ impl TrainOptions {
 
     /// The learning rate of the step after so many.
     pub(crate) fn rate_after(&self, steps: u32) -> f64 {
+        // From 1/warm_up on, not from 0: the first step moves as well.
         let rise = f64::from(steps + 1) / f64::from(self.warm_up.max(1));
         let progress = f64::from(steps) / f64::from(self.steps.max(1));
         let fall = (progress.min(1.0) - HOLD).max(0.0) / (1.0 - HOLD);
+        // Exponential: final_rate^0 = 1 up to HOLD, final_rate^1 at the last step.
         self.rate * rise.min(1.0) * self.final_rate.powf(fall)
     }
 }

@@ -41,6 +41,7 @@ impl Perspective {
         let rows = front(cameras)?;
         let flat = |corner: DVec3| {
             let [x, y, depth] = rows.map(|row| row.dot(corner.extend(1.0)));
+            // Disparity for depth: equal steps of it are what photos tell apart.
             DVec3::new(x, y, 1.0) / depth
         };
         let corners = cameras.iter().flat_map(|camera| corners(camera)).map(flat);
@@ -48,12 +49,14 @@ impl Perspective {
             [low.min(at), high.max(at)]
         });
         let size = high - low;
+        // One scale for x and y, so that pixels' cells are square; depth fills 0 to 1 by itself.
         let across = 1.0 / size.x.max(size.y);
         let deep = 1.0 / size.z;
         let [x, y, depth] = rows;
         let place = [
             across * (x - low.x * depth),
             across * (y - low.y * depth),
+            // The nearest, of the highest disparity, lies at 0.
             deep * (high.z * depth - DVec4::W),
         ];
         let matrix = [place[0], place[1], place[2], depth].map(|row| row.as_vec4().to_array());
@@ -100,6 +103,7 @@ impl Perspective {
         if depth > 0.0 {
             [0, 1, 2].map(|i| self.row(i, point, 1.0) / depth)
         } else {
+            // Outside of the box on every axis, whatever asks.
             [-1.0; 3]
         }
     }
@@ -110,6 +114,7 @@ impl Perspective {
         let unit = self.to_unit(point);
         let depth = self.depth(point);
         std::array::from_fn(|j| {
+            // The quotient rule: u = row_i p / row_3 p.
             let slope = |i: usize| self.matrix[i][j] - unit[i] * self.matrix[3][j];
             (0..3).map(|i| d_unit[i] * slope(i)).sum::<f32>() / depth
         })
@@ -125,6 +130,7 @@ impl Perspective {
     pub fn scale_at(&self, point: [f32; 3]) -> f32 {
         let depth = self.depth(point);
         if depth > 0.0 {
+            // Disparity is 1 / depth, whose slope is 1 / depth^2.
             self.deep / (depth * depth)
         } else {
             0.0
@@ -159,6 +165,7 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
     let ahead = axes.sum::<DVec3>().try_normalize()?;
     let aside = |camera: &&Camera| {
         let position = camera.position();
+        // All that it sees and not its axis alone: a wide lens sees what the map cannot hold.
         corners(camera).any(|corner| (corner - position).normalize().dot(ahead) < LEAST_COSINE)
     };
     if cameras.iter().any(aside) {
@@ -168,6 +175,7 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
         .iter()
         .map(|camera| camera.camera_to_world.y_axis.truncate())
         .sum::<DVec3>();
+    // Cameras that look straight up or down have no common right, and no map.
     let right = ahead.cross(up).try_normalize()?;
     let middle = cameras
         .iter()
@@ -184,6 +192,7 @@ fn front(cameras: &[&Camera]) -> Option<[DVec4; 3]> {
         .map(|corner| (corner - middle).dot(ahead));
     let back = LEAST_DEPTH * nearest - depths.fold(f64::INFINITY, f64::min);
     let place = middle - ahead * back.max(0.0);
+    // Each row is an axis and less the front camera's place along it.
     Some([right, right.cross(ahead), ahead].map(|axis| axis.extend(-axis.dot(place))))
 }
 

@@ -69,6 +69,7 @@ fn dial(turn: DVec3, shift: DVec3) -> Dial {
 fn placed(given: &Camera, numbers: &Dial) -> Camera {
     let [turn, shift] = halves(numbers);
     let half = 0.5 * turn;
+    // (turn / 2, 1), brought to unit length, is the quaternion: no sine, no case for small turns.
     let rotation = DMat3::from_quat(DQuat::from_xyzw(half.x, half.y, half.z, 1.0).normalize());
     let axes = rotation * DMat3::from_mat4(given.camera_to_world);
     let mut camera_to_world = DMat4::from_mat3(axes);
@@ -85,6 +86,7 @@ fn placed(given: &Camera, numbers: &Dial) -> Camera {
 fn placed_backward(given: &Camera, numbers: &Dial, pull: &Dial) -> Dial {
     let [torque, force] = halves(pull);
     let half = 0.5 * halves(numbers)[0];
+    // The derivative of that rotation by the numbers, turned over.
     let turn = (torque - half.cross(torque)) / (1.0 + half.length_squared());
     dial(turn, distance(given) * force)
 }
@@ -126,6 +128,7 @@ impl Poses {
         let progress = f64::from(done) / f64::from(all.saturating_sub(self.options.start).max(1));
         let rate = self.options.rate * FINAL.powf(progress.min(1.0));
         self.dials.step(&gradient, rate, done + 1);
+        // After Adam, whose steps differ by camera and so move the whole.
         self.hold();
     }
 
@@ -188,6 +191,7 @@ impl Common {
         let mut along = [0.0, 0.0];
         let mut shift = DVec3::ZERO;
         for [place, turned, shifted] in moves {
+            // p p^T; |p|^2 - p p^T is what a turn about the middle moves at p.
             let outer = DMat3::from_cols(*place * place.x, *place * place.y, *place * place.z);
             normal += DMat3::IDENTITY * (1.0 + place.length_squared()) - outer;
             turn += *turned + place.cross(*shifted);
@@ -198,6 +202,7 @@ impl Common {
         Self {
             turn: normal.inverse() * turn,
             shift: shift / moves.len() as f64,
+            // A single place grows by nothing.
             growth: if along[1] > 0.0 {
                 along[0] / along[1]
             } else {

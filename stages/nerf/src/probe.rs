@@ -28,6 +28,7 @@ impl Field {
             &mut activations.encoding,
         );
         self.network.density(&mut activations);
+        // A point is a ray of its own here, with its own direction.
         activations.see(
             directions
                 .iter()

@@ -128,6 +128,7 @@ pub(crate) fn segments(
     let segment = |pixel: usize, sub: usize| {
         let x = pixel % camera.width as usize;
         let y = pixel / camera.width as usize;
+        // Sub-rays at the middles of equal parts of the pixel.
         let place = |pixel: usize, sub: usize| pixel as f64 + (sub as f64 + 0.5) / side as f64;
         Segment::new(
             &field.space,
@@ -218,6 +219,7 @@ fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &Rende
         let opacity = 1.0 - seen.transmittance;
         pixel.opacity += share * opacity;
         if opacity > 0.0 {
+            // Weighted by opacity: a sub-ray that sees nothing has no depth to add.
             pixel.depth += share * opacity * segment.depth(seen.distance / opacity);
         }
     }

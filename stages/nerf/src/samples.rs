@@ -62,6 +62,7 @@ impl Samples {
         let mut end = 0;
         for ray in &mut self.rays {
             let first = end;
+            // Kept indices ascend, so a ray's are those before its end.
             end += kept[first..]
                 .iter()
                 .take_while(|&&sample| (sample as usize) < ray.end)
@@ -72,6 +73,7 @@ impl Samples {
         for values in [x, y, z, &mut self.t, &mut self.dt] {
             kept.iter()
                 .enumerate()
+                // (to|
                 .for_each(|(to, &from)| values[to] = values[from as usize]);
             values.truncate(kept.len());
         }

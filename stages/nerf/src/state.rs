@@ -34,6 +34,7 @@ impl Trainer {
             moments.steps.iter().map(|&n| f32::from(n)).collect(),
         );
         put("trainer.step", &[1], vec![self.step as f32]);
+        // The batch's size follows from the samples before, so it is a part of the state.
         put("trainer.pixels", &[1], vec![self.pixels as f32]);
         tensors.extend(network_tensors(
             &self.like_network(&self.network_moments.first),
@@ -76,8 +77,10 @@ impl Trainer {
             .collect();
         trainer.network_moments.first = trainer.read_moment("adam.first.", state)?;
         trainer.network_moments.second = trainer.read_moment("adam.second.", state)?;
+        // Cameras that were refined move the views, so that the next batch sees from there.
         trainer.corrections.read(state, &mut trainer.views)?;
         trainer.step = take(state, "trainer.step", &[1])?[0] as u32;
+        // A state may come from other options or from another machine.
         trainer.pixels = trainer.within_limits(take(state, "trainer.pixels", &[1])?[0] as u32);
         Ok(trainer)
     }

@@ -90,6 +90,7 @@ pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
         .map(|cells| scratch.lend(|scratch| densities(field, cells, scratch, rng, round)))
         .collect::<Vec<_>>()
         .concat();
+    // In steps of the shortest: longer ones far from a camera only show more.
     let optical_depths: Vec<f32> = fresh.iter().map(|sigma| sigma * shortest).collect();
     field.occupancy.update(&cells, &optical_depths);
 }
@@ -107,6 +108,7 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
         .enumerate()
     {
         let draw = |i: usize| {
+            // Streams 4 n to 4 n + 2 belong to the points in cells.
             from[rng.below(4 * round + 3, (part << 32 | i) as u64, from.len() as u32) as usize]
         };
         let drawn: Vec<u32> = (0..from.len() / SHARE).into_par_iter().map(draw).collect();

@@ -119,6 +119,7 @@ impl Field {
 
 /// Hash entries rounded to halves; what is too large becomes the largest half.
 fn halves(values: &[f32]) -> Vec<Entry> {
+    // Infinity would spread through every look-up that touches it.
     let half = |x: f32| f16::from_f32(x.clamp(-f16::MAX.to_f32(), f16::MAX.to_f32()));
     values
         .as_chunks::<FEATURES>()
@@ -139,6 +140,7 @@ fn read_space(bounds: [[f32; 3]; 2], tensors: &Tensors) -> Result<Space, FieldEr
         std::array::from_fn(|column| rows[4 * row + column])
     }));
     let extent: [f32; 3] = std::array::from_fn(|axis| extent[axis]);
+    // A side of nearly 0 would be divided by.
     if !map.is_whole() || extent.iter().any(|side| !(1e-6..=1.0).contains(side)) {
         return Err(FieldError::Perspective);
     }

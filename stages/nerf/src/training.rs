@@ -29,6 +29,7 @@ impl Training {
         options: &TrainOptions,
         seed: u64,
     ) -> Self {
+        // The CPU's trainer prepares both: grids, batches' sizes and refused views are alike.
         Self::on(device, Trainer::new(field, views, options, seed))
     }
 

@@ -45,6 +45,7 @@ impl Views {
             Epilogue::Keep,
         );
         let end = self.rows.last().map_or(0, |rows| rows.end);
+        // Rows of padding have no direction, and the product is added to what is there.
         hidden[end * HIDDEN..].fill(0.0);
         for (view, rows) in self.hidden.chunks_exact(HIDDEN).zip(&self.rows) {
             let rows = &mut hidden[rows.start * HIDDEN..rows.end * HIDDEN];
@@ -56,6 +57,7 @@ impl Views {
     /// The backward pass of [`Views::forward`] to the weights: adds to `d_weights` from sums over
     /// the rows of each direction.
     pub fn backward(&mut self, d_hidden: &[f32], d_weights: &mut [f32]) {
+        // What each direction added is used up, so its place takes the sums.
         self.hidden.fill(0.0);
         for (view, rows) in self.hidden.chunks_exact_mut(HIDDEN).zip(&self.rows) {
             for row in d_hidden[rows.start * HIDDEN..rows.end * HIDDEN].chunks_exact(HIDDEN) {

@@ -71,6 +71,7 @@ pub(crate) fn shrink_covered(
     let Some(alpha) = alpha.as_ref().filter(|_| size != new_size) else {
         return Pixels::new(shrink(rgb, 3, size, new_size, filter), alpha.clone());
     };
+    // Times coverage, so that nothing bleeds out of transparent pixels.
     let covered: Vec<f32> = rgb
         .iter()
         .enumerate()
@@ -79,6 +80,7 @@ pub(crate) fn shrink_covered(
     let alpha = shrink(alpha, 1, size, new_size, filter);
     let covered = shrink(&covered, 3, size, new_size, filter);
     let straight = |(i, value): (usize, f32)| {
+        // Where coverage is 0 so is the colour, and nothing is divided.
         if value > 0.0 {
             (value / alpha[i / 3]).min(1.0)
         } else {
@@ -117,6 +119,7 @@ pub(crate) fn shrink(
     .to_vec();
     interleaved(&resized, channels)
         .into_iter()
+        // value|
         .map(|value| value.clamp(0.0, 1.0))
         .collect()
 }

@@ -50,6 +50,7 @@ pub(crate) struct Finder {
 impl Finder {
     /// The photo that `named` means, seen from `folder`.
     pub(crate) fn find(&self, folder: &Path, named: &str) -> Found {
+        // The usual case costs no listing of the folder.
         let exact = folder.join(named);
         if is_photo(&exact) {
             return Found::Photo(exact);

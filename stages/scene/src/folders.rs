@@ -58,6 +58,7 @@ pub(crate) fn choose(
     };
     let best = |all: &dyn Fn(&Candidate) -> bool| {
         let possible = || candidates.iter().filter(|one| all(one));
+        // Candidates come by size: the smallest that fits, or the largest.
         possible().find(fits).or(possible().next_back())
     };
     let by_size = best(&|_| true);

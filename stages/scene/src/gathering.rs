@@ -65,6 +65,7 @@ impl Gathering {
         let Header { size, orientation } = spotted.header;
         let turned_size = spotted.header.turned_size();
         let tag = orientation.to_exif();
+        // First without the tag: pose estimation takes rows as they lie in the file.
         if has_shape_of(camera, size) {
             if orientation != Orientation::NoTransforms {
                 *self.left.entry(tag).or_default() += 1;

@@ -215,12 +215,14 @@ fn camera(row: &[f64], size: (u32, u32)) -> Result<Camera, String> {
     if let Some(bad) = row.iter().position(|value| !value.is_finite()) {
         return Err(format!("value {bad} is {}", row[bad]));
     }
+    // The 3x5 pose lies row by row: numbers i, i + 5 and i + 10 are column i.
     let column = |i: usize| DVec3::new(row[i], row[i + 5], row[i + 10]);
     let down = column(0);
     let right = column(1);
     let back = column(2);
     let position = column(3);
     let [full_height, full_width, focal] = column(4).to_array();
+    // LLFF's columns are down, right, backwards; ours right, up, backwards.
     check_rotation(right, -down, back)?;
     check_intrinsics((full_width, full_height), focal, size)?;
     let near = row[15];

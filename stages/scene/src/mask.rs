@@ -92,6 +92,7 @@ pub(crate) fn reduced(counts: &[bool], size: (u32, u32), new_size: (u32, u32)) -
         .iter()
         .map(|counts| f32::from(u8::from(*counts)))
         .collect();
+    // By area: a new pixel counts only if all that it lies on does.
     shrink(&parts, 1, size, new_size, Reducer::Area)
         .into_iter()
         .map(|part| part >= WHOLE)

@@ -38,6 +38,7 @@ pub(crate) fn average_pose(cameras: &[Camera]) -> DMat4 {
     let back = sum(|pose| pose.z_axis.truncate())
         .try_normalize()
         .unwrap_or(DVec3::Z);
+    // Not made upright first: only the plane of up and back matters.
     let up = sum(|pose| pose.y_axis.truncate());
     let right = up
         .cross(back)

@@ -25,6 +25,7 @@ struct Crowd {
 
 impl Crowd {
     fn of(cameras: &[Camera]) -> Self {
+        // Medians: the strays that are looked for must not move the middle.
         let middle_of = |axis: usize| {
             let along = cameras.iter().map(|camera| camera.position()[axis]);
             sorted(along).get(cameras.len() / 2).copied().unwrap_or(0.0)
@@ -34,6 +35,7 @@ impl Crowd {
             .iter()
             .map(|camera| camera.position().distance(middle))
             .collect();
+        // Nine tenths of the cameras, so that a tenth may be strays.
         let at = cameras.len().saturating_sub(1) * 9 / 10;
         let reach = sorted(distances.iter().copied())
             .get(at)

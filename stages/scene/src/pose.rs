@@ -30,6 +30,7 @@ pub fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
     }
     let column = |i: usize| DVec3::new(rows[0][i], rows[1][i], rows[2][i]);
     let turn = DMat3::from_cols(column(0), column(1), column(2));
+    // Some programs scale poses with the scene; an even scale is taken out.
     let scale = turn.determinant().max(0.0).cbrt();
     if scale == 0.0 {
         return Err("mirrors or flattens space; expected a rotation".into());
@@ -60,6 +61,7 @@ pub(crate) fn check(camera: &Camera) -> Result<(), String> {
             camera.fl_x, camera.fl_y, camera.cx, camera.cy
         ));
     }
+    // A crop may put it outside of the image, but not by more than an image.
     let outside = |at: f64, side: u32| at < -f64::from(side) || at > 2.0 * f64::from(side);
     if outside(camera.cx, camera.width) || outside(camera.cy, camera.height) {
         return Err(format!(
@@ -147,6 +149,8 @@ pub fn focus(cameras: &[Camera]) -> DVec3 {
     let mut right = DVec3::ZERO;
     for camera in cameras {
         let axis = camera.camera_to_world.z_axis.truncate();
+        // I - a a^T keeps what is across the axis: the system is that of the point nearest to all
+        // axes.
         let across =
             DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
         matrix += across;

@@ -135,6 +135,7 @@ impl Survey {
                 .collect::<Result<_, _>>()?;
             let clipped = read.iter().filter(|(_, clipped)| *clipped).count();
             let mut photos: Vec<Photo> = read.into_iter().map(|(photo, _)| photo).collect();
+            // By name: the hold-out counts in that order, whatever the file's.
             photos.sort_by(|a, b| a.name.cmp(&b.name));
             Ok((photos, clipped))
         };

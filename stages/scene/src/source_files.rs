@@ -88,6 +88,7 @@ pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 3
             .file_name()
             .map(|name| name.as_encoded_bytes())
             .unwrap_or_default();
+        // Names without their folders: a scene that is moved stays the same.
         hasher
             .update(&(name.len() as u64).to_le_bytes())
             .update(name)
@@ -115,6 +116,7 @@ pub(crate) fn view_names(paths: &[&str]) -> Vec<String> {
     let whole = |path: &&str| clean(photo_file::split(inside(path)).0);
     let with_ending = |path: &&str| clean(inside(path));
     let stems: Vec<String> = paths.iter().map(stem).collect();
+    // The shortest names that tell all photos apart.
     if are_different(&stems) {
         return stems;
     }

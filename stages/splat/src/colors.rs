@@ -70,6 +70,7 @@ fn seen(camera: &Camera, picture: &Picture, depth: &[f32], point: Vec3) -> Optio
     let index = inside.then(|| py as usize * camera.width as usize + px as usize)?;
     let [r, g, b, covered] = picture.pixels[index];
     let is_hidden = distance as f32 > depth[index] * (1.0 + HIDDEN);
+    // Pictures are times coverage; divided, what shines through is left out.
     (!is_hidden && covered > 0.5).then(|| [r, g, b].map(|channel| channel / covered))
 }
 
@@ -80,6 +81,7 @@ impl Sums {
                 self.matrix[i][j] += a * b;
             }
             for (sum, channel) in self.side[i].iter_mut().zip(color) {
+                // Harmonics add to a middle grey.
                 *sum += a * (channel - 0.5);
             }
         }
@@ -88,7 +90,9 @@ impl Sums {
     /// Solves them by Cholesky's decomposition; the hold makes the matrix positive.
     fn solve(mut self, count: usize) -> [[f32; 3]; MOST] {
         for i in 0..count {
+            // The functions of degree d begin at number d^2.
             let degree = (i as f32).sqrt() as usize;
+            // In pictures, since one picture adds the square of FLAT to the first of the diagonal.
             self.matrix[i][i] += HOLD[degree] * harmonics::FLAT * harmonics::FLAT;
         }
         decompose(&mut self.matrix, count);

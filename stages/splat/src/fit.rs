@@ -73,6 +73,7 @@ impl Fit {
         let (error, by) = error_backward(&self.cloud, camera, truth);
         self.done += 1;
         let part = self.done as f32 / self.steps.max(1) as f32;
+        // Half a wave of the cosine, from 1 to END.
         let slow = END + (1.0 - END) * 0.5 * (1.0 + (std::f32::consts::PI * part).cos());
         let step = Step::new(self.done);
         let splats = self.cloud.splats.par_iter_mut().zip(&mut self.moments);

@@ -70,6 +70,7 @@ impl Eye {
     pub fn new(camera: &Camera) -> Self {
         let pose = camera.camera_to_world;
         let axis = |axis: glam::DVec4| axis.truncate().as_vec3();
+        // From OpenGL's up and backwards to down and forwards.
         let to_world = Mat3::from_cols(axis(pose.x_axis), -axis(pose.y_axis), -axis(pose.z_axis));
         let focal = Vec2::new(camera.fl_x as f32, camera.fl_y as f32);
         let size = Vec2::new(camera.width as f32, camera.height as f32);
@@ -96,6 +97,7 @@ impl Eye {
         let aside = (middle.truncate() / z).clamp(-self.rim, self.rim);
         let image = |axis: Vec3| {
             let axis = self.turn * axis;
+            // The slope of the projection: d(x / z) = (dx - (x / z) dz) / z.
             self.focal * (axis.truncate() - aside * axis.z) / z
         };
         (splat.axes().map(image), middle)
@@ -113,6 +115,7 @@ impl Eye {
         let covariance = covariance(&axes, splat.scale());
         let conic = inverse(covariance)?;
         let [xx, _, yy] = covariance;
+        // Where opacity exp(-d^2 / 2) falls to FAINTEST.
         let deviations = (2.0 * (opacity / FAINTEST).ln()).sqrt();
         Some(Ellipse {
             center: self.center + self.focal * middle.truncate() / middle.z,
@@ -139,6 +142,7 @@ impl Eye {
             by_splat.log_scale[axis] = 2.0 * variance * form(by_covariance, axes[axis]);
         }
         let opacity = splat.opacity();
+        // The slope of the logistic function, from its value.
         by_splat.logit = by.opacity * opacity * (1.0 - opacity);
         harmonics::color_backward(
             &splat.harmonics[..coefficients],

@@ -70,6 +70,7 @@ pub fn error_backward(cloud: &Cloud, camera: &Camera, truth: &Picture) -> (f64, 
     }
     let eye = Eye::new(camera);
     let coefficients = cloud.coefficients();
+    // Most splats lie outside of one picture.
     let backward = |(splat, by)| match by == &ByEllipse::default() {
         true => BySplat::default(),
         false => eye.project_backward(splat, coefficients, by),
@@ -162,12 +163,14 @@ fn pixel_backward(list: &[Ellipse], touches: &[Touch], by_color: [f32; 4], by: &
         let share = touch.alpha * touch.through;
         let mut by_alpha = 0.0;
         for channel in 0..4 {
+            // C = T (alpha c + (1 - alpha) behind), so dC/dalpha = T (c - behind).
             by_alpha += by_color[channel] * touch.through * (color[channel] - behind[channel]);
             behind[channel] = touch.alpha * color[channel] + (1.0 - touch.alpha) * behind[channel];
         }
         for (sum, by_color) in by.color.iter_mut().zip(by_color) {
             *sum += share * by_color;
         }
+        // At DENSEST it is held and does not follow the opacity.
         if touch.alpha < DENSEST {
             alpha_backward(ellipse, touch, by_alpha, by);
         }
@@ -180,6 +183,7 @@ fn alpha_backward(ellipse: &Ellipse, touch: &Touch, by_alpha: f32, by: &mut ByEl
     let by_square = -0.5 * ellipse.opacity * touch.weight * by_alpha;
     let Vec2 { x, y } = touch.offset;
     by.conic[0] += by_square * x * x;
+    // Half of 2 x y; the other half is that of the equal number across the diagonal.
     by.conic[1] += by_square * x * y;
     by.conic[2] += by_square * y * y;
 }

@@ -89,10 +89,12 @@ impl Seeds {
         if self.points.is_empty() {
             return Err(SeedError::Nothing);
         }
+        // The finest first: they take their patches from coarser ones.
         self.points
             .sort_by(|a, b| a.footprint.total_cmp(&b.footprint));
         let mut width = self.stride as f32;
         let mut kept = thin(&self.points, width);
+        // The number of patches follows from the surface, so their width is found by trying.
         while kept.len() > self.most {
             width *= GROWTH;
             kept = thin(&self.points, width);
@@ -161,6 +163,7 @@ impl Sheet<'_> {
         let towards = self.towards(x, y)?;
         let across = self.slope(x, y, [1, 0])?;
         let down = self.slope(x, y, [0, 1])?;
+        // In this order the product points to the camera: rows go down.
         let normal = down.cross(across).normalize_or(towards);
         // A surface seen so much from the side that it seems to turn away is faced instead.
         Some(if normal.dot(towards) > 0.05 {
@@ -212,6 +215,7 @@ impl Sheet<'_> {
 impl Seed {
     fn splat(&self, width: f32) -> Splat {
         let across = (ACROSS * width * self.footprint).ln();
+        // 0 and 1 have no logit.
         let opacity = self.opacity.clamp(0.01, 0.99);
         Splat {
             position: self.position,
@@ -242,6 +246,7 @@ fn thin(points: &[Seed], width: f32) -> Vec<Seed> {
     for point in points {
         let own = level(point, width);
         if taken.insert(cell(point, own)) {
+            // Coarser points near by see the same patch.
             taken.extend((own + 1..=coarsest).map(|level| cell(point, level)));
             kept.push(*point);
         }

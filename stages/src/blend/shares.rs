@@ -27,6 +27,7 @@ impl Moments {
         let pairs = values.iter().zip(own.to_vec()).enumerate();
         let is_open = |i: usize| counts.is_none_or(|counts| counts[i % counts.len()]);
         for (_, (&n, o)) in pairs.filter(|(i, _)| is_open(*i)) {
+            // In f64: a scene has more products than f32 could add up.
             self.images_images += f64::from(n) * f64::from(n);
             self.images_own += f64::from(n) * f64::from(o);
             self.own_own += f64::from(o) * f64::from(o);
@@ -62,6 +63,7 @@ impl Moments {
         }
         let images = oo * (nn - gain * no) / determinant;
         let own = (gain * nn * oo - no * nn) / determinant;
+        // A negative share would take away what an image knows. Then the other one alone is best.
         match (images < 0.0, own < 0.0) {
             (true, _) => Shares {
                 images: 0.0,

@@ -20,6 +20,7 @@ pub fn optimization_checkpoint(state: &State, log: &[StepLog]) -> Checkpoint {
             visits,
             ..
         } = residual;
+        // Visits stay far below 2^24, the last whole number that f32 holds exactly.
         let visits: Vec<f32> = visits.iter().map(|&visits| visits as f32).collect();
         for (name, values) in [
             ("values", values),
@@ -72,6 +73,7 @@ pub fn optimization_state(
     let steps = checkpoint.notes["lora_steps"].as_u64();
     let lora = match (&like.lora, steps) {
         (None, None) => None,
+        // Shapes are those of a fresh state, so that a file of other views is refused by name.
         (Some(like), Some(steps)) => Some(lora(tensors, like, steps, device)?),
         _ => return Err("it is of another kind of guidance".into()),
     };

@@ -13,6 +13,7 @@ use crate::error::StageError;
 /// An array for disk, without its leading axis of length 1.
 pub fn tensor(array: &Array) -> Tensor {
     Tensor {
+        // A file has one view a tensor: [1, C, h, w] is [C, h, w] there.
         shape: array.shape()[1..].to_vec(),
         values: array.to_vec(),
     }

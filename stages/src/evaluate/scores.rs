@@ -25,6 +25,7 @@ struct Missing {
 }
 
 /// How many blocks NIQE needs for statistics of full rank.
+// The covariance of 36 features has full rank with at least 37 blocks.
 const BLOCKS: usize = 37;
 
 impl Scores {
@@ -54,6 +55,7 @@ impl Scores {
         let too_small = |least: usize| format!("{width}x{height} pixels; a side needs {least}");
         let niqe = metrics::niqe(image);
         if let Some(niqe) = niqe.filter(|niqe| niqe.rank_deficient()) {
+            // The least of all pictures: the warning is for the worst of them.
             self.blocks = Some(self.blocks.unwrap_or(BLOCKS).min(niqe.blocks));
         }
         let no_blocks = || "fewer than two blocks of 96x96 pixels with texture".to_owned();
@@ -89,6 +91,7 @@ impl Scores {
         let warning = self.warning();
         let views_of = |row: &str| self.rows.get(row).map_or(0, BTreeMap::len);
         let told = |row: &String, missing: &Missing| match views_of(row) {
+            // Missing in every view needs no count.
             views if views > missing.views => {
                 format!("{} of {views} views: {}", missing.views, missing.why)
             }

@@ -28,6 +28,7 @@ pub(super) fn view(
         latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
         low,
         mask: masks::at_size(photo, photo.camera.width, photo.camera.height),
+        // Row by row, as the camera embedding takes it.
         camera: std::array::from_fn(|i| rows[i / 4][i % 4] as f32),
     })
 }

@@ -25,6 +25,7 @@ impl Compact {
     /// Whether these tensors make one.
     pub fn is(tensors: &Tensors) -> bool {
         let axes = |name: &str| tensors.shape(name).map_or(0, <[usize]>::len);
+        // A convolution, and behind it a PReLU with a number per channel.
         axes("body.0.weight") == 4 && axes("body.1.weight") == 1
     }
 

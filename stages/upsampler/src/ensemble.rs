@@ -29,6 +29,7 @@ pub fn mean(x: &Array, enlarge: impl Fn(&Array) -> Array) -> Array {
             down,
             across,
         );
+        // Undone in the opposite order.
         let back = mirrored(&enlarge(&turned), down, across);
         let back = if exchanged { transposed(&back) } else { back };
         let values = back.to_vec();

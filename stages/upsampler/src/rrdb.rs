@@ -189,6 +189,7 @@ impl Network for Rrdb {
         let doubled = 1 << self.ups.len();
         // Seen from the small image, each doubling halves what a convolution behind it adds;
         // rounded up.
+        // Fifteen convolutions a block, each a pixel further.
         let low = 2 + 15 * self.blocks.len() + 3;
         Facts {
             family: "RRDBNet",

@@ -145,6 +145,7 @@ fn collapsed(
         bias.push(sum as f32);
         for i in 0..inputs {
             for tap in 0..9 {
+                // A 1x1 kernel is the middle tap of a 3x3 one.
                 let mut sum = if tap == 4 {
                     f64::from(skip[o * inputs + i])
                 } else {

@@ -96,6 +96,7 @@ impl Tensors {
     /// How many numbered layers there are: the first number of which there is no tensor with the
     /// name made of it.
     pub fn count(&self, name: impl Fn(usize) -> String) -> usize {
+        // Numbered from 0 without a gap, as all families' layers are.
         (0..).find(|&i| !self.has(&name(i))).unwrap_or_default()
     }
 

@@ -40,8 +40,10 @@ fn windows(extent: usize, tile: usize, margin: usize) -> Vec<Window> {
             kept_end: extent,
         }];
     }
+    // What is kept of a tile, in whole steps, so that all windows' convolutions are cut alike.
     let room = tile.saturating_sub(2 * margin).max(STEP) / STEP * STEP;
     let count = extent.div_ceil(room);
+    // Evenly, so that the last window is no sliver.
     let kept = extent.div_ceil(count).next_multiple_of(STEP);
     let window = |kept_start: usize| {
         let kept_end = (kept_start + kept).min(extent);
@@ -125,6 +127,7 @@ fn keep(
 fn whole_grains(x: &Array, grain: usize) -> Array {
     let mut x = x.clone();
     for axis in [2, 3] {
+        // Mirroring reaches one pixel less than the image; a small one is mirrored again.
         while !x.shape()[axis].is_multiple_of(grain) {
             let extent = x.shape()[axis];
             let missing = grain - x.shape()[axis] % grain;

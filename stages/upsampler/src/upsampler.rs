@@ -127,6 +127,7 @@ impl Upsampler {
     pub fn memory(&self, tile: usize) -> [u64; 2] {
         let parameters: usize = self.types.values().sum();
         [
+            // All are widened to 32 bits when they are read.
             4 * parameters as u64,
             (self.network.facts().bytes_per_pixel * tile * tile) as u64,
         ]

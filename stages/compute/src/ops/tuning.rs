@@ -85,6 +85,7 @@ fn run(class: Class, gpu: &Gpu, tile: Tile, less: usize) {
 /// The least time of several, after a first one that compiles.
 fn time(gpu: &Gpu, work: impl Fn()) -> Duration {
     let finish = || {
+        // What waits in the queue would be timed with the next.
         gpu.submit();
         gpu.wait();
     };

@@ -95,6 +95,7 @@ impl Array {
         );
         Array {
             shape: shape.into(),
+            // The values are behind an `Arc`: nothing is copied.
             ..self.clone()
         }
     }
@@ -111,6 +112,8 @@ impl Array {
     pub(crate) fn host_mut(&mut self) -> &mut [f32] {
         match &mut self.storage {
             Storage::Cpu(values) => {
+                // Copies only if a clone shares the values, so that an array given away never
+                // changes.
                 let buffer: &mut Buffer = Arc::make_mut(values);
                 buffer
             }

@@ -67,6 +67,7 @@ impl Device {
     /// that there is no such hardware, no driver is asked.
     pub fn auto() -> Device {
         if adapter::hardware_is_likely() {
+            // A GPU that cannot be opened is no error here: nobody asked for it.
             Device::gpu(None).unwrap_or(Device::cpu())
         } else {
             Device::cpu()

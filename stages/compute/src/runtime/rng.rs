@@ -13,6 +13,7 @@ const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
 /// Ten rounds of the Philox bijection on 128 bits.
 fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for _ in 0..10 {
+        // The round of Salmon et al.: the high halves cross over to the other lanes.
         let [a, b] = [0, 2].map(|lane| u64::from(MULTIPLIERS[lane / 2]) * u64::from(counter[lane]));
         counter = [
             (b >> 32) as u32 ^ counter[1] ^ key[0],
@@ -34,6 +35,7 @@ fn fnv1a(bytes: &[u8]) -> u64 {
 
 /// 24 random bits as a number in [0, 1).
 fn unit(bits: u32) -> f32 {
+    // 24 bits are what an f32 holds: rounding more could give 1.
     (bits >> 8) as f32 / (1 << 24) as f32
 }
 
@@ -49,6 +51,7 @@ impl Rng {
         let name = fnv1a(domain.as_bytes());
         let [seed_low, seed_high, name_low, name_high] =
             [seed, seed >> 32, name, name >> 32].map(|x| x as u32);
+        // Mixed once, so that seeds and names that differ little give keys that differ much.
         let mixed = philox4x32_10([seed_low, seed_high, name_low, name_high], [0, 0]);
         Rng {
             key: [mixed[0], mixed[1]],
@@ -85,6 +88,7 @@ impl Rng {
     /// Standard normal, by the transform of Box and Muller 1958.
     pub fn normal(&self, step: u64, element: u64) -> f32 {
         let [a, b, ..] = self.draw(step, element);
+        // Half a step up, so that the logarithm never meets 0.
         let radius = (-2.0 * ((f64::from(a) + 0.5) / 4_294_967_296.0).ln()).sqrt();
         (radius * (std::f64::consts::TAU * f64::from(b) / 4_294_967_296.0).cos()) as f32
     }
@@ -93,6 +97,7 @@ impl Rng {
     pub fn below(&self, step: u64, element: u64, n: u32) -> u32 {
         assert!(n > 0, "below: no number is below 0");
         let [a, b, ..] = self.draw(step, element);
+        // A product instead of a remainder, which would favour small numbers.
         let bits = u128::from(u64::from(a) << 32 | u64::from(b));
         ((bits * u128::from(n)) >> 64) as u32
     }

@@ -154,6 +154,7 @@ impl Weight {
         assert_eq!(old, new, "weight: {:?} does not fit {shape:?}", self.shape);
         Weight {
             shape: shape.into(),
+            // Transformed kernels belong to the old shape.
             transformed: None,
             ..self.clone()
         }
@@ -173,6 +174,7 @@ impl Weight {
         match &self.storage {
             Storage::Array(array) => array.device_buffer().into(),
             Storage::Bytes(encoded) => Factor {
+                // Widened on the way into a kernel's registers: device memory holds half as much.
                 numbers: encoded.copy.get_or_init(|| gpu.upload(encoded.bytes())),
                 format: encoded.format,
             },

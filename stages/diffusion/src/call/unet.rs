@@ -99,6 +99,7 @@ impl UnetCall {
         let text = self.unet.text(&self.text);
         let (output, tape) = self.unet.forward_train(&input, &text, self.kept);
         let error = sub(&output, target);
+        // The derivative of the mean square.
         let dy = scale(&error, 2.0 / error.len() as f32);
         let gradients = self.unet.backward(&input, &text, tape, &dy, true);
         let loss = output.device().array(&[], vec![mean_square(&error)]);

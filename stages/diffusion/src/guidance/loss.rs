@@ -23,6 +23,7 @@ impl Loss {
     pub fn value(self, direction: &Array) -> f64 {
         match self {
             Self::L2 => 0.5 * f64::from(reduce::mean_square(direction)),
+            // The mean of |g| as g sign(g).
             Self::L1 => f64::from(reduce::mean(&elementwise::mul(
                 direction,
                 &elementwise::sign(direction),

@@ -66,6 +66,8 @@ pub struct Estimate<'a> {
 /// Classifier-free guidance (Ho and Salimans 2022): negative + scale (positive - negative). At scale 1 the negative
 /// prompt is not asked. `velocities` gives one for each prompt.
 pub fn classifier_free(scale: f64, velocities: impl FnOnce(&[Prompt]) -> Vec<Array>) -> Array {
+    // At scale 1 the negative velocity would be multiplied by 0; its pass through the network is
+    // saved.
     let prompts: &[Prompt] = if scale == 1.0 {
         &[Prompt::Positive]
     } else {
@@ -74,6 +76,7 @@ pub fn classifier_free(scale: f64, velocities: impl FnOnce(&[Prompt]) -> Vec<Arr
     match &velocities(prompts)[..] {
         [positive] => positive.clone(),
         [positive, negative] => {
+            // Multiplied out, so that it is one pass over the arrays.
             scaled_sum(&[(scale as f32, positive), ((1.0 - scale) as f32, negative)])
         }
         other => unreachable!("{} velocities for {} prompts", other.len(), prompts.len()),

@@ -54,6 +54,9 @@ impl Rule for Rsd {
         let to_clean = towards_clean(schedule, estimate);
         match self.weight {
             Weight::One => to_clean,
+            // The gradient of |z_t' - zhat_t'|^2 / 2 by z': a_t' since z_t' = a_t' z' + s_t' eps,
+            // and kappa since the difference is kappa (z' - x0_hat). Under `L1` both weights are
+            // the same: kappa is above 0.
             Weight::Renoised { spacing } => scale(&to_clean, estimate.t, |t| {
                 renoised(schedule, t, spacing).0 * kappa(schedule, t, spacing)
             }),
@@ -80,6 +83,7 @@ impl Rule for Rsd {
 
 /// z' - x0_hat: descending it moves the latent to the network's estimate.
 pub(super) fn towards_clean(schedule: &Schedule, estimate: &Estimate) -> Array {
+    // x0_hat is held fixed: no gradient goes back through the network.
     sub(
         estimate.latent,
         &schedule.clean(estimate.noisy, estimate.velocity, estimate.t),
@@ -90,6 +94,7 @@ pub(super) fn towards_clean(schedule: &Schedule, estimate: &Estimate) -> Array {
 /// deterministic step of the sampler (DDIM) from t to t' = t - spacing moves along the estimate.
 pub fn kappa(schedule: &Schedule, t: u32, spacing: u32) -> f64 {
     let (a, s) = renoised(schedule, t, spacing);
+    // First-order DPM-Solver++ takes the same step.
     a - schedule.a(t) * s / schedule.s(t)
 }
 

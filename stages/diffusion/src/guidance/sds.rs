@@ -33,6 +33,8 @@ impl Default for Sds {
 impl Rule for Sds {
     /// The direction (1 - alpha_bar) (eps_hat - eps).
     fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+        // eps_hat - eps = (a / s) (z' - x0_hat): RSD's direction with another weight. So what makes
+        // the two differ is mostly which timesteps they look at.
         let surplus = sub(
             &schedule.noise(estimate.noisy, estimate.velocity, estimate.t),
             estimate.noise,

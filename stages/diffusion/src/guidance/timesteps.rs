@@ -53,9 +53,12 @@ impl Timesteps {
 
     /// The timesteps, all below `len`, that step `step` of `steps` uses for `views` views.
     pub fn at(&self, step: u64, steps: u32, views: usize, len: u32, rng: &Rng) -> Vec<u32> {
+        // A share of 1 would be one beyond the last timestep.
         let timestep = |share: f64| ((share * f64::from(len)) as u32).min(len - 1);
         match *self {
             Self::Annealed { from, to } => {
+                // The same for all views of a step, so that the schedule is applied to the batch as
+                // a whole.
                 let left = 1.0 - step as f64 / f64::from(steps);
                 vec![timestep(to + left * (from - to)); views]
             }

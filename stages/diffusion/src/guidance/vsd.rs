@@ -55,7 +55,9 @@ impl Default for Vsd {
             lora_every: 1,
             warm_up: 50,
             lora_rate: 1e-3,
+            // As diffusers' adapters of attention.
             lora_rank: 4,
+            // As ProlificDreamer and threestudio.
             camera_drop: 0.1,
             anchor: 0.5,
         }
@@ -68,14 +70,19 @@ impl Rule for Vsd {
     fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
         let disagreement = sub(
             estimate.velocity,
+            // Without a LoRA the two agree, and nothing but the anchor is left.
             estimate.lora_velocity.unwrap_or(estimate.velocity),
         );
         let direction = scale(&disagreement, estimate.t, |t| {
+            // From eps = a v + s z_t: both networks see the same z_t, so s z_t cancels and a is
+            // left.
             (1.0 - schedule.alpha_bar(t)) * schedule.a(t)
         });
         if self.anchor == 0.0 {
             return direction;
         }
+        // The disagreement need not vanish where the latent is good. The anchor does, and so stops
+        // what would drift.
         scaled_sum(&[
             (1.0, &direction),
             (self.anchor as f32, &rsd::towards_clean(schedule, estimate)),

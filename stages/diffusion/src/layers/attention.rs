@@ -41,6 +41,7 @@ impl AttentionTape {
             .iter()
             .map(|tape| tape.bytes())
             .sum();
+        // `attended.out` is the last projection's input and counted there.
         inputs + 4 * (self.qkv.iter().map(Array::len).sum::<usize>() + self.attended.lse.len())
     }
 }
@@ -99,6 +100,7 @@ impl Attention {
                 self.key.adapt(&text.states, k, lora),
                 self.value.adapt(&text.states, v, lora),
             ],
+            // Only attentions to the text are in `projected`; the others look at the image.
             None => [self.key.forward(x, lora), self.value.forward(x, lora)],
         };
         let [k, v] = [k, v].map(|projected| for_all(&projected, x.shape()[0]));
@@ -107,6 +109,7 @@ impl Attention {
         (
             y,
             AttentionTape {
+                // Scores are not kept: the backward pass computes them again, a tile at a time.
                 projections: [query, key, value, out],
                 qkv: [q, k, v],
                 attended,

@@ -56,6 +56,8 @@ impl GroupNorm {
             let row = slice(&rows, 0, i, 1);
             let mean = mean(&row);
             [
+                // Mean first and then squares of differences: squares of large numbers would cancel
+                // badly.
                 mean.into(),
                 mean_square(&sub(&row, &row.device().full(row.shape(), mean))).into(),
             ]
@@ -75,10 +77,13 @@ impl GroupNorm {
         for ((gamma, beta), ([mean, variance], [wanted_mean, wanted_variance])) in
             groups.zip(own.0.iter().zip(&moments.0))
         {
+            // With own mean m and deviation d, wanted m' and d': gamma (x - m') / d' + beta is
+            // gamma (d / d') (x - m) / d + beta + gamma (m - m') / d'.
             let deviation = (wanted_variance + eps).sqrt();
             let gain = (variance + eps).sqrt() / deviation;
             let offset = (mean - wanted_mean) / deviation;
             for (gamma, beta) in gamma.iter_mut().zip(beta) {
+                // Before gamma changes: the shift is in terms of the old one.
                 *beta += *gamma * offset as f32;
                 *gamma *= gain as f32;
             }
@@ -112,6 +117,8 @@ impl Moments {
         let count = parts.len() as f64;
         let group = |i: usize| {
             let mean = parts.iter().map(|part| part.0[i][0]).sum::<f64>() / count;
+            // The variance of all is the mean of variances plus the variance of means, as parts are
+            // equal.
             let spread = |part: &Self| part.0[i][1] + (part.0[i][0] - mean).powi(2);
             [mean, parts.iter().map(spread).sum::<f64>() / count]
         };

@@ -83,6 +83,7 @@ impl Projection {
                 },
             );
         };
+        // [.., r]: with so few numbers a token, two thin products cost less than forming B A.
         let reduced = linear(x, down, None);
         let y = scaled_sum(&[
             (1.0, y),
@@ -125,6 +126,7 @@ impl Projection {
         let reduced = tape.reduced.as_ref()?;
         let (_, up) = lora.adapter(&self.site)?;
         let factor = lora.scale(&self.site);
+        // alpha / r multiplies the product of A and B, so it stands in both gradients.
         let reduced_gradient = scale(&linear_backward_input(dy, up), factor);
         let up_gradient = scale(&linear_backward_weight(reduced, dy), factor);
         gradients.adapters.insert(self.site.up.clone(), up_gradient);

@@ -20,6 +20,7 @@ impl Downsample {
 
     /// Padded at the bottom and right alone, as in the VAE: n pixels become floor(n/2).
     pub fn trailing(scope: &Scope, channels: usize) -> Result<Self, ModelError> {
+        // Top, bottom, left, right.
         Self::padded(scope, channels, [0, 1, 0, 1])
     }
 
@@ -66,6 +67,7 @@ impl Upsample {
     /// `from` is the input's height and width.
     pub fn backward(&self, dy: &Array, from: [usize; 2]) -> Array {
         let cropped = self.0.backward(dy, size(dy));
+        // What was cropped had no influence, so its gradient is zero.
         let doubled = pad_end(&pad_end(&cropped, 2, 2 * from[0]), 3, 2 * from[1]);
         upsample_nearest_backward(&doubled, 2)
     }

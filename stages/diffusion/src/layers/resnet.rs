@@ -131,6 +131,8 @@ impl Resnet {
             .time
             .as_ref()
             .filter(|_| time)
+            // `hidden` is the sum of conv1's result and the time's, so its gradient is that of
+            // both.
             .map(|layer| layer.backward(&sum_pixels(&hidden)));
         let x = input.then(|| {
             let x = self
@@ -150,6 +152,7 @@ fn sum_pixels(d: &Array) -> Array {
     let n = d.shape()[0];
     let c = d.shape()[1];
     let pixels = d.len() / (n * c);
+    // A product with ones, since no operator sums over pixels.
     let ones = d.device().full(&[1, pixels], 1.0);
     linear(&d.reshape(&[n * c, pixels]), &ones, None).reshape(&[n, c])
 }

@@ -88,6 +88,8 @@ impl Transformer {
         let c = shape.channels;
         let block = |i| Block::read(&scope.at(format!("transformer_blocks.{i}")), shape);
         Ok(Self {
+            // diffusers fixes this 1e-6 and the layer norms' 1e-5 in its code; no configuration has
+            // them.
             norm: GroupNorm::read(&scope.at("norm"), c, shape.groups, 1e-6, Activation::None)?,
             // On tokens, a 1x1 convolution and a linear layer are one and the same.
             proj_in: Linear::read(&scope.at("proj_in"), c, c)?,
@@ -171,6 +173,7 @@ impl Block {
                 attention(1, shape.only_cross_attention.then_some(shape.text))?,
                 attention(2, Some(shape.text))?,
             ],
+            // 4 c values and 4 c gates.
             expand: Linear::read(&scope.at("ff.net.0.proj"), c, 8 * c)?,
             contract: Linear::read(&scope.at("ff.net.2"), 4 * c, c)?,
         })

@@ -41,6 +41,8 @@ impl Batches {
     /// width of every window.
     pub fn new(views: usize, batch: usize, size: [usize; 2], seed: u64) -> Self {
         Self {
+            // One order for the whole run. The batch of a step is then a function of the step's
+            // number, and a resumed run needs no list.
             order: shuffled(views, &Rng::new(seed, "optimize/order")),
             len: views.min(batch),
             size,
@@ -57,6 +59,8 @@ impl Batches {
         low: (&Schedule, u32),
         device: &Device,
     ) -> Batch {
+        // Turns go on where the last batch ended: every view is seen equally often, even where the
+        // batch does not divide their number.
         let first = step as usize * self.len;
         let windows: Vec<_> = (first..first + self.len)
             .map(|turn| self.order[turn % self.order.len()])
@@ -82,6 +86,7 @@ impl Batches {
     }
 
     fn window(&self, step: u64, place: u64, view: &ViewLatents) -> Window {
+        // Two draws for each place in the batch: row and column.
         let draw = |axis, n| self.window.below(step, 2 * place + axis, n);
         Window::around_any_pixel(self.size, view.size(), draw)
     }
@@ -99,6 +104,7 @@ impl Batches {
                 .iter()
                 .map(|(view, window)| window.crop(&views[*view].low)),
         );
+        // A single timestep for all views: the noise level is an option, not drawn.
         schedule.add_noise(
             &low,
             &self.low_noise.normals(step, low.shape(), device),

@@ -20,6 +20,7 @@ pub struct LoraState {
 }
 
 /// Gradients of a larger norm, over all parameters together, are scaled down to it.
+// The same limit as in the paper's code.
 const MAX_NORM: f64 = 1.0;
 
 impl LoraState {
@@ -40,6 +41,7 @@ impl LoraState {
     pub fn descend(&mut self, gradients: &LoraParameters, rate: f64) {
         self.steps += 1;
         // One factor for all parameters keeps the gradient's direction.
+        // A norm of 0 makes the factor infinite, and the minimum makes it 1 again.
         let clip = (MAX_NORM / norm(gradients)).min(1.0) as f32;
         for ((name, values), moments) in self.parameters.iter_mut().zip(self.moments.values_mut()) {
             let gradient = elementwise::scale(&gradients[name], clip);

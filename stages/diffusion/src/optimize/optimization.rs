@@ -38,6 +38,7 @@ impl<'a> Optimization<'a> {
         seed: u64,
     ) -> Result<Self, OptimizeError> {
         options.check()?;
+        // With more noise than this the upscaler was not trained.
         at_most("noise_level", options.noise_level, prior.max_noise_level())?;
         let size = view::window_size(views, options.crop as usize)?;
         let residual = |view: &ViewLatents| {
@@ -64,6 +65,7 @@ impl<'a> Optimization<'a> {
 
     /// The same optimisation from where `state` left it.
     pub fn resume(mut self, state: State) -> Result<Self, OptimizeError> {
+        // Plain descent keeps no moments: their length tells the optimisers apart.
         let like = |a: &Residual, b: &Residual| a.shape == b.shape && a.mean.len() == b.mean.len();
         let same_views = self.state.residuals.len() == state.residuals.len()
             && self
@@ -104,6 +106,7 @@ impl<'a> Optimization<'a> {
             .transpose()?;
         let training = self.options.guidance.rule().lora();
         let lora_loss = training
+            // In the warm-up the LoRA learns at every step, whatever `every` says.
             .filter(|lora| guided.is_none_or(|guided| guided % u64::from(lora.every) == 0))
             .and_then(|training| self.train_lora(&batch, &training));
         self.state.step += 1;
@@ -118,6 +121,7 @@ impl<'a> Optimization<'a> {
     fn guide(&mut self, batch: &Batch, guided: u64) -> Result<GuidanceLog, OptimizeError> {
         let step = self.state.step;
         let options = self.options;
+        // z' = z + h, [N, C, h, w].
         let latent = batch.current(&self.state.residuals);
         let noise = self
             .streams
@@ -125,6 +129,7 @@ impl<'a> Optimization<'a> {
             .normals(step, latent.shape(), self.prior.device());
         let t = self.timesteps(guided, batch.len());
         let direction = self.direction(batch, &latent, &noise, &t);
+        // The loss counts masked pixels too; only the gradient is silenced there.
         let loss = options.loss.value(&direction);
         // Checked before the residuals move: what is kept in the checkpoint is then always a sound
         // state.
@@ -189,6 +194,7 @@ impl<'a> Optimization<'a> {
     }
 
     fn descend(&mut self, batch: &Batch, gradient: &Array) {
+        // [N, C, h, w] on the host, where residuals and their moments lie.
         let mut gradient = gradient.to_vec();
         let len = gradient.len() / batch.len();
         for ((view, window), gradient) in batch.windows.iter().zip(gradient.chunks_mut(len)) {
@@ -225,6 +231,8 @@ impl<'a> Optimization<'a> {
             t: &t,
             noise_level: self.options.noise_level,
         };
+        // Against v and not eps: the loss by eps is a^2 times that by v, and a^2 is 0.001 at t =
+        // 980.
         let target = schedule.velocity_target(&latent, &noise, &t);
         // Without a camera now and then, the LoRA learns what all views share, too.
         let cameras = batch.cameras_kept(|i| {

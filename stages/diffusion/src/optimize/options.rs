@@ -65,12 +65,15 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             guidance: Guidance::Vsd(Vsd::default()),
+            // The paper's count, and DiSR-NeRF's batch.
             steps: 2000,
             batch: 16,
             optimizer: Optimizer::default(),
             loss: Loss::L2,
             guidance_scale: 1.0,
+            // 512 image pixels, the size of the crops that the x4 upscaler was trained on.
             crop: 128,
+            // diffusers' default for the x4 upscaler.
             noise_level: 20,
             prompt: "high resolution, 4K, photo".into(),
             negative_prompt: "blurry, low quality".into(),

@@ -78,6 +78,7 @@ impl Residual {
 
     /// The step for one element at rate 1. Kingma and Ba 2014, algorithm 1.
     fn step(&mut self, element: usize, visits: u32, gradient: f64, optimizer: &Optimizer) -> f64 {
+        // Plain descent keeps the direction's size, which Adam divides away.
         let Optimizer::Adam(moments) = optimizer else {
             return gradient;
         };
@@ -86,6 +87,8 @@ impl Residual {
         let mean = decayed(self.mean[element], moments.beta1, gradient);
         let square = decayed(self.square[element], moments.beta2, gradient * gradient);
         (self.mean[element], self.square[element]) = (mean as f32, square as f32);
+        // eps stands outside the root, as in the paper. Being as large as the directions
+        // themselves, it damps the small ones.
         unbiased(mean, moments.beta1) / (unbiased(square, moments.beta2).sqrt() + moments.eps)
     }
 

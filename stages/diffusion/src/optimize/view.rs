@@ -34,6 +34,8 @@ impl ViewLatents {
         };
         let width = self.size()[1];
         for (i, d) in gradient.iter_mut().enumerate() {
+            // The gradient is [C, height, width] and the mask [h, w]: all channels of a pixel share
+            // it.
             let [x, y] = [i % window.width, i / window.width % window.height];
             if !mask[(window.top + y) * width + window.left + x] {
                 *d = 0.0;
@@ -54,6 +56,7 @@ pub(super) fn window_size(views: &[ViewLatents], crop: usize) -> Result<[usize; 
             problem,
         })?;
     }
+    // One size for all views, since a batch is one array.
     Ok([0, 1].map(|axis| {
         views
             .iter()

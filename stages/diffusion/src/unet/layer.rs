@@ -108,6 +108,7 @@ impl Layer {
             }
             Self::Downsample(downsample) => (downsample.forward(x), LayerTape::Resize(size)),
             Self::Upsample(upsample) => {
+                // Where a side was odd, halving rounded up: the skip says which size is wanted.
                 let to = walk
                     .skips
                     .last()
@@ -120,6 +121,7 @@ impl Layer {
             }
             Self::Pop => {
                 let tape = LayerTape::Pop(x.shape()[1]);
+                // The plan puts on the stack what it takes off, so there is always one.
                 let skip = walk.skips.pop();
                 (
                     skip.map_or_else(|| x.clone(), |skip| concat(&[x, &skip], 1)),
@@ -143,6 +145,8 @@ impl Layer {
     ) {
         let dy = &walk.x;
         let dx = match (self, tape) {
+            // Only layers that look at no skip are reduced to their input, so an empty stack will
+            // do.
             (_, LayerTape::Again(x)) => {
                 let tape = self.forward(
                     &mut Walk {
@@ -167,6 +171,8 @@ impl Layer {
             (Self::Upsample(upsample), LayerTape::Resize(size)) => {
                 Some(upsample.backward(dy, size))
             }
+            // The image went two ways, on through the layers and onto the stack: both gradients add
+            // up.
             (Self::Push, LayerTape::Push) => walk.skips.pop().map(|skip| add(dy, &skip)),
             (Self::Pop, LayerTape::Pop(channels)) => {
                 walk.skips

@@ -201,6 +201,8 @@ impl Unet {
             x: self.backward_head(&tape, dy),
             skips: Vec::new(),
         };
+        // The time embedding gets a gradient for the sake of the camera alone: all else in it is
+        // frozen.
         let time = tape
             .time
             .has_camera()
@@ -221,6 +223,7 @@ impl Unet {
                     &mut walk,
                     &pass,
                     &mut gathered,
+                    // The first layer that learns need not pass its gradient on.
                     sample || Some(i) > first,
                 );
             }
@@ -240,6 +243,7 @@ impl Unet {
 
     fn first_trained(&self, lora: Option<&LoraNetwork>, camera: bool) -> Option<usize> {
         self.layers.iter().position(|layer| match layer {
+            // Frozen itself, but the camera reaches it through the time embedding.
             Layer::Resnet(_) => camera,
             Layer::Transformer(_) => lora.is_some(),
             _ => false,

@@ -10,6 +10,7 @@ use crate::weights::Scope;
 pub(super) fn layers(config: &UnetConfig, root: &Scope) -> Result<Vec<Layer>, ModelError> {
     let mut plan = Plan {
         config,
+        // The first convolution's image is a skip as well.
         layers: vec![Layer::Push],
         channels: config.block_out_channels[0],
         skips: Vec::new(),
@@ -63,6 +64,7 @@ impl Plan<'_> {
 
     fn mid_block(&mut self, scope: &Scope) -> Result<(), ModelError> {
         self.resnet(&scope.at("resnets.0"), self.channels)?;
+        // The middle keeps its self-attention, whatever `only_cross_attention` says of the blocks.
         self.transformer(&scope.at("attentions.0"), self.last(), false)?;
         self.resnet(&scope.at("resnets.1"), self.channels)
     }
@@ -70,6 +72,8 @@ impl Plan<'_> {
     /// Up blocks undo the down blocks in reverse order, but their types are listed in their own.
     fn up_block(&mut self, index: usize, scope: &Scope) -> Result<(), ModelError> {
         let block = self.last() - index;
+        // One layer more than on the way down: it takes the skip of the downsampling before the
+        // block, or of the first convolution.
         for i in 0..=self.config.layers_per_block.of(block) {
             self.layers.push(Layer::Pop);
             self.channels += self.skips.pop().unwrap_or(0);
@@ -100,6 +104,8 @@ impl Plan<'_> {
         let shape = ResnetShape {
             inputs: self.channels,
             outputs,
+            // The time embedding is four times as wide as the first block, in all of diffusers'
+            // UNets.
             time: Some(4 * self.config.block_out_channels[0]),
             groups: self.config.norm_num_groups,
             eps: self.config.norm_eps,
@@ -118,6 +124,7 @@ impl Plan<'_> {
     ) -> Result<(), ModelError> {
         let shape = TransformerShape {
             channels: self.channels,
+            // The number of heads, in spite of its name in diffusers.
             heads: self.config.attention_head_dim.of(block),
             blocks: self.config.transformer_layers_per_block.of(block),
             text: self.config.cross_attention_dim.of(block),

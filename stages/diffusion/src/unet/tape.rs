@@ -40,6 +40,7 @@ impl Kept {
     pub fn push(&mut self, tape: LayerTape) {
         self.bytes += tape.bytes();
         self.layers.push(tape);
+        // Dropping the largest makes room with the fewest layers to compute again.
         while self.bytes > self.budget {
             let Some(largest) = self.layers.iter_mut().max_by_key(|tape| tape.bytes()) else {
                 return;

@@ -80,6 +80,7 @@ impl TimeEmbedding {
         }
         let tape = input.lora.zip(input.camera).map(|(lora, camera)| {
             let (embedding, tape) = camera_forward(lora, camera);
+            // Added, not put in place of the class: the upscaler was trained with its noise level.
             sum = add(&sum, &embedding);
             tape
         });
@@ -172,5 +173,6 @@ fn camera_backward(lora: &LoraNetwork, tape: &CameraTape, dy: &Array) -> BTreeMa
 fn sum_rows(d: &Array) -> Array {
     let n = d.shape()[0];
     let width = d.shape()[1];
+    // A product with ones, since no operator sums over rows.
     linear_backward_weight(&d.device().full(&[n, 1], 1.0), d).reshape(&[width])
 }

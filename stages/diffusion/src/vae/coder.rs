@@ -12,6 +12,7 @@ use crate::error::ModelError;
 use crate::layers::{Conv2d, Downsample, GroupNorm, Linear, Resnet, ResnetShape, Upsample};
 use crate::weights::Scope;
 
+// Fixed in the code of diffusers' AutoencoderKL; the UNet's comes from its configuration.
 const EPS: f32 = 1e-6;
 
 /// The encoder or the decoder.
@@ -78,6 +79,7 @@ impl Coder {
         stack.mid_block(&scope.at("mid_block"))?;
         for (i, &width) in widths.iter().enumerate() {
             let block = scope.at(format!("up_blocks.{i}"));
+            // Decoders of diffusers have one ResNet layer more a block than encoders.
             stack.resnets(&block, config.layers_per_block + 1, width)?;
             if i + 1 < widths.len() {
                 stack.layers.push(Layer::Upsample(Upsample::read(
@@ -142,6 +144,7 @@ impl Attention {
     fn forward(&self, x: &Array, walk: &mut Walk) -> Array {
         let tokens = nchw_to_tokens(&walk.normalise(&self.norm, x));
         let [q, k, v] = [&self.query, &self.key, &self.value].map(|layer| layer.forward(&tokens));
+        // Not causal, and one head as wide as the image.
         let attended = attention(&q, &k, &v, 1, false).out;
         add(
             x,

@@ -82,6 +82,7 @@ impl Vae {
 
     /// How many image pixels a latent pixel spans each way: 4 for the x4 upscaler.
     pub fn factor(&self) -> usize {
+        // Every block but the last one halves.
         1 << (self.config.block_out_channels.len() - 1)
     }
 
@@ -145,6 +146,8 @@ impl Vae {
                 self.encode_by(&tile, statistics).mean
             })
         });
+        // 0.08333 for the x4 upscaler. Stable Diffusion's usual 0.18215 would change the
+        // brightness.
         scale(&mean, self.config.scaling_factor as f32)
     }
 
@@ -169,6 +172,7 @@ impl Vae {
 
 /// What `compute` gives for each of N images, one after the other.
 fn each(images: &Array, compute: impl Fn(&Array) -> Array) -> Array {
+    // One image at a time, so that a tile bounds the memory and statistics never mix two images.
     let parts: Vec<Array> = (0..images.shape()[0])
         .map(|i| compute(&slice(images, 0, i, 1)))
         .collect();
@@ -183,6 +187,7 @@ fn continued(image: &Array, to: [usize; 2]) -> Array {
     loop {
         let h = image.shape()[2];
         let w = image.shape()[3];
+        // Reflection leaves the edge pixel out: n pixels can be continued by n - 1.
         let step = |extent: usize, to: usize| (to - extent).min(extent - 1);
         image = match (h, w) {
             _ if h == height && w == width => return image,

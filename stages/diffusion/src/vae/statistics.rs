@@ -54,6 +54,7 @@ impl Walk<'_> {
         match self.statistics {
             Statistics::Own => norm.forward(x),
             Statistics::Gather(layers) => {
+                // The first tile's walk finds out how many normalisations there are.
                 layers.resize_with(layers.len().max(met + 1), Vec::new);
                 layers[met].push(norm.moments(x));
                 norm.forward(x)

@@ -29,10 +29,12 @@ impl Axis {
                 starts: vec![0],
             };
         }
+        // Starts of neighbours may be three quarters of a tile apart at most.
         let gaps = (extent - tile).div_ceil(tile - tile / 4);
         Self {
             extent,
             tile,
+            // Multiplied before it is divided: the last tile ends exactly at the border.
             starts: (0..=gaps).map(|i| i * (extent - tile) / gaps).collect(),
         }
     }
@@ -44,6 +46,7 @@ impl Axis {
         let tile = self.tile * unit;
         let ramp = (self.tile * unit).div_ceil(4) as f32;
         let weight = |start: usize, i: usize| {
+            // Half a pixel inside: no weight is 0, so the total that is divided by is not either.
             let before = if start == 0 { ramp } else { i as f32 + 0.5 };
             let after = if start + self.tile == self.extent {
                 ramp
@@ -87,6 +90,7 @@ impl Tiling {
         if rows.starts.len() * columns.starts.len() == 1 {
             return compute([0, 0], tile, &mut Statistics::Own);
         }
+        // What this walk computes is thrown away; it is for the normalisations' statistics.
         let mut statistics = Statistics::Gather(Vec::new());
         for (&top, &left) in rows
             .starts

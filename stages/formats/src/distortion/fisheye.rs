@@ -41,15 +41,18 @@ impl Fisheye {
     }
 
     fn angle(&self, seen: f64) -> Option<f64> {
+        // Without coefficients a fisheye's radius is the angle itself.
         let mut angle = seen.min(WIDEST);
         for _ in 0..STEPS {
             let (at, slope) = self.bent(angle);
+            // Past the fold a larger angle is seen further in.
             if slope.is_nan() || slope <= 0.0 {
                 return None;
             }
             if (at - seen).abs() <= TOLERANCE * (1.0 + seen) {
                 return (angle <= WIDEST && self.grows_up_to(angle)).then_some(angle);
             }
+            // Below 0 it would come up on the other side of the axis.
             angle = (angle - (at - seen) / slope).max(0.0);
         }
         None

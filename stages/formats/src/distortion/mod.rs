@@ -114,6 +114,7 @@ impl Distortion {
             if off[0].hypot(off[1]) <= TOLERANCE * (1.0 + seen[0].hypot(seen[1])) {
                 return Some(point);
             }
+            // Newton's step: the inverse of the slope times what is off.
             point[0] -= (d * off[0] - b * off[1]) / determinant;
             point[1] -= (a * off[1] - c * off[0]) / determinant;
         }
@@ -132,6 +133,8 @@ impl Distortion {
                 .map(|i| f64::from(i) / f64::from(PROBES))
                 .all(|part| {
                     let (_, [[a, b], [c, d]]) = self.with_slope([part * x, part * y]);
+                    // The slope is symmetric: determinant and trace above 0 are both eigenvalues
+                    // above 0.
                     a * d - b * c > 0.0 && a + d > 0.0
                 })
     }

@@ -76,6 +76,7 @@ fn check_size(header: &Header, expected: (usize, usize), file_length: u64) -> Re
         return Err(ExrError::new("data window", problem));
     }
     let pixels = width as u64 * height as u64;
+    // No deflate stream grows by more than this, so such a file must be damaged.
     if pixels * 4 * header.channels.list.len() as u64 / LARGEST_COMPRESSION_RATIO > file_length {
         return Err(ExrError::new(
             "data window",

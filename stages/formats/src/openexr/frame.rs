@@ -161,6 +161,7 @@ impl Frame<'_> {
         }));
         let depth = self
             .depth
+            // depth|
             .map(|depth| (DEPTH, vec![channel("Z", depth.to_vec(), false)]));
         let normals = self.normals.map(|normals| {
             let axis = |axis: usize| normals.iter().map(|normal| normal[axis]).collect();
@@ -200,6 +201,7 @@ fn channel(name: &str, values: Vec<f32>, half: bool) -> AnyChannel<FlatSamples> 
 fn to_half(value: f32) -> f16 {
     let largest = f32::from(f16::MAX);
     match value.is_finite() {
+        // Beyond a half's range it would become infinite.
         true => f16::from_f32(value.clamp(-largest, largest)),
         false => f16::from_f32(value),
     }

@@ -67,6 +67,7 @@ impl ExrError {
 /// Files that are not as [`to_bytes`] makes them.
 pub fn read(bytes: &[u8], camera: &Camera) -> Result<Channels, ExrError> {
     let reader = Reader::read_from_buffered(Cursor::new(bytes), true).map_err(ExrError::of)?;
+    // Before any pixel is read: a header may claim any size.
     check(reader.headers(), camera, bytes.len() as u64)?;
     let image = exr::prelude::read()
         .no_deep_data()

@@ -39,6 +39,7 @@ pub fn to_bytes(
             blocks: Blocks::ScanLines,
             line_order: LineOrder::Increasing,
         },
+        // The format demands channels in the order of their names.
         AnyChannels::sort(list(pixels, depth, mask).into()),
     ));
     image.attributes = image_attributes(image.attributes);

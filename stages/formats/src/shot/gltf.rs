@@ -114,6 +114,7 @@ fn animate(shot: &Shot, page: &mut Value) -> Vec<u8> {
         accessors
             .push(json!({"bufferView": i, "componentType": FLOAT, "count": frames, "type": kind}));
     }
+    // The format demands the bounds of an animation's times.
     accessors[0]["min"] = json!([times.first()]);
     accessors[0]["max"] = json!([times.last()]);
     let channel = |sampler: usize, path: &str| json!({"sampler": sampler, "target": {"node": MOVING, "path": path}});
@@ -139,6 +140,7 @@ fn turns(shot: &Shot) -> Vec<DQuat> {
     let near = |(_, camera): &(String, Camera)| {
         let now = turn(camera);
         let now = match before {
+            // Both signs are one turn; a viewer that goes from one to the other turns the long way.
             Some(before) if before.dot(now) < 0.0 => -now,
             _ => now,
         };

@@ -76,6 +76,7 @@ fn camera(text: &mut String, prim: &str, name: &str, frames: &[&Camera], first: 
     });
     value("float focalLength", &|c| single(focal(c)));
     value("float horizontalAperture", &|_| single(FILM));
+    // Of the film, in its millimetres: a principal point beside the middle is held so.
     value("float horizontalApertureOffset", &|c| {
         single((f64::from(c.width) / 2.0 - c.cx) / c.fl_x * focal(c))
     });
@@ -115,6 +116,7 @@ fn focal(camera: &Camera) -> f64 {
 
 /// USD multiplies row vectors from the left, so its rows are our columns.
 fn matrix(camera: &Camera) -> String {
+    // USD multiplies row vectors: its rows are our columns.
     let columns = camera.camera_to_world.to_cols_array_2d();
     let rows = columns.map(|[x, y, z, w]| format!("({x}, {y}, {z}, {w})"));
     format!("( {} )", rows.join(", "))
@@ -127,6 +129,7 @@ fn identifier(name: &str, taken: &mut BTreeSet<String>) -> String {
     if prim.is_empty() || prim.starts_with(|c: char| c.is_ascii_digit()) {
         prim.insert(0, '_');
     }
+    // Different names may be alike once their signs are replaced.
     while !taken.insert(prim.clone()) {
         prim.push('_');
     }

@@ -43,6 +43,7 @@ pub fn to_bytes(
         header.insert(METADATA.to_owned(), json!(metadata));
     }
     let header = crate::json::line(&header).map_err(|error| WriteError::new(METADATA, error))?;
+    // So that values begin at a multiple of 8, as the format asks.
     let padded = header.len().next_multiple_of(8);
     let mut bytes = (padded as u64).to_le_bytes().to_vec();
     bytes.extend(header.into_bytes());

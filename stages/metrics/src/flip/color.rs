@@ -62,6 +62,7 @@ impl Lab {
     fn of_linear(rgb: [f64; 3]) -> Self {
         let [x, y, z] = relative_xyz(rgb).map(lightness);
         let l = 116.0 * y - 16.0;
+        // In the dark colours look paler, so differences of chroma count less there.
         let hunt = 0.01 * l;
         Self([l, hunt * 500.0 * (x - y), hunt * 200.0 * (y - z)])
     }

@@ -30,6 +30,7 @@ impl Contrast {
 
     /// A plane as the eye has it.
     pub fn blur(&self, plane: &[f64], width: usize, pixels_per_degree: f64) -> Vec<f64> {
+        // Three deviations: exp(-pi^2 d^2 / b) has the variance b / (2 pi^2).
         let reach = 3.0 * (Self::WIDEST / (2.0 * PI * PI)).sqrt() * pixels_per_degree;
         let reach = reach.ceil() as i32;
         let parts: Vec<(f64, Vec<f64>)> = self
@@ -44,6 +45,7 @@ impl Contrast {
             })
             .collect();
         let sum = |kernel: &[f64]| kernel.iter().sum::<f64>();
+        // A channel's kernel is the sum of its Gaussians, which all share one total.
         let total: f64 = parts
             .iter()
             .map(|(weight, kernel)| weight * sum(kernel) * sum(kernel))
@@ -99,6 +101,7 @@ fn normalized(kernel: Vec<f64>) -> Vec<f64> {
     let weight = |weight: f64| weight / if weight > 0.0 { positive } else { negative };
     kernel
         .into_iter()
+        // w|
         .map(|w| if w == 0.0 { 0.0 } else { weight(w) })
         .collect()
 }

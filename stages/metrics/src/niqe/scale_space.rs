@@ -25,6 +25,7 @@ impl Plane {
         let means = self.average(window);
         let square_means = squares.average(window);
         let coefficient = |((x, mu), square): ((&f32, &f32), &f32)| {
+            // Rounding may leave a variance below 0; the reference takes its size too.
             (x - mu) / ((square - mu * mu).abs().sqrt() + 1.0)
         };
         let values = self

@@ -17,6 +17,7 @@ pub const SECOND: u32 = 15;
 pub fn pack<const DROPPED: u32>(moments: &[f32], packed: &mut [u16]) {
     for (packed, x) in packed.iter_mut().zip(moments) {
         let bits = x.to_bits();
+        // Just below half of the last bit kept, and that bit itself: ties go to even.
         let rounded = bits.wrapping_add((1 << (DROPPED - 1)) - 1 + (bits >> DROPPED & 1));
         *packed = (rounded >> DROPPED) as u16;
     }
@@ -39,7 +40,9 @@ fn half(x: f32) -> u16 {
     const LARGEST: f32 = 65504.0;
     let size = x.abs().min(LARGEST);
     let bits = size.to_bits();
+    // The exponents' biases differ by 112; a fraction loses 13 bits.
     let normal = (bits + 0xfff + (bits >> 13 & 1)) >> 13;
+    // Below 2^-14 halves are not normal: an addition rounds to the bits that they have.
     let half = if size < 6.103_515_6e-5 {
         (size + SMALL).to_bits() - SMALL.to_bits()
     } else {

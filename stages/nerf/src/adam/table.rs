@@ -156,6 +156,7 @@ impl WithSimd for UpdateSparse<'_> {
 fn rates(gradient: &[[f32; FEATURES]], steps: &mut [u16], rate: f32) -> [[f32; FEATURES]; CHUNK] {
     let corrections = &*CORRECTIONS;
     let mut rates = [[0.0; FEATURES]; CHUNK];
+    // Both bits are shifted out of their signs, since -0 is no gradient either.
     let moves = |[a, b]: &[f32; FEATURES]| u16::from((a.to_bits() | b.to_bits()) << 1 != 0);
     for (steps, gradient) in steps.iter_mut().zip(gradient) {
         *steps = (*steps + moves(gradient)).min(CORRECTED as u16);
@@ -217,13 +218,16 @@ impl<'a> SparsePart<'a> {
             gradients.zip(rates).zip(values.zip(moments))
         {
             let rests = simd.equal_f32s(*rate, zero);
+            // Most vectors of a large table have no gradient in a step, and are left as they are.
             if simd.first_true_m32s(simd.not_m32s(rests)) == S::F32_LANES {
                 continue;
             }
             let stay = [*value, *first, *second];
             let go = advance(simd, stay, *gradient, *rate);
             [*value, *first, *second] =
+                // Both ways are computed and one is taken, lane by lane.
                 std::array::from_fn(|i| simd.select_f32s(rests, stay[i], go[i]));
+            // Cleared while it is in the cache: nobody else passes over the gradient.
             *gradient = zero;
         }
         pack::<FIRST>(&first, self.first.as_flattened_mut());

@@ -91,6 +91,7 @@ fn passes(pixels: impl Iterator<Item = usize>, at_once: usize) -> Vec<Range<usiz
     let mut end = 0;
     for rays in pixels {
         match passes.last_mut() {
+            // Whole pixels, since a pixel's rays are compared with the photo together.
             Some(pass) if pass.len() + rays <= at_once => pass.end += rays,
             _ => passes.push(end..end + rays),
         }

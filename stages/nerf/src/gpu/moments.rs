@@ -39,6 +39,7 @@ impl Moments {
     pub fn new(gpu: &Gpu, host: &Trainer) -> Self {
         let table = &host.table_moments;
         let network = &host.network_moments;
+        // WGSL has no integers of 16 bits.
         let steps: Vec<u32> = table.steps.iter().map(|&n| n.into()).collect();
         let corrections: Vec<f32> = (1..=CORRECTED as i32)
             .map(|n| correction(n) as f32)

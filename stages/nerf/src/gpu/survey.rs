@@ -96,6 +96,7 @@ impl Survey {
             step: 4 * round,
             key_low: low,
             key_high: high,
+            // As on the CPU, the first update forgets what was no measurement.
             decay: if round == 0 { 0.0 } else { DECAY },
             shortest: field.stride().shortest,
             resolution: grid.resolution,

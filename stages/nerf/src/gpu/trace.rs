@@ -107,6 +107,7 @@ impl Rays {
 impl Resident {
     /// How many rays can be traced at once.
     pub fn rays_at_once(&self) -> usize {
+        // As if every ray had all its steps: only the device learns how many there are.
         (ROOM / self.most_steps).clamp(1, MOST_RAYS)
     }
 
@@ -139,6 +140,7 @@ impl Resident {
             1,
         );
         let room = count * self.most_steps;
+        // One vector more, in front: it holds how many samples there are.
         let samples = gpu.buffer(4 * (1 + room));
         let raw = gpu.buffer(4 * room);
         let gather = [

@@ -75,6 +75,7 @@ impl GpuTrainer {
     /// One training step. Returns when its loss is known, while the device still learns from it.
     pub fn step(&mut self) -> StepStats {
         let batch = Batch::draw(&self.host, &self.resident);
+        // Not cleared: the first pass's kernel writes all of it.
         let parts = self
             .gpu
             .buffer(PARTS as usize * self.host.field.network.weights.len());
@@ -97,6 +98,7 @@ impl GpuTrainer {
             );
             self.host.field.occupancy.updates += 1;
         }
+        // Now, so that the device works while the host waits for the loss.
         self.gpu.submit();
         self.finish(batch.rays.count, &self.gpu.receive(asked))
     }
@@ -109,6 +111,8 @@ impl GpuTrainer {
         for (i, pass) in batch.passes.iter().enumerate() {
             let traced = self.resident.trace(&batch.rays, pass.clone());
             let d_raw = self.compare(batch, &traced, pass.len());
+            // After the last pass's losses, and before its way back: the host learns of them that
+            // much earlier.
             if i + 1 == batch.passes.len() {
                 let outcome = Outcome {
                     rays: batch.rays.count as u32,

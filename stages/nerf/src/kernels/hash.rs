@@ -61,6 +61,7 @@ impl Kernel for Portable {
                 // Half a cell's shift staggers the levels (instant-ngp); positions are never
                 // negative.
                 let x = positions[axis][lane] * level.scale + 0.5;
+                // By way of i32, whose conversion is a vector instruction; u32's is not everywhere.
                 cell[axis][lane] = x as i32 as u32;
                 fraction[axis][lane] = x - (x as i32) as f32;
             }
@@ -120,11 +121,13 @@ pub fn entry(level: &Level, [x, y, z]: [u32; 3]) -> u32 {
     let [nx, ny, _] = level.resolution;
     let entries = level.entries as u32;
     if !level.dense {
+        // Entries are a power of two, so the mask is the remainder.
         return (x ^ y.wrapping_mul(PRIMES[0]) ^ z.wrapping_mul(PRIMES[1])) & (entries - 1);
     }
     // A corner past the last vertex wraps into the next row, as in instant-ngp. What lies outside
     // the box stays harmless.
     let i = x.wrapping_add(nx.wrapping_mul(y.wrapping_add(ny.wrapping_mul(z))));
+    // One subtraction in place of a remainder: below the end it wraps to a huge number.
     i.min(i.wrapping_sub(entries)).min(entries - 1)
 }
 
@@ -147,6 +150,7 @@ pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut 
     );
     // A level of 2^17 entries, half a megabyte, fits into the second-level cache, but Adam has
     // driven it out since the last step.
+    // For few positions most of the table would be fetched for nothing.
     if positions[0].len() >= table.len() / ENTRIES_PER_POSITION {
         fetch(table);
     }
@@ -176,6 +180,7 @@ pub fn encode(level: &Level, table: &[Entry], positions: [&[f32]; 3], out: &mut 
 /// wait for every line.
 fn fetch(table: &[Entry]) {
     let line = 64 / size_of::<Entry>();
+    // Without it the compiler would drop reads whose sum nobody uses.
     std::hint::black_box(
         table
             .iter()

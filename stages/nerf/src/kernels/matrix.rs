@@ -222,6 +222,8 @@ fn finish<S: Simd, const V: usize>(
         Epilogue::ReluBackward(output) => {
             let output = &S::as_simd_f32s(output).0[at..at + V];
             std::array::from_fn(|v| {
+                // By the output and not the input: they are above 0 together, and only the output
+                // was kept.
                 simd.select_f32s(simd.less_than_f32s(zero, output[v]), sum[v], zero)
             })
         }

@@ -41,11 +41,13 @@ fn slope(level: &Level, table: &[Entry], position: [f32; 3], d: [f32; FEATURES])
                 1.0 - fraction[a]
             }
         });
+        // The derivative of f is 1 and that of 1 - f is -1, along the axis asked for.
         let sign = side.map(|side| if side == 1 { 1.0 } else { -1.0 });
         sum[0] += value * sign[0] * weight[1] * weight[2];
         sum[1] += value * sign[1] * weight[0] * weight[2];
         sum[2] += value * sign[2] * weight[0] * weight[1];
     }
+    // From cells to unit space.
     sum.map(|d| d * level.scale)
 }
 

@@ -52,6 +52,7 @@ impl<'a> Cursor<'a> {
     /// A count of records of at least `least` bytes each.
     fn count(&mut self, least: usize) -> Result<usize, String> {
         let count = self.u64()?;
+        // A damaged count must not ask for memory that the file cannot fill.
         let most = self.0.len() / least;
         match usize::try_from(count) {
             Ok(count) if count <= most => Ok(count),

@@ -87,6 +87,7 @@ fn in_view(model: &Model, camera: &Camera) -> Vec<f64> {
         let seen = (0.0..=width).contains(&px) && (0.0..=height).contains(&py);
         (seen && depth.is_finite()).then_some(depth)
     };
+    // Every so many of them: near and far are percentiles, which a sample gives as well.
     let points = model.points.iter().step_by(step);
     points
         .filter_map(|point| camera.project(point.position).and_then(inside))

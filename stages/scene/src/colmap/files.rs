@@ -138,6 +138,7 @@ fn models_in(folder: &Path) -> Vec<Place> {
 fn largest(models: &[Place], notes: &mut Vec<String>) -> Result<Place, SceneError> {
     let mut counted = Vec::new();
     for place in models {
+        // Only their images are counted; points would be read for nothing.
         let model = parse(place, &["images"], &mut Vec::new())?;
         counted.push((model.images.len(), place));
     }

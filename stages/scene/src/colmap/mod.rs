@@ -104,11 +104,13 @@ impl Reader for Colmap {
         )?;
         notes.extend(depths::set(&model, &mut found));
         let mut train: Vec<Posed> = found.into_iter().map(|(_, posed)| posed).collect();
+        // By name, as the hold-out counts.
         train.sort_by(|a, b| a.name.cmp(&b.name));
         let mut test = Vec::new();
         notes.extend(sift(&file_of_images, &mut train, &mut test, self.size)?);
         notes.extend(depths::guess(&mut train));
         let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera).collect();
+        // Only now, since the scale is that of the nearest near.
         let (moved, to_source) = normalize(&cameras);
         let bounds = pose::hull(&moved);
         for (posed, camera) in train.iter_mut().zip(moved) {

@@ -172,6 +172,7 @@ fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), Stri
         ("RADIAL_FISHEYE", &[f, x, y, k1, k2]) => {
             ([f, f, x, y], Distortion::fisheye([k1, k2, 0.0, 0.0]))
         }
+        // Without omega its lens does not bend.
         ("FOV", &[fx, fy, x, y, omega]) if omega.abs() < 1e-9 => ([fx, fy, x, y], none),
         ("FOV", &[.., omega]) => return other(&format!("omega = {omega}")),
         ("THIN_PRISM_FISHEYE", &[fx, fy, x, y, k1, k2, p1, p2, k3, k4, sx, sy]) => {

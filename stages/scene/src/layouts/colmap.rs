@@ -62,6 +62,7 @@ fn pose(camera: &Camera) -> String {
         -pose.y_axis.truncate(),
         -pose.z_axis.truncate(),
     );
+    // World to camera is the transpose of our pose's axes, with COLMAP's down and forwards.
     let turn = DQuat::from_mat3(&axes.transpose()).normalize();
     let shift = -(turn * camera.position());
     words(&[turn.w, turn.x, turn.y, turn.z, shift.x, shift.y, shift.z])

@@ -144,6 +144,7 @@ fn into_unit_cube([low, high]: formats::Bounds) -> (f64, [f64; 3]) {
         .map(|axis| high[axis] - low[axis])
         .fold(0.0, f64::max);
     let scale = 1.0 / longest;
+    // The box's middle goes to 0.5, where instant-ngp's cube has its own.
     let offset = std::array::from_fn(|axis| 0.5 - scale * 0.5 * (low[axis] + high[axis]));
     (scale, offset)
 }

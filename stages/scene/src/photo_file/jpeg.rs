@@ -9,6 +9,7 @@ use zune_jpeg::JpegDecoder;
 
 /// Decodes a JPEG file of at most `largest` pixels a side. The error says what is damaged.
 pub(super) fn decode(bytes: &[u8], largest: u32) -> Result<DynamicImage, String> {
+    // Cut short, a file would be filled up with grey.
     if !is_whole(bytes) {
         return Err("it ends before its last row: it was cut short".into());
     }

@@ -114,6 +114,7 @@ pub(crate) fn read_grey(
     let Pixels { rgb, alpha, .. } = pixels;
     let brightest = |pixel: &[f32]| pixel.iter().copied().fold(0.0, f32::max);
     let grey: Vec<f32> = rgb.chunks_exact(3).map(brightest).collect();
+    // A mask may lie in the alpha of a picture of one colour.
     let flat = grey.iter().all(|value| *value == grey[0]);
     Ok((size, alpha.filter(|_| flat).unwrap_or(grey)))
 }
@@ -154,6 +155,8 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
 /// How much memory the pixels of a file of so many bytes may take.
 fn largest_allocation(bytes: u64) -> u64 {
     bytes
+        // By the file's own size: a small file that claims a huge image is refused before memory
+        // is.
         .saturating_mul(LARGEST_RATIO)
         .clamp(FREE_ALLOCATION, LARGEST_ALLOCATION)
 }

@@ -74,6 +74,7 @@ impl Lights {
 impl Luminaire {
     fn reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let stride = POINTS / PER_SAMPLE;
+        // Other points for each sub-ray: together they see all of the lamp.
         let points = (0..PER_SAMPLE).map(|k| self.points[(sample * 7 + k * stride) % POINTS]);
         let sum: Vec3 = points
             .map(|point| self.point_reflected(world, hit, to_eye, point))
@@ -115,6 +116,7 @@ fn sky(u: Vec2, turn: f32) -> Vec3 {
 
 /// Evenly spread points of the unit square (Hammersley's set), placed.
 fn spread(place: impl Fn(Vec2) -> Vec3) -> Vec<Vec3> {
+    // Hammersley's points: the bits of i reversed spread evenly for any number of them.
     let mirrored = |i: usize| (i as u32).reverse_bits() as f32 / (1u64 << 32) as f32;
     (0..POINTS)
         .map(|i| place(Vec2::new((i as f32 + 0.5) / POINTS as f32, mirrored(i))))

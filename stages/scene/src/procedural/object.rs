@@ -10,6 +10,7 @@ use super::{photograph, sculpture};
 use crate::{Photo, SceneData};
 
 /// The cameras' distance from the origin and their field of view across, those of NeRF-synthetic.
+// NeRF-synthetic's, to the last digit.
 const DISTANCE: f64 = 4.031128874;
 const FIELD_OF_VIEW: f64 = 0.6911112070083618;
 /// Training photos are held out for testing, beside others of their own, one for so many.
@@ -96,6 +97,7 @@ fn on_spiral(view: u32, views: u32) -> DVec3 {
 /// The unit vector at a part of a turn around, with its height over the ground.
 fn direction(turn: f64, height: f64) -> DVec3 {
     let (sin, cos) = (turn * std::f64::consts::TAU).sin_cos();
+    // Even in height is even on the sphere (Archimedes).
     let out = (1.0 - height * height).sqrt();
     DVec3::new(out * cos, height, out * sin)
 }

@@ -118,6 +118,7 @@ fn pixel(
         }
     }
     (
+        // Of what was met only: the background is alpha's part.
         sum / met.max(1) as f32,
         met as f32 / (samples * samples) as f32,
     )

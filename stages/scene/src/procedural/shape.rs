@@ -105,6 +105,7 @@ fn nearer(a: Option<Touch>, b: Option<Touch>) -> Option<Touch> {
 /// Solutions of `a t^2 + 2 b t + c = 0`, the lower first.
 fn roots(a: f32, b: f32, c: f32) -> Option<[f32; 2]> {
     let discriminant = b * b - a * c;
+    // A line along the axis has a = 0 and meets no side.
     (discriminant > 0.0 && a > 0.0).then(|| {
         let root = discriminant.sqrt();
         [(-b - root) / a, (-b + root) / a]
@@ -136,6 +137,7 @@ fn side(from: Vec3, along: Vec3, radius: f32, half_height: f32, min: f32) -> Opt
     )?;
     let t = on_side(enter).or_else(|| on_side(leave))?;
     let outward = (p + t * d) / radius;
+    // A tube is seen from inside as well, so its normal faces the viewer.
     let facing = -outward.dot(d).signum();
     Some((t, facing * Vec3::new(outward.x, 0.0, outward.y)))
 }
@@ -173,6 +175,7 @@ fn capsule(from: Vec3, along: Vec3, radius: f32, half_length: f32) -> Option<Tou
 /// radii.
 fn torus(from: Vec3, along: Vec3, radii: Vec2, min: f32, max: f32) -> Option<Touch> {
     let reach = radii.x + radii.y;
+    // Walked only within the sphere around it.
     let [enter, leave] = roots(1.0, from.dot(along), from.length_squared() - reach * reach)?;
     let mut t = enter.max(min);
     let last = leave.min(max);
@@ -186,6 +189,7 @@ fn torus(from: Vec3, along: Vec3, radii: Vec2, min: f32, max: f32) -> Option<Tou
         if distance < TORUS_TOLERANCE {
             return Some((t, (at - ring).normalize()));
         }
+        // Nothing is nearer than the distance, so a step of it passes over nothing.
         t += distance;
     }
     None

@@ -70,6 +70,7 @@ fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Came
         (width, height),
         focal,
         Camera::look_at(position, TARGET),
+        // Until what rays have met gives near and far.
         [0.0, f64::INFINITY],
     )
 }

@@ -279,6 +279,7 @@ fn grain(point: Vec3, color: Vec3) -> Vec3 {
 fn noise(at: Vec2) -> f32 {
     let cell = at.floor();
     let f = at - cell;
+    // Smooth at the lattice, so that no creases show.
     let f = f * f * (Vec2::splat(3.0) - 2.0 * f);
     let x = cell.x as i32;
     let y = cell.y as i32;
@@ -291,6 +292,7 @@ fn noise(at: Vec2) -> f32 {
 /// A fixed number in 0..1 for each point of the integer lattice: part of a pattern, not of any
 /// random stream.
 fn lattice(x: i32, y: i32) -> f32 {
+    // A hash in whole numbers: the same pictures on every machine.
     let mut bits = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
     bits = (bits ^ bits >> 15).wrapping_mul(0x2C1B_3C6D);
     bits = (bits ^ bits >> 12).wrapping_mul(0x297A_2D39);

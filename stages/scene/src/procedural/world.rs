@@ -55,6 +55,8 @@ impl Line {
             from,
             along,
             start: from.into(),
+            // An axis that the line does not follow gives infinity, which the box test takes as it
+            // should.
             inverse: Vec3A::from(along).recip(),
         }
     }
@@ -187,6 +189,7 @@ fn nearer<'a>(
     solid: &'a Solid,
     line: &Line,
 ) -> Option<(&'a Solid, Touch)> {
+    // What is further than the nearest so far need not be computed.
     let max = found.map_or(f32::INFINITY, |(_, (distance, _))| distance);
     solid.touch(line, max).map(|touch| (solid, touch)).or(found)
 }

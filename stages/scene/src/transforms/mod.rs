@@ -292,6 +292,7 @@ fn camera(page: &Page, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool)
         distortion: stated.distortion()?,
         camera_to_world: pose::rigid(&matrix)
             .map_err(|fault| format!("transform_matrix {fault}"))?,
+        // Stand-ins until the box or all cameras tell: a camera needs a range.
         near: near.unwrap_or(1.0),
         far: far.unwrap_or(2.0),
     };

@@ -167,6 +167,7 @@ impl Frame {
 /// JSON with two liberties that writers take: NaN and infinities, which become null.
 fn parse(text: &str) -> Result<Value, (String, String)> {
     serde_json::from_str(text)
+        // Python writes NaN and Infinity, which are no JSON.
         .or_else(|error| match without_numbers_that_are_none(text) {
             Some(mended) => serde_json::from_str(&mended),
             None => Err(error),
@@ -197,6 +198,7 @@ fn without_numbers_that_are_none(text: &str) -> Option<String> {
             '"' => string_length(rest),
             _ => match WORDS.iter().find(|word| rest.starts_with(**word)) {
                 Some(word) => {
+                    // As long as the word, so that errors name the right column.
                     mended.push_str(&format!("{:<1$}", "null", word.len()));
                     changed = true;
                     rest = &rest[word.len()..];

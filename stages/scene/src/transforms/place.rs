@@ -133,6 +133,7 @@ fn cube(path: &Path, page: &Page) -> Result<Option<Bounds>, SceneError> {
     };
     let scale = page.scale.unwrap_or(SCALE);
     let offset = page.offset.unwrap_or(OFFSET);
+    // The inverse of instant-ngp's p scale + offset, whose cube lies about 0.5.
     let bounds = [-0.5, 0.5].map(|half| offset.map(|offset| (0.5 + half * side - offset) / scale));
     check_box(path, Some(&bounds))?;
     Ok(Some(bounds))

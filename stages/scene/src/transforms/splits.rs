@@ -33,9 +33,11 @@ pub(super) fn split(page: &Page, photos: Vec<(String, Posed)>, notes: &mut Vec<S
     for (path, posed) in photos {
         let path = same(&path);
         let for_training = match train_list.is_empty() {
+            // Without a list for training, all but what validates is trained on.
             true => !validation.contains(&path),
             false => train_list.contains(&path),
         };
+        // Held out wins: what a stage has seen must not be measured on.
         if held_out.contains(&path) {
             both += usize::from(train_list.contains(&path));
             split.test.push(posed);

@@ -124,6 +124,7 @@ impl Builder {
     }
 
     fn take(&mut self, layer: &Layer, name: &str) -> Result<(usize, Blob), UpsamplerError> {
+        // What is left at the end is the result, and there may be one.
         self.loose.retain(|loose| loose != name);
         let found = self.blobs.get(name).cloned();
         found.ok_or_else(|| layer.wrong(format!("takes `{name}`, which no layer before it gives")))
@@ -148,6 +149,7 @@ impl Builder {
                 .largest
                 .max(*channels as f64 * ratio.value() * ratio.value());
             self.grain =
+                // The least common multiple: sides must divide by all that shrinks.
                 self.grain / greatest_common_divisor(self.grain, ratio.under) * ratio.under;
             if self.grain > FACTOR {
                 return Err(layer.wrong("makes images too small to be enlarged"));

@@ -47,6 +47,7 @@ impl Network for Graph {
                 .filter_map(|&input| values[input].as_ref())
                 .collect();
             let result = step.operation.apply(&inputs);
+            // What nobody reads again is freed: memory is that of the widest place.
             for &input in &step.inputs {
                 if self.last_use[input] == Some(i) {
                     values[input] = None;

@@ -47,6 +47,7 @@ impl<'a> Weights<'a> {
             0 => self.plain(layer, shape),
             F16 => {
                 let array = self.numbers(layer, shape, Format::F16)?;
+                // ncnn pads halves to whole words.
                 self.at = self.at.next_multiple_of(4);
                 Ok(array)
             }

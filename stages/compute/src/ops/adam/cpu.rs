@@ -21,6 +21,8 @@ pub fn advance(step: Step, parameter: &mut [f32], gradient: &[f32], m: &mut [f32
                     for (((p, &g), m), v) in parameter.iter_mut().zip(gradient).zip(m).zip(v) {
                         *m = step.beta1 * *m + (1.0 - step.beta1) * g;
                         *v = step.beta2 * *v + (1.0 - step.beta2) * g * g;
+                        // Algorithm 1, with the corrections 1 - beta^t in `rate` and `root`: none
+                        // is divided by here.
                         *p = *p * step.keep - step.rate * *m / (v.sqrt() * step.root + step.eps);
                     }
                 },

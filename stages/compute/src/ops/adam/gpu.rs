@@ -38,6 +38,7 @@ impl StepOver {
 /// One step of Adam on `[parameter, gradient, mean, square]`: the new parameter and moments.
 pub fn advance(gpu: &Gpu, step: Step, arrays: [&Buffer; 4], len: usize) -> [Buffer; 3] {
     let kernel = Kernel::new("adam", &[include_str!("adam.wgsl")], [4, 3]);
+    // Results go to new buffers: other arrays may still share the old ones.
     let out = [0; 3].map(|_| gpu.buffer(len));
     let [parameter, gradient, mean, square] = arrays;
     gpu.run(&Job {

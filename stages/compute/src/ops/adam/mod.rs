@@ -73,6 +73,7 @@ pub fn update(
     same_shape("adam", parameter, &state.m);
     same_shape("adam", parameter, &state.v);
     assert!(step > 0, "adam: steps count from 1");
+    // In f64: for beta2 = 0.999 the first of these is 1e-3, with few digits left in f32.
     let bias = |beta: f32| 1.0 - f64::from(beta).powf(step as f64);
     let factors = Step {
         beta1: adam.beta1,

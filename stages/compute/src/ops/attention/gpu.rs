@@ -60,6 +60,7 @@ fn shape(e: Extents, tokens: usize, most: usize) -> (u32, [u32; 3]) {
         e.batch * e.heads,
         slices.div_ceil(each),
     ];
+    // Deep heads take several workgroups along z, each of which computes all scores anew.
     (each as u32, groups.map(|count| count as u32))
 }
 
@@ -140,6 +141,7 @@ fn queries(gpu: &Gpu, reads: [&Buffer; 6], e: Extents) -> Buffer {
 }
 
 fn keys(gpu: &Gpu, reads: [&Buffer; 6], e: Extents) -> [Buffer; 2] {
+    // Two sums a slice, to keys and to values, so half as many slices fit the registers.
     let (slices, groups) = shape(e, e.keys, 2);
     let templates = &[TILES, BACKWARD, include_str!("attention_keys.wgsl")];
     let kernel = Kernel::new("attention_keys", templates, [6, 2]).with(&[("SLICES", slices)]);

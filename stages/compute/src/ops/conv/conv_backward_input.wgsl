@@ -17,6 +17,7 @@ fn column_place(column: u32) -> vec4i {
 fn factor_b(k: u32, place: vec4i) -> f32 {
     let y = place.y - i32(k / KW % KH);
     let x = place.z - i32(k % KW);
+    // Where the stride passed over a place, no output saw it by this tap.
     if (y < 0 || x < 0 || u32(y) % p.stride != 0u || u32(x) % p.stride != 0u) {
         return 0.0;
     }

@@ -36,6 +36,7 @@ pub fn forward(
     finish: Finish<&[f32]>,
     g: &Geometry,
 ) -> Buffer {
+    // In f32 whatever precision is asked for (docs/operators.md).
     if winograd::suits(g) {
         let task = Task { g, x, bias, finish };
         let stored = StoredKernels::new(weight.host(), Direction::Forward, g);
@@ -47,6 +48,7 @@ pub fn forward(
 }
 
 fn forward_by_product(x: &[f32], weight: &Weight, bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+    // A pointwise convolution sees one long row, whose runs are not cut at the image's edges.
     let g = g.flat();
     let depth = g.channels * g.taps();
     let precision = weight.precision();
@@ -96,6 +98,7 @@ pub fn backward_input(
     (weight, precision): (Values, Precision),
     g: &Geometry,
 ) -> Buffer {
+    // The gradient is a convolution by the kernel turned around, where stride and padding allow it.
     if let Some(turned) = g.turned().filter(winograd::suits) {
         let task = Task {
             g: &turned,
@@ -139,6 +142,7 @@ fn backward_input_by_columns(
     let share_rows = (HELD / (taps * pixels).max(1))
         .min(g.channels / TASKS)
         .max(CHANNELS);
+    // Zeros, since windows overlap and their gradients are added.
     let mut dx = Buffer::zeros(g.batch * g.channels * g.plane());
     let planes = Cut {
         matrices: g.batch,
@@ -185,6 +189,7 @@ fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
     let [top, _, left, _] = g.conv.pad;
     let stride = g.conv.stride;
     for (y, row) in row.chunks(g.out_width).enumerate() {
+        // Above the image this wraps around to a number that no image has rows for.
         let target = (y * stride + ky).wrapping_sub(top);
         if target < g.height {
             for (x, value) in row.iter().enumerate() {
@@ -207,6 +212,7 @@ pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Buffer {
         for image in 0..g.batch {
             let dy = Matrix::new(&dy[image * g.outputs * g.pixels()..], g.outputs, g.pixels());
             let patches = TurnedPatches(Patches { images: x, g }, image);
+            // Images one after the other: a sum cut between tasks would depend on their number.
             let old = if image == 0 { Old::Forget } else { Old::Keep };
             add_product(&mut share, &dy, &patches, g.pixels(), (old, Precision::F32));
         }

@@ -127,6 +127,7 @@ impl Geometry {
     pub fn turned(&self) -> Option<Geometry> {
         let [kh, kw] = self.kernel;
         let [top, bottom, left, right] = self.conv.pad;
+        // A padding beyond the kernel's reach has no convolution back.
         let pad = [
             kh.checked_sub(1 + top)?,
             kh.checked_sub(1 + bottom)?,

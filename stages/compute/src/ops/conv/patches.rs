@@ -29,6 +29,7 @@ fn runs(g: &Geometry, [ky, kx]: [usize; 2], pixels: Range<usize>) -> impl Iterat
         .div_ceil(stride)
         .clamp(begin, g.out_width);
     (pixels.start / g.out_width..pixels.end.div_ceil(g.out_width)).filter_map(move |y| {
+        // A row above the image wraps around to one beyond it, and is left out below.
         let row = (y * stride + ky).wrapping_sub(top);
         let first = pixels.start.max(y * g.out_width + begin);
         let last = pixels.end.min(y * g.out_width + end);
@@ -89,10 +90,12 @@ impl Patches<'_> {
         let g = &self.g;
         let taps = g.taps();
         let image = &self.images[image * g.channels * g.plane()..][..g.channels * g.plane()];
+        // Tap by tap: all channels share a tap's runs.
         for row in depth.start..depth.end.min(depth.start + taps) {
             let tap = row % taps;
             let runs: Vec<Run> =
                 runs(g, [tap / g.kernel[1], tap % g.kernel[1]], pixels.clone()).collect();
+            // Only what padding touches is cleared first.
             let padded = runs.iter().map(|run| run.len).sum::<usize>() < pixels.len();
             for row in (row..depth.end).step_by(taps) {
                 let out = &mut out[(row - depth.start) * width..][..pixels.len()];
@@ -109,6 +112,7 @@ impl Patches<'_> {
 
 impl Right for Patches<'_> {
     fn grain(&self) -> usize {
+        // The rows of a pointwise column matrix are whole planes apart.
         if self.g.taps() == 1 { GRAIN } else { DEPTH }
     }
 

@@ -63,6 +63,7 @@ pub fn unary(function: Unary, x: &[f32]) -> Buffer {
         Unary::Offset(number) => map!(x, |x| x + number),
         Unary::Leaky(slope) => map!(x, |x| if x > 0.0 { x } else { slope * x }),
         Unary::Sigmoid => map!(x, |x| sigmoid(x)),
+        // Not `signum`, which gives 1 for 0.
         Unary::Sign => map!(x, |x| (x > 0.0) as i32 as f32 - (x < 0.0) as i32 as f32),
         Unary::Silu => map!(x, |x| silu(x)),
         Unary::Gelu => map!(x, |x| x * normal_cdf(x)),
@@ -93,6 +94,7 @@ pub fn reduce(reduction: Reduction, x: &[f32]) -> f64 {
 /// Every plane of `plane` elements plus its own number.
 pub fn add_per_plane(x: &[f32], numbers: &[f32], plane: usize) -> Buffer {
     let mut out = Buffer::stale(x.len());
+    // A plane is one task, so its number is read once.
     fill(&mut out, plane.max(1), |i, out| {
         let x = &x[i * plane..];
         vectorize(
@@ -175,5 +177,6 @@ fn fold(x: &[f32], term: impl Fn(f32) -> f64 + Sync, join: impl Fn(f64, f64) -> 
         .par_chunks(CHUNK)
         .map(|x| x.iter().fold(0.0, |sum, &x| join(sum, term(x))))
         .collect();
+    // One order for any number of threads.
     partial.into_iter().fold(0.0, join)
 }

@@ -12,7 +12,7 @@ use crate::runtime::gpu::pool::Buffer;
 const BLOCK: usize = 4096;
 
 params! {
-    /// The constants of a function; what they mean, it knows.
+    /// The constants of a function, which says what they mean.
     struct Constants {
         a: f32,
         b: f32,
@@ -52,6 +52,7 @@ params! {
 pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
     let (value, [a, b]) = match function {
         Unary::Scale(factor) => ("return p.a * x[i];", [factor, 0.0]),
+        // WGSL leaves open what its `clamp` makes of NaN.
         Unary::Clamp { low, high } => (
             "let v = x[i]; return select(clamp(v, p.a, p.b), v, v != v);",
             [low, high],
@@ -174,6 +175,7 @@ pub fn reduce(gpu: &Gpu, reduction: Reduction, x: &Buffer, len: usize) -> f64 {
     let (term, join) = match reduction {
         Reduction::Sum => ("v", "a + b"),
         Reduction::SumOfSquares => ("v * v", "a + b"),
+        // As on the CPU, NaN is passed over.
         Reduction::MaxAbs => ("select(0.0, abs(v), v == v)", "max(a, b)"),
     };
     let head = format!(
@@ -191,6 +193,7 @@ pub fn reduce(gpu: &Gpu, reduction: Reduction, x: &Buffer, len: usize) -> f64 {
         len as u64,
     );
     let parts = gpu.read(&parts, blocks);
+    // The blocks' sums are joined in f64, since there is none on the device.
     let parts = parts.into_iter().map(f64::from);
     if reduction == Reduction::MaxAbs {
         parts.fold(0.0, f64::max)

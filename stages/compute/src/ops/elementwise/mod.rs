@@ -68,6 +68,7 @@ pub fn scaled_sum(terms: &[(f32, &Array)]) -> Array {
         [] => panic!("scaled_sum: no terms"),
         [(a, x)] => scale(x, a),
         [(a, x), (b, y)] => binary("scaled_sum", Binary::Sum([a, b]), x, y),
+        // From the left: the order of the sum is part of the result.
         [ref first @ .., (a, x)] => {
             binary("scaled_sum", Binary::Sum([1.0, a]), &scaled_sum(first), x)
         }

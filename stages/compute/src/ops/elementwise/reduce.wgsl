@@ -20,6 +20,7 @@ fn main(
 #end
     part[local] = value;
     for (var half = 128u; half > 0u; half /= 2u) {
+        // What a round reads, others wrote in the one before.
         workgroupBarrier();
         if (local < half) {
             part[local] = join(part[local], part[local + half]);

@@ -30,6 +30,7 @@ impl Moments {
         Moments {
             mean,
             rest,
+            // The variance about the mean itself: `squares` is about its rounded value.
             rstd: 1.0 / (squares / count - rest * rest + eps).sqrt(),
         }
     }
@@ -39,6 +40,8 @@ impl Moments {
         let count = x.len() as f32;
         let mean = lanes::sum(x, |x| x) / count;
         let sums = [
+            // A second pass: squares less the mean's square would cancel where a group hardly
+            // varies.
             lanes::sum(x, |x| x - mean),
             lanes::sum(x, |x| (x - mean) * (x - mean)),
         ];
@@ -62,6 +65,7 @@ pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Acti
     let mut out = Buffer::stale(x.len());
     fill(
         &mut out,
+        // A group is one task: its sums have one order.
         (g.channels / g.groups * g.plane).max(1),
         |i, out| {
             let (start, channel) = group_at(i, g);
@@ -148,6 +152,7 @@ pub fn group_backward(
 #[inline(always)]
 fn project(x: &[f32], dx: &mut [f32], moments: Moments) {
     let count = x.len() as f32;
+    // rstd (g - mean(g) - xhat mean(g xhat)), with g the gradient to the normalised xhat.
     let along_mean = lanes::sum(dx, |dx| dx) / count;
     let along_value =
         lanes::sum_pairs(dx, x, |dx, x| dx * moments.centre(x)) / count * moments.rstd;
@@ -216,6 +221,7 @@ fn layer_row_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32], dx: &mut [
     });
     let moments = Moments::new(mean, [sum, squares], count, eps);
     let along_mean = slopes / count;
+    // `along` is about the rounded mean; what its rest adds is taken off.
     let along_value = (along - moments.rest * slopes) / count * moments.rstd;
     for (((dx, x), dy), gamma) in dx.iter_mut().zip(x).zip(dy).zip(gamma) {
         *dx = moments.rstd

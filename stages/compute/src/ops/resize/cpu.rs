@@ -12,6 +12,7 @@ pub fn separable(x: &[f32], [h, w]: [usize; 2], vertical: &Taps, horizontal: &Ta
     let width = horizontal.windows.len();
     let mut out = Buffer::stale(x.len() / (h * w) * height * width);
     fill(&mut out, height * width, |plane, out| {
+        // Rows first, into [h, width]: columns then go line by line, a vector of pixels at a time.
         let mut narrow = Buffer::stale(h * width);
         x[plane * h * w..]
             .chunks(w)

@@ -64,9 +64,11 @@ impl Filter {
     /// The windows that make `to` outputs of `from` inputs.
     pub fn taps(self, from: usize, to: usize, antialias: bool) -> Taps {
         let scale = from as f64 / to as f64;
+        // Only where the image shrinks: enlarged, an antialiased filter is the plain one.
         let stretch = if antialias { scale.max(1.0) } else { 1.0 };
         let window = |i: usize| match self {
             Filter::Nearest => Window {
+                // In whole numbers, where a product of floats could fall just below a pixel.
                 first: i * from / to,
                 weights: vec![1.0],
             },
@@ -124,11 +126,14 @@ fn renormalised(
     kernel: impl Fn(f64) -> f64,
 ) -> Window {
     let centre = (i as f64 + 0.5) * scale;
+    // Truncated after adding a half, as Pillow does: other roundings add or lose a pixel at the
+    // rim.
     let first = (centre - reach * stretch + 0.5).max(0.0) as usize;
     let end = ((centre + reach * stretch + 0.5) as usize).min(from);
     let raw: Vec<f64> = (first..end)
         .map(|k| kernel((k as f64 + 0.5 - centre) / stretch))
         .collect();
+    // In f64, and rounded once: weights of a wide window must still sum to 1.
     let total: f64 = raw.iter().sum();
     Window {
         first,
@@ -153,6 +158,7 @@ impl Taps {
                 if target.weights.is_empty() {
                     target.first = i;
                 }
+                // An output that skips this input leaves a zero.
                 target.weights.resize(i - target.first, 0.0);
                 target.weights.push(weight);
             }

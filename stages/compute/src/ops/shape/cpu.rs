@@ -146,6 +146,7 @@ fn mirrored(index: usize, before: usize, len: usize) -> usize {
     if index < before || distance < len {
         distance
     } else {
+        // The edge pixel itself is not repeated.
         2 * (len - 1) - distance
     }
 }

@@ -76,6 +76,7 @@ pub fn concat(gpu: &Gpu, parts: &[(&Buffer, usize)], outer: usize) -> Buffer {
             let left: usize = first.iter().map(|(_, row)| row).sum();
             match first {
                 [(x, _)] => pair(gpu, [x, y], [left, *right], outer),
+                // Two at a time: a kernel's number of arrays is fixed when it is written.
                 _ => pair(gpu, [&concat(gpu, first, outer), y], [left, *right], outer),
             }
         }

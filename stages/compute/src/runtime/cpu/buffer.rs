@@ -44,6 +44,8 @@ impl Pool {
         let place = self
             .kept
             .iter()
+            // The latest is likeliest to be in the cache still. A much longer one would waste what
+            // the pool may hold.
             .rposition(|values| (len..=len + len / 4).contains(&values.len()))?;
         let values = self.kept.remove(place)?;
         self.elements -= values.len();
@@ -55,6 +57,7 @@ impl Pool {
         self.elements += values.len();
         self.kept.push_back(values);
         let mut surplus = Vec::new();
+        // The oldest go first: their size is the least likely to be asked for again.
         while self.elements > LIMIT {
             let Some(oldest) = self.kept.pop_front() else {
                 break;
@@ -70,6 +73,7 @@ impl Buffer {
     /// Room for `len` values, which are whatever they were: for kernels that write every one of
     /// them.
     pub fn stale(len: usize) -> Buffer {
+        // The allocator promises no cache line, so there is room to begin at one.
         let room = len + ALIGNMENT - 1;
         let kept = if len < SMALLEST {
             None
@@ -100,7 +104,9 @@ impl Buffer {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
+        // A buffer of more than half of the pool would push all others out.
         if (SMALLEST..=LIMIT / 2).contains(&self.values.len()) {
+            // Freed once the pool is unlocked: giving large memory back to the system takes long.
             let surplus = pool().put(std::mem::take(&mut self.values));
             drop(surplus);
         }

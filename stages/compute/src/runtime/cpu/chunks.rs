@@ -12,6 +12,7 @@ const ALONE: usize = 2 * CHUNK;
 /// Calls `kernel` with the number and the values of every chunk of `out`. How many threads there are
 /// changes no chunk, and so no sum over one.
 pub fn fill(out: &mut [f32], chunk: usize, kernel: impl Fn(usize, &mut [f32]) + Sync) {
+    // Waking threads costs more than such work takes. The chunks are the same.
     if out.len() <= chunk.max(ALONE) {
         out.chunks_mut(chunk)
             .enumerate()

@@ -11,6 +11,7 @@ fn halve<const ALL: usize, const WIDTH: usize>(
     lanes: &mut [f32; ALL],
     operation: &impl Fn(f32, f32) -> f32,
 ) {
+    // By halves, so that a vector of any width joins whole vectors first.
     for i in 0..WIDTH {
         lanes[i] = operation(lanes[i], lanes[i + WIDTH]);
     }
@@ -32,6 +33,8 @@ pub fn join(mut lanes: [f32; LANES], operation: impl Fn(f32, f32) -> f32) -> f32
 #[inline(always)]
 pub fn sum(x: &[f32], term: impl Fn(f32) -> f32) -> f32 {
     let mut lanes = [0.0; LANES];
+    // A length known when it is compiled, so that the loop becomes vectors; what is left comes
+    // after.
     let chunks = x.chunks_exact(LANES);
     let rest = chunks.remainder();
     for x in chunks {
@@ -104,6 +107,7 @@ pub fn sums<const N: usize>(
 /// The largest element; minus infinity if there is none.
 #[inline(always)]
 pub fn max(x: &[f32]) -> f32 {
+    // Not `f32::max`, whose care for NaN takes several instructions.
     let larger = |a: f32, b: f32| if b > a { b } else { a };
     let mut lanes = [f32::NEG_INFINITY; LANES];
     let chunks = x.chunks_exact(LANES);

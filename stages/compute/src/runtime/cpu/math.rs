@@ -23,11 +23,15 @@ macro_rules! polynomial {
 /// numbers. NaN stays NaN.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
+    // Beyond these the result is not a normal number, and its exponent could not be put together.
     let x = x.clamp(-87.3, 88.3);
     let rounded = x * LOG2_E + ROUND;
     let n = rounded - ROUND;
+    // x = n ln 2 + r with r within ln 2 / 2, where the series is short. The high part's product is
+    // exact, so nothing is lost where r is small.
     let r = (x - n * LN2_HIGH) - n * LN2_LOW;
     let fraction = polynomial!(r; 1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0);
+    // 2^n by its bits: n lies in the low bits of `rounded`, and the shift drops the rest.
     let power = f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     fraction * power
 }
@@ -54,6 +58,7 @@ pub fn erf(x: f32) -> f32 {
         0.237_641_2, 0.283_095_5, 0.282_046_7,
     );
     let near = magnitude * inner;
+    // Both branches are computed and one is taken: a jump would end the vectors.
     let far = 1.0 - exp(-square) * t * outer;
     (if magnitude < 1.0 { near } else { far }).copysign(x)
 }

@@ -47,6 +47,7 @@ impl<'a> Matrix<'a> {
             "matrix: no rows {range:?} in {}",
             self.rows
         );
+        // Of no rows at all the start may lie beyond the end.
         let start = (range.start * self.row_stride).min(self.values.len());
         Matrix {
             values: &self.values[start..],
@@ -106,6 +107,7 @@ pub struct MatrixMut<'a> {
 impl<'a> MatrixMut<'a> {
     /// The contiguous row-major matrix that starts at `values`.
     pub fn new(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
+        // Its assertion is wanted, not the view.
         Matrix::new(values, rows, columns);
         MatrixMut {
             start: values.as_mut_ptr(),

@@ -67,6 +67,7 @@ impl Cut {
     /// Share number `index` of the stack that begins at `start`. No two shares have both a row and
     /// a panel in common.
     fn share(self, start: *mut f32, index: usize) -> Share<'static> {
+        // Across first: neighbouring shares read the same rows of the left factor.
         let row = index / self.shares_across() * self.share_rows;
         let panel = index % self.shares_across() * self.share_panels;
         let rows = row..self.rows.min(row + self.share_rows);

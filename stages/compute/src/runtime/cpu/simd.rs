@@ -110,6 +110,7 @@ fn avx512<R>(kernel: impl FnOnce() -> R) -> R {
 }
 
 #[cfg(target_arch = "x86_64")]
+// Without FMA, so that the compiler cannot fuse what must be rounded twice.
 #[target_feature(enable = "avx2")]
 fn avx2<R>(kernel: impl FnOnce() -> R) -> R {
     kernel()

@@ -112,12 +112,14 @@ unsafe fn turn(
         }
     }
 
+    // For 16 the shift leaves bit 16, and less 1 all of the lower 16.
     let read = (1u32 << depth).wrapping_sub(1) as u16;
     let write = (1u32 << count).wrapping_sub(1) as u16;
     // SAFETY: masks and counts keep every access within the block.
     unsafe {
         let mut rows: [__m512; BLOCK] = std::array::from_fn(|row| {
             let read = if row < count { read } else { 0 };
+            // Masked lanes touch no memory, so the pointer may lie beyond it.
             _mm512_maskz_loadu_ps(read, from.wrapping_add(row * row_stride))
         });
         exchange::<8>(&mut rows);

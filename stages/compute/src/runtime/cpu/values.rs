@@ -68,6 +68,8 @@ impl<'a> Values<'a> {
     pub fn first_not_finite(self) -> Option<(usize, f32)> {
         (0..self.len().div_ceil(CHUNK))
             .into_par_iter()
+            // The first in the file, whichever thread finds one first: the message must be the
+            // same.
             .find_map_first(|chunk| {
                 let first = chunk * CHUNK;
                 let mut values = vec![0.0; CHUNK.min(self.len() - first)];

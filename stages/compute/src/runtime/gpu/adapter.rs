@@ -46,6 +46,7 @@ pub struct Found {
 /// Whether this may be a machine with a GPU of hardware, asked in no time: on Linux, its driver has
 /// made a device file.
 pub fn hardware_is_likely() -> bool {
+    // NVIDIA's, that of Windows' Linux, and Mesa's.
     const FILES: [&str; 3] = ["/dev/nvidiactl", "/dev/dxg", "/dev/dri/renderD128"];
     !cfg!(target_os = "linux") || FILES.iter().any(|file| std::path::Path::new(file).exists())
 }
@@ -68,6 +69,7 @@ pub fn find() -> Result<Vec<Found>, GpuError> {
     if adapters.is_empty() {
         return Err(GpuError::NoAdapter(absence(&instance)));
     }
+    // A stable sort: among equals the loader's order stays, and `gpu:1` names the same one.
     adapters.sort_by_key(|adapter| order(adapter.get_info().device_type));
     let found = |(index, adapter)| Found {
         report: report(index, &adapter),
@@ -176,6 +178,7 @@ pub fn choose(index: Option<usize>) -> Result<Found, GpuError> {
     let at = match index {
         Some(asked) if asked >= count => return Err(GpuError::NoSuchAdapter { asked, count }),
         Some(asked) => asked,
+        // Software computes on the CPU, where our own kernels do.
         None if !found[0].report.hardware => {
             return Err(GpuError::OnlySoftware(found.swap_remove(0).report.name));
         }

@@ -61,6 +61,7 @@ impl Gpu {
     pub fn open(index: Option<usize>, window: Option<u64>) -> Result<Gpu, GpuError> {
         let Found { adapter, report } = adapter::choose(index)?;
         let mut limits = adapter.limits();
+        // Nothing else that the adapter offers is used.
         let mut required_features = adapter.features() & wgpu::Features::SHADER_F16;
         if let Some(window) = window {
             limits.max_storage_buffer_binding_size =
@@ -95,6 +96,7 @@ impl Gpu {
             hardware: report.hardware,
             halves: required_features.contains(wgpu::Features::SHADER_F16),
             kind: format!("gpu: {}, {} {}", report.name, report.backend, report.driver),
+            // Down to whole pieces, so that no array ends within one's alignment.
             largest: limits.max_buffer_size.min(LARGEST) / ALIGNED * ALIGNED,
             window: limits.max_storage_buffer_binding_size / ALIGNED * ALIGNED,
             bindings: limits.max_storage_buffers_per_shader_stage as usize,
@@ -151,6 +153,7 @@ impl Gpu {
             timeout: Some(LAST_WORDS),
         });
         let mut fault = lock(&self.fault);
+        // The first fault told of is the cause; what comes later comes of it.
         let first = fault.get_or_insert(error).clone();
         drop(fault);
         resume_unwind(Box::new(first))

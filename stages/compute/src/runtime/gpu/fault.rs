@@ -58,6 +58,7 @@ pub fn watch(device: &wgpu::Device, fault: &Fault, pool: &Arc<Pool>) {
         } else {
             message
         };
+        // In place of what was there: a refused command may be the loss's first sign.
         *lock(&losses) = Some(GpuError::Lost(why));
     });
 }

@@ -99,6 +99,7 @@ impl Gpu {
             return;
         }
         let mut work = lock(&self.work);
+        // Before the pipeline is looked up: its arrays must all be of one batch.
         if work.recorder.is_full() {
             self.hand_over(&mut work);
         }

@@ -8,6 +8,7 @@ use super::pool::Buffer;
 
 /// Workgroups for `count` pieces of work, folded into two axes where one has not room enough.
 pub fn folded(count: usize) -> [u32; 3] {
+    // An axis has room for 65535 workgroups, and half of that is a power of two to count by.
     let rows = count.div_ceil(1 << 15);
     [
         if rows > 1 { 1 << 15 } else { count as u32 },

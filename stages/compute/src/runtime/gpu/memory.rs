@@ -24,6 +24,7 @@ impl Gpu {
     /// The bytes on the device, filled up to a multiple of 4.
     pub fn upload(&self, bytes: &[u8]) -> Buffer {
         let buffer = self.take(bytes.len() as u64, Writer::Host);
+        // wgpu writes multiples of four bytes only.
         let whole = bytes.len() / 4 * 4;
         self.queue.write_buffer(buffer.raw(), 0, &bytes[..whole]);
         if whole < bytes.len() {
@@ -46,6 +47,7 @@ impl Gpu {
     /// New memory; if there is none left, after giving back what is idle.
     fn create(&self, size: u64) -> wgpu::Buffer {
         self.try_create(size).unwrap_or_else(|| {
+            // Idle buffers may still be read by commands not run yet: these run first.
             self.submit();
             self.wait();
             self.pool.clear();
@@ -60,6 +62,7 @@ impl Gpu {
         if self.pool.held().saturating_add(size) > self.memory.load(Ordering::Relaxed) {
             return None;
         }
+        // A scope of its own: out of memory here is an answer, not a fault of the device.
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -97,6 +100,7 @@ impl Gpu {
         let mut work = lock(&self.work);
         work.recorder
             .copy(&self.device, buffer.raw(), &staging, bytes);
+        // Handed over at once, since the host waits for it.
         let submission = self.hand_over(&mut work);
         work.counts.read_backs += 1;
         drop(work);

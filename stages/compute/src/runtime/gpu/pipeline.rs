@@ -111,6 +111,7 @@ fn layout(device: &wgpu::Device, [read, written]: [usize; 2]) -> Layout {
             false,
         )
     };
+    // A dynamic offset: all commands of a batch share one buffer of parameters.
     let parameters = entry(0, wgpu::BufferBindingType::Uniform, true);
     let entries: Vec<_> = std::iter::once(parameters)
         .chain((0..read + written).map(array))

@@ -78,6 +78,7 @@ pub enum Writer {
 /// stand for each other.
 fn class(bytes: u64) -> u64 {
     let bytes = bytes.max(SMALLEST);
+    // Four steps waste a fifth at most, and sizes that differ little share buffers.
     bytes.next_multiple_of((bytes.next_power_of_two() / 8).max(4))
 }
 
@@ -97,6 +98,7 @@ impl Pool {
     ) -> Buffer {
         let bytes = bytes.next_multiple_of(4).max(4);
         let size = class(bytes).min(largest).max(bytes);
+        // The lock is open meanwhile, since `create` may clear the pool.
         let raw = self.idle(size, writer).unwrap_or_else(|| create(size));
         self.lock().in_use += raw.size();
         Buffer {
@@ -111,6 +113,7 @@ impl Pool {
         let batch = idle.batch;
         let waiting = idle.buffers.get_mut(&size)?;
         let usable = |waiting: &Waiting| writer == Writer::Kernel || waiting.batch < batch;
+        // The latest first: it is the likeliest to be in a cache.
         let at = waiting.iter().rposition(usable)?;
         Some(waiting.swap_remove(at).raw)
     }

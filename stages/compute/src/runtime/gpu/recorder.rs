@@ -91,6 +91,7 @@ impl Recorder {
             .get_or_insert_with(|| device.create_command_encoder(&Default::default()));
         let pass = self.pass.get_or_insert_with(|| {
             encoder
+                // One pass for many commands. Its lifetime is ours to keep: see the fields' order.
                 .begin_compute_pass(&Default::default())
                 .forget_lifetime()
         });
@@ -107,6 +108,7 @@ impl Recorder {
         to: &wgpu::Buffer,
         bytes: u64,
     ) {
+        // A copy cannot be recorded within a pass.
         self.pass = None;
         let encoder = self
             .encoder
@@ -119,6 +121,7 @@ impl Recorder {
         self.pass = None;
         let encoder = self.encoder.take()?;
         if !self.slots.is_empty() {
+            // Queued behind the batch before, which still reads its own.
             queue.write_buffer(&self.parameters, 0, &self.slots);
             self.slots.clear();
         }

@@ -34,6 +34,7 @@ enum Use {
 pub fn split(text: &str, pieces: &[u32], window: u64) -> Option<String> {
     let mut arrays = Vec::new();
     let mut uses = BTreeSet::new();
+    // Declarations are written anew, each piece with a binding; all else is text to rewrite.
     let (mut declared, rest): (Vec<&str>, Vec<&str>) =
         text.lines().partition(|line| is_declaration(line));
     declared.sort_by_key(|line| binding(line));
@@ -179,6 +180,7 @@ fn rewrite(text: &str, arrays: &[Array], uses: &mut BTreeSet<(usize, Use)>) -> S
         };
         out.push_str(&rest[..start]);
         let (index, after) = bracketed(&rest[open + 1..]);
+        // Within the index, other arrays in pieces may be read.
         let index = rewrite(index, arrays, uses);
         let (usage, value, after) = usage(&mut out, after);
         let function = arrays[which].function(&usage);
@@ -200,6 +202,7 @@ fn usage<'t>(before: &mut String, after: &'t str) -> (Use, Option<&'t str>, &'t 
         let start = call.rfind(|c| !is_name(c)).map_or(0, |end| end + 1);
         let function = call[start..].to_owned();
         before.truncate(start);
+        // `&x_0` cannot be chosen by a function: WGSL gives no pointers to storage back.
         return (Use::Call(function), None, after);
     }
     let part = |name: &str| 1 + name.find(|c| !is_name(c)).unwrap_or(name.len());

@@ -37,6 +37,7 @@ fn expand_lines<'t>(
 ) {
     let mut at = 0;
     while let Some(line) = lines.get(at) {
+        // A directive's own words may hold names, as the count of a loop does.
         let words: Vec<String> = line
             .split_whitespace()
             .map(|word| substitute(word, names))

@@ -50,6 +50,7 @@ impl Tile {
     /// What the template of products calls them.
     pub fn constants(self) -> Vec<(&'static str, u32)> {
         let [rows, columns] = self.per_invocation;
+        // Four numbers to a vector, and one vector left free, so that columns are not in one bank.
         let pitches = [self.rows / 4 + 1, self.columns / 4 + 1];
         let named = [
             ("TM", self.rows),

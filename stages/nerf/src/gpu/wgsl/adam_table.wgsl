@@ -24,6 +24,7 @@ fn narrow(x: f32) -> u32 {
     let size = min(abs(x), 65504.0);
     let bits = bitcast<u32>(size);
     let normal = ((bits + 0xfffu + (bits >> 13u & 1u)) >> 13u) - 0x1c000u;
+    // Below 2^-14 a half's unit is 2^-24.
     let half = select(normal, u32(round(size * 16777216.0)), size < 6.1035156e-5);
     return half | (bitcast<u32>(x) >> 16u & 0x8000u);
 }

@@ -55,6 +55,7 @@ fn add(at: u32, value: f32) {
         sum_${LAYER}_${i} += dot(d, tile[q * ROWS + ${FROM}u + k + ${i}u]);
 #end
     }
+    // All have read the activations before any writes over them.
     workgroupBarrier();
     let column = t % ${INPUTS}u;
     let q = t / ${INPUTS}u;

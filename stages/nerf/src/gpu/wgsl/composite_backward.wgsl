@@ -29,6 +29,7 @@ fn compare(ray: u32, pixel: u32, at: u32) -> Gradient {
     let count = u32(pixels[2u * pixel + 1u].w);
     let share = 1.0 / f32(count);
     var sum = vec3f();
+    // Every ray of a pixel works its colour out again, in one order.
     for (var other = ray - at; other < ray - at + count; other++) {
         let view = views[2u * other];
         sum += view.xyz + view.w * background;

@@ -49,6 +49,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
             }
             any_open = any;
         }
+        // All leave the loop together, as barriers in it demand.
         if (workgroupUniformLoad(&any_open) == 0u) {
             break;
         }

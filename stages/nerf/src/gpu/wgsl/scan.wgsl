@@ -16,11 +16,13 @@ fn main(@builtin(local_invocation_index) t: u32) {
     }
     sums[t] = sum;
     workgroupBarrier();
+    // Doubling distances: after eight rounds each has the sum of all up to its own.
     for (var distance = 1u; distance < 256u; distance *= 2u) {
         var other = 0u;
         if (t >= distance) {
             other = sums[t - distance];
         }
+        // All have read before any writes.
         workgroupBarrier();
         sums[t] += other;
         workgroupBarrier();

@@ -15,6 +15,8 @@ use crate::runtime::format::Precision;
 
 /// The backward pass cuts the keys into at most this many ranges, each with its own share of the
 /// queries' gradient.
+// Each holds a gradient to all queries, so few of them; and as many on every machine, since they
+// decide the order of sums.
 const RANGES: usize = 4;
 
 /// One head's gradients from one range of keys, `[tokens, depth]` each.
@@ -26,6 +28,7 @@ struct Gradients {
 
 /// The gradients to queries, keys and values, from `[q, k, v]` and `[out, lse, dout]`.
 pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffer; 3] {
+    // Two tiles of keys a range at least, where there are so many.
     let ranges = e.keys.div_ceil(2 * KEYS).min(RANGES);
     let range = e.keys.div_ceil(ranges).next_multiple_of(KEYS);
     let ranges = e.keys.div_ceil(range);
@@ -110,10 +113,12 @@ fn key_range(
         let k = e.head(k, head, key, keys);
         let v = e.head(v, head, key, keys);
         let [turned_k, turned_v] =
+            // q k^T and dout v^T: the keys' and values' tokens are the columns.
             [k, v].map(|x| Packed::new(&x.transposed(), e.depth, keys, Precision::F32));
         let k = Packed::new(&k, keys, e.depth, Precision::F32);
         for query in (0..e.queries).step_by(QUERIES) {
             let rows = QUERIES.min(e.queries - query);
+            // Causal: no row of this block sees a key of this tile.
             if e.visible(query + rows - 1, key, keys) == 0 {
                 continue;
             }
@@ -142,6 +147,8 @@ fn key_range(
             let weights = Matrix::new(weights, rows, keys);
             let slopes = Matrix::new(slopes, rows, keys);
             let at = (key - first) * e.depth;
+            // dq += dS k, dk += dS^T q, dv += P^T dout, with P the weights and dS their scores'
+            // slopes.
             k.multiply(
                 &mut dq[query * e.depth..][..rows * e.depth],
                 rows,
@@ -194,7 +201,9 @@ fn score_slopes(
             weights[visible..].fill(0.0);
             slopes[visible..].fill(0.0);
             for (weight, slope) in weights[..visible].iter_mut().zip(&mut slopes[..visible]) {
+                // No score exceeds the logarithm of the sum, so the exponential is at most 1.
                 *weight = exp(*weight * scale - lse);
+                // dS = P (dP - D): the softmax's Jacobian, without forming it.
                 *slope = *weight * (*slope - delta) * scale;
             }
         },

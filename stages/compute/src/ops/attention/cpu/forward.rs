@@ -54,6 +54,7 @@ pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (Buffer, Buffer) 
                 out.row(0)
                     .iter_mut()
                     .zip(values)
+                    // Divided once at the end, not at every tile.
                     .for_each(|(out, value)| *out = value / block.sum[row]);
                 lse.push(block.max[row] + block.sum[row].ln());
             }
@@ -84,9 +85,11 @@ fn gather(
         .clone()
         .map(|rows| Running::new(rows.len(), e.depth))
         .collect();
+    // One tile of scores, [QUERIES, KEYS], is all that exists of them.
     let mut scores = vec![0.0; QUERIES * KEYS.min(e.keys)];
     for key in (0..e.keys).step_by(KEYS) {
         let keys = KEYS.min(e.keys - key);
+        // Keys come in order, so the tiles behind this one are hidden as well.
         if e.visible(first + queries.rows - 1, key, keys) == 0 {
             break;
         }
@@ -149,6 +152,7 @@ impl Running {
                 } else {
                     0.0
                 };
+                // What was gathered is relative to the old maximum.
                 for value in &mut self.values[row * depth..(row + 1) * depth] {
                     *value *= shrink;
                 }

@@ -5,6 +5,7 @@ use crate::ops::attention::extents::Extents;
 use crate::runtime::cpu::matrix::Matrix;
 
 /// Queries per block: its scores are one tile.
+// Four tiles of a product's rows.
 pub const QUERIES: usize = 48;
 /// Blocks of queries per task, which meet the same packed keys.
 pub const BLOCKS: usize = 8;

@@ -1,7 +1,7 @@
 //! Some channels: a band of output rows is worked through while all of it stays in the second
 //! cache. A panel of its tiles is transformed, multiplied at 36 spots by a block of outputs, and
-//! transformed back; so transformed tiles never go to memory. Bands are each other's business in
-//! nothing, and run in parallel.
+//! transformed back; so transformed tiles never go to memory. Bands share nothing, and run in
+//! parallel.
 
 use super::extents::{BLOCK, COLUMNS, DEPTH, SPOTS, WIDEST};
 use super::kernels::{Lines, Multiply};
@@ -31,6 +31,7 @@ const AHEAD: usize = 2;
 /// Rows of tiles per band.
 fn rows(g: &Geometry) -> usize {
     let tiles = g.batch * down(g) * across(g);
+    // By tiles and not by threads, so that the cut is the same everywhere.
     ((tiles / BANDS).clamp(COLUMNS, TILES) / across(g)).max(1)
 }
 
@@ -47,6 +48,7 @@ pub fn convolve(task: &Task, kernels: &Kernels) -> Buffer {
         let mut space = Space::new(g);
         for panel in Panel::all(g, share.panels.clone()) {
             space.transform(&panel, task.x);
+            // The panel's tiles stay in the cache while all outputs meet them.
             for block in 0..g.outputs.div_ceil(BLOCK) {
                 for output in block * BLOCK..g.outputs.min(block * BLOCK + AHEAD) {
                     panel.prefetch_outputs((&mut share, output), task.finish);

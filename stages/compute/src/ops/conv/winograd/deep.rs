@@ -39,6 +39,7 @@ pub fn convolve(task: &Task, source: &Source) -> Buffer {
     let all = g.batch * down(g);
     let share_rows = g.outputs.div_ceil(TASKS).next_multiple_of(BLOCK);
     let cut = cut(g, share_rows.min(OUTPUTS), all);
+    // So few tiles at a time that their transforms stay small beside the image.
     let step = (TILES / across(g)).max(1);
     for first in (0..all).step_by(step) {
         let panels: Vec<Panel> = Panel::all(g, first..all.min(first + step)).collect();
@@ -88,6 +89,7 @@ fn multiply(
     let mut sums = Buffer::stale(panels * rows * SPOTS * COLUMNS + WIDEST);
     for first in (0..channels).step_by(DEPTH) {
         let depth = first..channels.min(first + DEPTH);
+        // In the same steps of depth as `band`, so that both give the same bits.
         let old = if first == 0 { Old::Forget } else { Old::Keep };
         let part = match source {
             Source::Parts(stored) => stored.transform_part(outputs.clone(), depth.clone()),

@@ -42,6 +42,7 @@ pub fn suits(g: &Geometry) -> bool {
     g.kernel == [3, 3]
         && g.conv.stride == 1
         && g.channels.min(g.outputs) >= NARROWEST
+        // Half the products saved at least, with the empty places of panels and edges counted.
         && direct >= 2 * here
 }
 
@@ -52,6 +53,7 @@ pub fn convolve(task: &Task, stored: StoredKernels, kept: Option<&OnceLock<Buffe
     let kept = kept.map(|kept| Kernels::new(kept.get_or_init(|| stored.transform()), channels));
     match (band::suits(task.g), kept) {
         (true, Some(kernels)) => band::convolve(task, &kernels),
+        // Bands want all kernels; for few channels these are small.
         (true, None) => band::convolve(task, &Kernels::new(&stored.transform(), channels)),
         (false, Some(kernels)) => deep::convolve(task, &Source::Whole(kernels)),
         (false, None) => deep::convolve(task, &Source::Parts(stored)),

@@ -137,6 +137,7 @@ impl<'a> Panel<'a> {
         columns: Range<usize>,
     ) -> &'x [f32] {
         let g = self.g;
+        // A line above the image wraps around to one beyond it.
         let y = (SIDE * tiles.row + line).wrapping_sub(g.conv.pad[0]);
         if y >= g.height {
             return &ZEROS[..columns.len()];

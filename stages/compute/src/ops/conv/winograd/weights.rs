@@ -109,6 +109,7 @@ impl<'a> StoredKernels<'a> {
                 let len = channels.len() * 9;
                 for (output, taps) in outputs.zip(taps.chunks_mut(len)) {
                     let first = (output * self.channels + channels.start) * 9;
+                    // Weights of 16 bits are widened here, group by group, and never as a whole.
                     self.values.widen(first, taps);
                 }
                 transpose_into(taps, len, [rows, len], sorted, BLOCK);

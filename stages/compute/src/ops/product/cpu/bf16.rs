@@ -17,8 +17,10 @@ fn pair(lower: f32, upper: f32) -> f32 {
 fn rounded(x: f32) -> u32 {
     let bits = x.to_bits();
     if x.is_nan() {
+        // Cut off, a NaN whose payload lies low would become infinity.
         bits | 0x0040_0000
     } else {
+        // Just below half of the last bit kept, and that bit itself: ties go to even.
         bits.wrapping_add(0x7fff + (bits >> 16 & 1))
     }
 }
@@ -35,6 +37,7 @@ pub fn narrow_panel(panel: &mut [f32], precision: Precision) {
                 let lower = 2 * row * COLUMNS;
                 let upper = (2 * row + 1) * COLUMNS;
                 for column in 0..COLUMNS {
+                    // An odd row has no partner; zeros add nothing.
                     let upper = if upper < panel.len() {
                         panel[upper + column]
                     } else {

@@ -51,12 +51,14 @@ impl Left for Matrix<'_> {
         space: &'a mut [f32],
     ) -> Matrix<'a> {
         let part = self.rows(rows).columns(depth);
+        // Copied although it lies well: rows far apart in memory would crowd one cache set.
         if part.column_stride == 1 {
             for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(part.rows) {
                 space[..part.columns].copy_from_slice(part.row(row));
             }
             return Matrix::strided(space, part.rows, part.columns, TILE_STRIDE);
         }
+        // Columns lie side by side, so they are copied, and read as the transpose.
         let turned = part.transposed();
         for (k, space) in space.chunks_mut(ROWS).enumerate().take(part.columns) {
             space[..part.rows].copy_from_slice(turned.row(k));
@@ -143,6 +145,7 @@ impl Right for Turned<'_> {
     }
 
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
+        // Numbers of 32 bits are turned from where they lie.
         if let Values::F32(values) = self.0.values {
             let rows = &values[columns.start * self.0.columns + depth.start..];
             return transpose_into(

@@ -23,6 +23,7 @@ impl Packed {
         for (i, values) in values.chunks_mut(DEPTH * panels * COLUMNS).enumerate() {
             let steps = i * DEPTH..depth.min((i + 1) * DEPTH);
             for (panel, packed) in values.chunks_mut(steps.len() * COLUMNS).enumerate() {
+                // [steps, COLUMNS], panel after panel, as the tiles read it.
                 let range = panel * COLUMNS..columns.min((panel + 1) * COLUMNS);
                 right.pack(0, range, steps.clone(), packed);
                 narrow_panel(packed, precision);

@@ -44,6 +44,7 @@ pub fn product(
         add_product(&mut share, left, right, depth, (old, precision));
     };
     let cut = cut([matrices, rows, columns]);
+    // Waking threads takes longer than a small product. The cut is the same, and so are the bits.
     if out.len() * depth <= ALONE {
         cut.for_each_share_alone(&mut out, compute);
     } else {
@@ -57,6 +58,7 @@ pub fn product(
 pub fn cut([matrices, rows, columns]: [usize; 3]) -> Cut {
     let panels = (matrices * columns.div_ceil(COLUMNS)).max(1);
     let share_panels = (panels / TASKS).clamp(2, PANELS);
+    // As many rows a task as leave TASKS of them with these panels.
     let down = TASKS.div_ceil(panels.div_ceil(share_panels));
     let share_rows = rows
         .div_ceil(down)
@@ -105,6 +107,7 @@ pub fn add_product(
     let mut spaces = [[0.0; TILE]; 2];
     for first in (0..depth).step_by(DEPTH) {
         let steps = first..depth.min(first + DEPTH);
+        // After the first steps of depth the result holds a part of its sum.
         let old = if first == 0 { old } else { Old::Keep };
         let panels = &mut panels[..share.panels.len() * steps.len() * COLUMNS];
         // Packed once, a panel is read by every tile of rows below.

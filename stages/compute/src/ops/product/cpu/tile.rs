@@ -51,6 +51,8 @@ pub fn multiply_tile(
         panel.len() >= depth * COLUMNS,
         "tile: the panel is too short"
     );
+    // A narrow tile is computed whole beside the result: its sums have the same order as all
+    // others.
     if rows > 0 && columns == COLUMNS {
         // SAFETY: the extents of all three have just been checked.
         return unsafe {
@@ -212,6 +214,7 @@ unsafe fn sum<V: Vector, const R: usize>(
     // SAFETY: by the contract of this function.
     unsafe {
         let mut totals = [[V::splat(0.0); 2]; R];
+        // A pointer a row, so that the loop adds one offset to each.
         let rows: [*const f32; R] = std::array::from_fn(|row| a.add(row * row_stride));
         for first in (0..depth).step_by(CHAIN) {
             let mut sums = [[V::splat(0.0); 2]; R];

@@ -24,6 +24,7 @@ fn guarded_b(k: u32, end: u32, column: u32, place: vec4i) -> f32 {
 
 fn put(row: u32, column: u32, part: u32, value: f32) {
     if (row < p.rows && column < p.columns) {
+        // Results lie by image, row and pixel.
         let i = (column / p.pixels) * p.rows * p.pixels + row * p.pixels + column % p.pixels;
         out[part * p.rows * p.columns + i] = finish(i, value + start(i));
     }
@@ -93,6 +94,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
                 guarded_b(k0 + k, end, column + 3u, place3),
             ));
         }
+        // The slab is whole before anyone reads it.
         workgroupBarrier();
         // Sums go along the depth in its order, whatever the tile: the choice of a tile changes no bit.
         for (var k = 0u; k < TK; k++) {

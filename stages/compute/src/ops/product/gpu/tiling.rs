@@ -41,6 +41,7 @@ impl Tiling {
     pub fn new([rows, depth, columns]: [usize; 3], tile: Tile) -> Tiling {
         let usual = usual(rows, columns);
         let enough = usual.count(rows, columns).iter().product::<usize>();
+        // By extents alone, never by the adapter: the cut decides the order of sums.
         let parts = (depth / LEAST_DEPTH)
             .min(ENOUGH_TILES / enough.max(1))
             .clamp(1, 32);
@@ -76,6 +77,7 @@ pub fn choose(rows: usize, columns: usize) -> Choice {
 fn usual(rows: usize, columns: usize) -> Tile {
     let large = rows.div_ceil(LARGE.rows) * columns.div_ceil(LARGE.columns);
     match (rows, columns) {
+        // A square tile would compute mostly what is beyond the edge.
         (_, ..=16) if rows > 16 => TALL,
         (..=16, _) => WIDE,
         _ if large >= ENOUGH_TILES && rows > 64 && columns > 64 => LARGE,

@@ -62,6 +62,8 @@ impl Multiply<'_> {
             let kernels = self.kernels.as_ptr().add(row);
             let tiles = self.tiles.as_ptr().add(column);
             let out = self.sums.start().add(row * stride + column);
+            // Short chains round less than one long chain, and the compiler keeps both in
+            // registers.
             let mut totals = [[V::splat(0.0); 2]; N];
             for first in (0..depth).step_by(CHAIN) {
                 let mut sums = [[V::splat(0.0); 2]; N];

@@ -63,6 +63,7 @@ impl TransformOutputs<'_> {
                 }
             }
             let x = self.x + SIDE * tile;
+            // The last tile of a line may reach beyond the image.
             let pixels = (SIDE * V::LANES).min(self.width - x);
             for (y, down) in down
                 .into_iter()
