@@ -136,7 +136,7 @@ impl Stage for Decode {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn check(&self) -> Result<(), StageError> {
@@ -217,13 +217,17 @@ impl Stage for Decode {
             views.push(self.view(&prior, &parts, io));
             io.progress(done + 1, latents.views.len(), &[])?;
         }
+        // Latents do not carry where the scene came from; the images beside them do.
+        let to_source = [images, low]
+            .into_iter()
+            .flatten()
+            .find_map(|i| i.to_source);
         io.write(
             "images",
             &ImageSet {
                 views,
                 bounds: latents.bounds,
-                // Latents do not carry where the scene came from.
-                to_source: None,
+                to_source,
             },
         )
     }

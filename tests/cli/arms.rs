@@ -133,7 +133,10 @@ fn arms_are_planned_run_and_compared() {
         !page.contains("http://") && !page.contains("https://"),
         "it needs no network"
     );
-    assert!(page.contains("<text x=\"11\" y=\"18\">scene</text>"), "no graph");
+    assert!(
+        page.contains("<text x=\"11\" y=\"18\">scene</text>"),
+        "no graph"
+    );
     assert!(page.contains("sharp: ran. Why: "), "{page}");
 }
 

@@ -115,6 +115,41 @@ fn a_scene_in_transforms_json_is_fitted_filmed_and_exported() {
     );
 }
 
+#[test]
+fn decoded_images_lead_back_to_where_the_scene_came_from() {
+    let space = Space::new();
+    exported(&space, "object", 32);
+    // As in georeferenced coordinates: far from the origin.
+    for name in ["mine/transforms_train.json", "mine/transforms_test.json"] {
+        let mut page: Value = serde_json::from_slice(&fs::read(space.path(name)).unwrap()).unwrap();
+        for frame in page["frames"].as_array_mut().unwrap() {
+            let x = frame["transform_matrix"][0][3].as_f64().unwrap();
+            frame["transform_matrix"][0][3] = json!(x + 1e6);
+        }
+        page["aabb"] = json!([[1e6 - 2.0, -2.0, -2.0], [1e6 + 2.0, 2.0, 2.0]]);
+        fs::write(space.path(name), page.to_string()).unwrap();
+    }
+    let pipeline = r#"(
+        name: "far",
+        stages: {
+            "scene": Scene(source: Transforms(path: "mine"), downscale: 2, holdout: 3),
+            "up": Interpolate(images: "scene.train", factor: 4),
+            "encode": Encode(images: "up"),
+            "decode": Decode(latents: "encode", low: "scene.train", mode: Plain, back_projection: 1),
+        },
+    )"#;
+    fs::write(space.path("far.ron"), pipeline).unwrap();
+    space.ok(&["run", "far.ron"]);
+    let way_back = |folder: &str| {
+        let file = space.path(folder).join("transforms.json");
+        let page: Value = serde_json::from_slice(&fs::read(file).unwrap()).unwrap();
+        page["to_source"].clone()
+    };
+    let scene = way_back("out/far/scene/train");
+    assert!(scene[0][3].as_f64().unwrap() > 9e5, "{scene}");
+    assert_eq!(way_back("out/far/decode/images"), scene);
+}
+
 /// A COLMAP scene in `photos`: a reconstruction in text of the cameras in
 /// `mine/transforms_train.json`, which [`exported`] leaves.
 pub fn as_colmap(space: &Space) {

@@ -186,7 +186,7 @@ impl Options {
         let ends = |pattern: &str| layer == pattern || layer.ends_with(&format!(".{pattern}"));
         own.filter(|(pattern, _)| ends(pattern))
             .find_map(|(_, alpha)| alpha.as_f64())
-            .or(self.0.get("lora_alpha")?.as_f64())
+            .or_else(|| self.0.get("lora_alpha")?.as_f64())
     }
 }
 
@@ -240,6 +240,7 @@ mod tests {
             scales(json!({"lora_alpha": 8, "alpha_pattern": {"b.to_q": 2}})),
             [2.0, 0.5]
         );
+        assert_eq!(scales(json!({"alpha_pattern": {"b.to_q": 2}})), [1.0, 0.5]);
         assert_eq!(
             scales(json!({"lora_alpha": 8.0, "use_rslora": true})),
             [4.0, 4.0]

@@ -39,10 +39,16 @@ impl LoraState {
 
     /// One step of AdamW down the clipped gradients. Panics if there is none for some parameter.
     pub fn descend(&mut self, gradients: &LoraParameters, rate: f64) {
+        let norm = norm(gradients);
+        // Nothing is learnt from a gradient that overflowed, as the field's training has it: a
+        // checkpoint would keep what it did.
+        if !norm.is_finite() {
+            return;
+        }
         self.steps += 1;
         // One factor for all parameters keeps the gradient's direction.
         // A norm of 0 makes the factor infinite, and the minimum makes it 1 again.
-        let clip = (MAX_NORM / norm(gradients)).min(1.0) as f32;
+        let clip = (MAX_NORM / norm).min(1.0) as f32;
         for ((name, values), moments) in self.parameters.iter_mut().zip(self.moments.values_mut()) {
             let gradient = elementwise::scale(&gradients[name], clip);
             update(&lora_adam(rate), values, &gradient, moments, self.steps);

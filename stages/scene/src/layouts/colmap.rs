@@ -73,8 +73,8 @@ fn points(points: &[Point]) -> String {
     for (i, point) in points.iter().enumerate() {
         let [x, y, z] = point.position;
         let [r, g, b] = point.color;
-        // The error of a point that was not triangulated is not known.
-        let _ = writeln!(text, "{} {x} {y} {z} {r} {g} {b} 0", i + 1);
+        // The error of a point that was not triangulated is not known: COLMAP says -1.
+        let _ = writeln!(text, "{} {x} {y} {z} {r} {g} {b} -1", i + 1);
     }
     text
 }
@@ -88,4 +88,18 @@ fn test_names(shots: &[Shot]) -> String {
 fn words(numbers: &[f64]) -> String {
     let words: Vec<String> = numbers.iter().map(f64::to_string).collect();
     words.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_that_was_not_triangulated_has_no_error() {
+        let point = Point {
+            position: [1.0, 2.0, 3.0],
+            color: [4, 5, 6],
+        };
+        assert_eq!(points(&[point]), "1 1 2 3 4 5 6 -1\n");
+    }
 }
