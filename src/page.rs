@@ -246,7 +246,7 @@ impl Page<'_> {
     fn stages(&self, html: &mut Html) -> Result<(), StoreError> {
         html.section("stages", "Stages");
         if let Some(graph) = Graph::of(self.run, self.store)? {
-            html.tag("p", "Each box is a result: its stage, its arm, and what it took when it was computed. Lines lead to what was made from it.");
+            html.tag("p", "Each box is a result: its stage, its arm, and what it took when it was computed. Lines lead to what was made from it; those that others imply are left out.");
             html.put("<p class=\"states\"><span class=\"ran\">ran in this run</span><span class=\"cached\">cached</span><span class=\"failed\">failed</span><span class=\"stopped\">stopped</span></p>");
             html.put(&format!(
                 "<div class=\"scroll graph\" tabindex=\"0\">{}</div>",

@@ -3,7 +3,7 @@
 
 mod drawing;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use artifacts_schema::Digest;
 
@@ -35,7 +35,7 @@ struct Node {
     reason: Option<String>,
     /// What it took when it was computed, if it has a result.
     cost: Option<(f64, Option<u64>)>,
-    /// The nodes that it was made from.
+    /// The nodes that it was made from, without those that another of them was made from.
     parents: Vec<usize>,
     /// One more than the furthest of its parents'.
     column: usize,
@@ -51,6 +51,7 @@ impl Graph {
             return Ok(None);
         }
         let mut nodes = nodes(&results, store);
+        reduce(&mut nodes);
         place(&mut nodes);
         Ok(Some(Self { nodes }))
     }
@@ -178,6 +179,19 @@ fn order(parents: &[Vec<usize>]) -> Vec<usize> {
     order
 }
 
+/// Drops the parents that others imply: photos go into almost every stage, and a line for each
+/// would hide the rest. Nodes come behind their parents.
+fn reduce(nodes: &mut [Node]) {
+    let mut ancestors: Vec<BTreeSet<usize>> = Vec::new();
+    for node in nodes {
+        let further = node.parents.iter().flat_map(|&parent| &ancestors[parent]);
+        let further: BTreeSet<usize> = further.copied().collect();
+        let all = further.iter().chain(&node.parents).copied().collect();
+        ancestors.push(all);
+        node.parents.retain(|parent| !further.contains(parent));
+    }
+}
+
 /// Gives nodes their places. They come behind their parents.
 fn place(nodes: &mut [Node]) {
     let mut taken: Vec<Vec<bool>> = Vec::new();
@@ -215,6 +229,7 @@ mod tests {
             row: 0,
         };
         let mut nodes: Vec<Node> = parents.iter().map(node).collect();
+        reduce(&mut nodes);
         place(&mut nodes);
         nodes
     }
@@ -247,14 +262,14 @@ mod tests {
     }
 
     #[test]
-    fn a_drawing_has_a_box_for_each_result_and_a_line_for_each_input() {
+    fn a_drawing_has_a_box_for_each_result_and_lines_that_others_do_not_imply() {
         let mut nodes = graph(&[&[], &[0], &[0, 1]]);
         nodes[1].reason = Some("a \"new\" stage".to_owned());
         nodes[2].cost = None;
         nodes[2].end = End::Failed;
         let svg = Graph { nodes }.svg();
         assert_eq!(svg.matches("<rect").count(), 3);
-        assert_eq!(svg.matches("<path").count(), 3);
+        assert_eq!(svg.matches("<path").count(), 2);
         assert!(
             svg.contains("ours: ran. Why: a &quot;new&quot; stage"),
             "{svg}"

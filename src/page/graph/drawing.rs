@@ -10,12 +10,12 @@ use crate::progress::duration;
 use crate::store::runs::End;
 
 /// A box, and the way from one to the next, in pixels.
-const BOX: [usize; 2] = [132, 46];
-const STEP: [usize; 2] = [164, 58];
+const BOX: [usize; 2] = [150, 46];
+const STEP: [usize; 2] = [182, 58];
 /// Room around the drawing.
 const MARGIN: usize = 4;
 /// Letters that fit in a box.
-const LETTERS: usize = 19;
+const LETTERS: usize = 23;
 
 impl Graph {
     /// The whole drawing.
