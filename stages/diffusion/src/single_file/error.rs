@@ -45,7 +45,7 @@ pub enum SingleFileError {
         file: String,
         /// The tensor's name in the file.
         stored: String,
-        /// What is wrong: "has the shape [4]; `conv_in.weight` in unet/ of diffusers asks for [4, 3]".
+        /// What is wrong: "has the shape [4, 1]; `quant_conv.weight` in vae/ of diffusers asks for [4, 4]".
         problem: String,
     },
     /// No vocabulary beside the file.

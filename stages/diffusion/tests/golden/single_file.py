@@ -180,7 +180,8 @@ def single_file():
 def unet_model(tensors):
     levels = len(MULTIPLES)
     unet = UNet2DConditionModel(
-        sample_size=128, in_channels=LATENT + 3, out_channels=LATENT, block_out_channels=[m * BASE for m in MULTIPLES], layers_per_block=RESNETS,
+        sample_size=128, in_channels=LATENT + 3, out_channels=LATENT, block_out_channels=[m * BASE for m in MULTIPLES],
+        layers_per_block=RESNETS,
         down_block_types=["DownBlock2D"] + ["CrossAttnDownBlock2D"] * (levels - 1),
         up_block_types=["CrossAttnUpBlock2D"] * (levels - 1) + ["UpBlock2D"], only_cross_attention=[True] * (levels - 1) + [False],
         attention_head_dim=8, cross_attention_dim=WIDTH, num_class_embeds=CLASSES, use_linear_projection=True,
