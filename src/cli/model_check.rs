@@ -17,8 +17,9 @@ use crate::error::Error;
 /// Options of `model check`.
 #[derive(Args)]
 pub struct Check {
-    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or
-    /// either of ncnn's .param and .bin; or `embedded`, for what the program carries
+    /// The model's folder, in the layout of diffusers, or the x4 upscaler's single .safetensors; for
+    /// an upsampler its file: .safetensors, or either of ncnn's .param and .bin; or `embedded`, for
+    /// what the program carries
     model: PathBuf,
     /// What it is, if it is no diffusion model
     #[arg(long)]
@@ -40,7 +41,7 @@ pub fn diffusion_source(model: &Path) -> ModelSource {
     if is_embedded(model) {
         ModelSource::Embedded
     } else {
-        ModelSource::Folder(model.to_owned())
+        ModelSource::at(model)
     }
 }
 

@@ -22,8 +22,9 @@ use crate::error::Error;
 /// Options of `model run`.
 #[derive(Args)]
 pub struct Run {
-    /// The model's folder, in the layout of diffusers; for an upsampler its file: .safetensors, or
-    /// either of ncnn's .param and .bin; or `embedded`, for what the program carries
+    /// The model's folder, in the layout of diffusers, or the x4 upscaler's single .safetensors; for
+    /// an upsampler its file: .safetensors, or either of ncnn's .param and .bin; or `embedded`, for
+    /// what the program carries
     model: PathBuf,
     /// Which network
     #[arg(long)]

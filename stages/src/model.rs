@@ -1,9 +1,9 @@
 //! What a stage does with the diffusion prior that it names.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use artifacts_schema::Digest;
-use diffusion::{ModelSource, Prior};
+use diffusion::{ModelSource, Prior, single_file};
 
 use crate::error::StageError;
 use crate::files;
@@ -24,20 +24,23 @@ pub fn sources(model: &ModelSource) -> Result<Vec<Source>, StageError> {
 
 /// Bytes of memory for its weights and for what lies between its layers, roughly.
 pub fn memory(model: &ModelSource) -> u64 {
-    let ModelSource::Folder(folder) = model else {
-        return 512 << 20;
+    let files = match model {
+        ModelSource::Embedded => return 512 << 20,
+        ModelSource::Folder(folder) => weights(folder),
+        ModelSource::File(path) => vec![path.clone()],
     };
+    let size = |file: &PathBuf| Some(file.metadata().ok()?.len());
+    (4 << 30) + 2 * files.iter().filter_map(size).sum::<u64>()
+}
+
+/// The files of weights in a folder.
+fn weights(folder: &Path) -> Vec<PathBuf> {
     let parts = ["unet", "vae", "text_encoder"].map(|part| folder.join(part));
     let files = parts.iter().flat_map(std::fs::read_dir).flatten().flatten();
-    let weights = files.filter(|file| {
-        file.path()
-            .extension()
-            .is_some_and(|end| end == "safetensors")
-    });
-    (4 << 30)
-        + 2 * weights
-            .filter_map(|file| Some(file.metadata().ok()?.len()))
-            .sum::<u64>()
+    files
+        .map(|file| file.path())
+        .filter(|path| path.extension().is_some_and(|end| end == "safetensors"))
+        .collect()
 }
 
 /// The files that it consists of, beside this program.
@@ -45,5 +48,6 @@ pub fn files(model: &ModelSource) -> Option<Vec<PathBuf>> {
     match model {
         ModelSource::Embedded => Some(Vec::new()),
         ModelSource::Folder(folder) => files::tree(folder),
+        ModelSource::File(path) => Some(single_file::paths(path)),
     }
 }

@@ -27,6 +27,7 @@ mod runs;
 mod s3;
 mod scenes;
 mod shards;
+mod single_file;
 mod soak;
 mod space;
 mod space_kept;

@@ -4,6 +4,8 @@
 
 use formats::{FileError, TensorError};
 
+use crate::single_file::SingleFileError;
+
 /// Why a model could not be loaded or does not fit what is asked of it.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
@@ -32,6 +34,9 @@ pub enum ModelError {
     /// for.
     #[error(transparent)]
     Tensor(#[from] TensorError),
+    /// A single file that is not the x4 upscaler, or not all of it.
+    #[error(transparent)]
+    SingleFile(#[from] SingleFileError),
 }
 
 impl ModelError {

@@ -5,19 +5,18 @@
 use std::collections::BTreeMap;
 
 use compute::Device;
-use formats::TensorFile;
 
 use crate::error::ModelError;
+use crate::network::Network;
 use crate::prior::Prior;
 use crate::source::ModelSource;
-use crate::weights;
 
 /// One network of a model.
 #[derive(Clone, Debug)]
 pub struct PartReport {
     /// Its folder.
     pub name: &'static str,
-    /// How many tensors its files hold.
+    /// How many tensors its files hold of it.
     pub tensors: usize,
     /// How many numbers those are.
     pub parameters: usize,
@@ -47,41 +46,27 @@ pub fn inspect(source: &ModelSource, device: &Device) -> Result<Vec<PartReport>,
         ),
         format!("{} layers of {}", text.num_hidden_layers, text.hidden_size),
     ];
-    let stems = [
-        ("unet", "unet/diffusion_pytorch_model"),
-        ("vae", "vae/diffusion_pytorch_model"),
-        ("text_encoder", "text_encoder/model"),
-    ];
-    stems
+    [Network::Unet, Network::Vae, Network::TextEncoder]
         .into_iter()
         .zip(summaries)
-        .map(|((name, stem), summary)| report(source, name, stem, summary))
+        .map(|(network, summary)| report(source, network, summary, device))
         .collect()
 }
 
 fn report(
     source: &ModelSource,
-    name: &'static str,
-    stem: &str,
+    network: Network,
     summary: String,
+    device: &Device,
 ) -> Result<PartReport, ModelError> {
-    let files = source
-        .weights(stem)?
-        .into_iter()
-        .map(TensorFile::new)
-        .collect::<Result<Vec<_>, _>>()?;
-    let mut types = BTreeMap::new();
-    for (dtype, count) in files.iter().flat_map(TensorFile::counts) {
-        *types.entry(dtype).or_default() += count;
-    }
-    let tensors = files.iter().map(|file| file.names().count()).sum();
-    let parameters = types.values().sum();
+    let weights = source.weights(network, device)?;
+    let types = weights.types();
     Ok(PartReport {
-        name,
-        tensors,
-        parameters,
+        name: network.folder(),
+        tensors: weights.len(),
+        parameters: types.values().sum(),
+        memory: weights.memory(),
         types,
-        memory: weights::memory(&files),
         summary,
     })
 }

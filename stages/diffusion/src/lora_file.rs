@@ -13,8 +13,8 @@ use serde_json::{Map, Value};
 use crate::error::ModelError;
 use crate::kohya::{self, Part};
 use crate::lora::LoraNetwork;
+use crate::stored::array;
 use crate::unet::Unet;
-use crate::weights;
 
 /// Where diffusers keeps the adapter's options, and the file in which PEFT does.
 const METADATA: &str = "lora_adapter_metadata";
@@ -65,7 +65,7 @@ impl LoraFile {
             };
             let name =
                 name.ok_or_else(|| file.wrong(stored, "is no LoRA matrix of a UNet's layer"))?;
-            adapters.insert(name.clone(), weights::array(&file, stored, device)?);
+            adapters.insert(name.clone(), array(&file, stored, device)?);
             if let Some(other) = names.insert(name, stored.to_owned()) {
                 return Err(file
                     .wrong(stored, format!("is the same layer's matrix as `{other}`"))
@@ -92,7 +92,7 @@ impl LoraFile {
 
 /// The only value of a tensor.
 fn number(file: &TensorFile, stored: &str, device: &Device) -> Result<f32, ModelError> {
-    match weights::array(file, stored, device)?.to_vec()[..] {
+    match array(file, stored, device)?.to_vec()[..] {
         [value] if value.is_finite() => Ok(value),
         _ => Err(file.wrong(stored, "is not one number").into()),
     }

@@ -1,10 +1,14 @@
-//! Where a model's files come from: the program itself, or a folder in the diffusers layout.
+//! Where a model's files come from: the program itself, a folder in the diffusers layout, or a
+//! single file that stands for one.
 //!
 //! Hands out named bytes. Knows which files a model is made of, not what stands in them.
+
+mod embedded;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use compute::Device;
 use formats::{FileBytes, FileError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,6 +16,10 @@ use serde_json::json;
 
 use crate::config;
 use crate::error::ModelError;
+use crate::network::Network;
+use crate::single_file::{self, SingleFile};
+use crate::weights::Weights;
+use embedded::EMBEDDED;
 
 /// Files that describe a model. Those that are absent are left out of the digest.
 const DESCRIPTIONS: [&str; 10] = [
@@ -31,13 +39,6 @@ const DESCRIPTIONS: [&str; 10] = [
 const TOKENIZER: &str = "tokenizer/tokenizer.json";
 const VOCABULARY: &str = "tokenizer/vocab.json";
 
-/// Weight files without their endings.
-const WEIGHTS: [&str; 3] = [
-    "text_encoder/model",
-    "unet/diffusion_pytorch_model",
-    "vae/diffusion_pytorch_model",
-];
-
 /// The endings under which diffusers saves weights whole, in the order of preference.
 const WHOLE: [&str; 3] = [".safetensors", ".fp16.safetensors", ".bf16.safetensors"];
 
@@ -48,28 +49,6 @@ const INDICES: [&str; 3] = [
     ".safetensors.index.bf16.json",
 ];
 
-macro_rules! embedded {
-    ($($name:literal),* $(,)?) => {
-        &[$(($name, include_bytes!(concat!("../models/tiny-x4/", $name)).as_slice())),*]
-    };
-}
-
-const EMBEDDED: &[(&str, &[u8])] = embedded![
-    "low_res_scheduler/scheduler_config.json",
-    "model_index.json",
-    "scheduler/scheduler_config.json",
-    "text_encoder/config.json",
-    "text_encoder/model.safetensors",
-    "tokenizer/merges.txt",
-    "tokenizer/special_tokens_map.json",
-    "tokenizer/tokenizer_config.json",
-    "tokenizer/vocab.json",
-    "unet/config.json",
-    "unet/diffusion_pytorch_model.safetensors",
-    "vae/config.json",
-    "vae/diffusion_pytorch_model.safetensors",
-];
-
 /// Which diffusion prior a stage uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum ModelSource {
@@ -78,6 +57,9 @@ pub enum ModelSource {
     Embedded,
     /// A folder in the diffusers layout, such as `stabilityai/stable-diffusion-x4-upscaler`.
     Folder(PathBuf),
+    /// The x4 upscaler in one file, `x4-upscaler-ema.safetensors`, with CLIP's `vocab.json` and
+    /// `merges.txt`, or `tokenizer.json`, beside it.
+    File(PathBuf),
 }
 
 /// The list of a sharded network's files.
@@ -88,6 +70,15 @@ struct Index {
 }
 
 impl ModelSource {
+    /// What lies at `path`: a single file, or else a folder.
+    pub fn at(path: &Path) -> Self {
+        if path.is_file() {
+            Self::File(path.to_owned())
+        } else {
+            Self::Folder(path.to_owned())
+        }
+    }
+
     /// Which of the files `there` of the model `name` make it up, weights in `variant` where there
     /// are such. Fails where a network's weights are missing or pickled.
     pub fn choose(
@@ -103,7 +94,7 @@ impl ModelSource {
             .collect();
         let alone = Some(TOKENIZER.to_owned()).filter(|_| !there.contains(VOCABULARY));
         chosen.extend(alone.filter(has));
-        for stem in WEIGHTS {
+        for stem in Network::ALL.map(Network::stem) {
             let endings = WHOLE.map(str::to_owned);
             let wished = variant.map(|variant| format!(".{variant}.safetensors"));
             let mut whole = wished
@@ -132,27 +123,44 @@ impl ModelSource {
     /// Fails where a weight file is missing or a file cannot be read.
     pub fn digest(&self) -> Result<[u8; 32], ModelError> {
         let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag 1 model files");
-        for name in DESCRIPTIONS.iter().chain(self.tokenizer()?) {
-            if let Some(file) = self.find(name)? {
-                absorb(&mut hasher, name, &file);
-            }
-        }
-        for stem in WEIGHTS {
-            self.weights(stem)?
-                .iter()
-                .for_each(|file| absorb(&mut hasher, stem, file));
+        for (name, file) in self.descriptions()?.iter().chain(&self.weight_files()?) {
+            absorb(&mut hasher, name, file);
         }
         Ok(*hasher.finalize().as_bytes())
     }
 
     /// All files that decide what the model computes.
     pub fn files(&self) -> Result<Vec<FileBytes>, ModelError> {
+        let mut files = self.descriptions()?;
+        if let Self::File(path) = self {
+            files.retain(|(name, _)| single_file::beside(path, name).is_some());
+        }
+        files.extend(self.weight_files()?);
+        Ok(files.into_iter().map(|(_, file)| file).collect())
+    }
+
+    /// The files that say what the networks are, by their names.
+    fn descriptions(&self) -> Result<Vec<(&'static str, FileBytes)>, ModelError> {
+        if let Self::File(path) = self {
+            SingleFile::open(path)?.check_vocabulary()?;
+        }
         let mut files = Vec::new();
         for name in DESCRIPTIONS.iter().chain(self.tokenizer()?) {
-            files.extend(self.find(name)?);
+            files.extend(self.find(name)?.map(|file| (*name, file)));
         }
-        for stem in WEIGHTS {
-            files.extend(self.weights(stem)?);
+        Ok(files)
+    }
+
+    /// The files of all weights, by what they hold.
+    fn weight_files(&self) -> Result<Vec<(&'static str, FileBytes)>, ModelError> {
+        if let Self::File(path) = self {
+            let file = SingleFile::open(path)?.file().clone();
+            return Ok(vec![("single_file", file)]);
+        }
+        let mut files = Vec::new();
+        for stem in Network::ALL.map(Network::stem) {
+            let of_network = self.network_files(stem)?.into_iter();
+            files.extend(of_network.map(|file| (stem, file)));
         }
         Ok(files)
     }
@@ -169,20 +177,39 @@ impl ModelSource {
                 .iter()
                 .find(|(known, _)| *known == name)
                 .map(|(_, bytes)| FileBytes::embedded(format!("tiny-x4/{name}"), bytes))),
+            Self::Folder(folder) if folder.is_file() => {
+                let problem = "is a file; name a model in one file by `File(..)`";
+                Err(ModelError::file(folder.display().to_string(), problem))
+            }
             Self::Folder(folder) => map(&folder.join(name)),
+            Self::File(path) => SingleFile::open(path)?.find(name),
         }
     }
 
     /// The file of this name, which must be there.
     pub(crate) fn file(&self, name: &str) -> Result<FileBytes, ModelError> {
-        let hint = "is missing; a model is a folder as diffusers saves it, with unet/, vae/, text_encoder/, tokenizer/ and scheduler/";
-        self.find(name)?
-            .ok_or_else(|| ModelError::file(self.display(name), hint))
+        match (self.find(name)?, self) {
+            (Some(file), _) => Ok(file),
+            (None, Self::File(path)) => Err(SingleFile::open(path)?.missing(name)),
+            (None, _) => {
+                let hint = "is missing; a model is a folder as diffusers saves it, with unet/, vae/, text_encoder/, tokenizer/ and \
+                            scheduler/, or the x4 upscaler's single file";
+                Err(ModelError::file(self.display(name), hint))
+            }
+        }
+    }
+
+    /// The weights of a network.
+    pub(crate) fn weights(&self, network: Network, device: &Device) -> Result<Weights, ModelError> {
+        match self {
+            Self::File(path) => SingleFile::open(path)?.weights(network, device),
+            _ => Weights::open(self.network_files(network.stem())?, device),
+        }
     }
 
     /// The weight file whose name is `stem` and one of the endings that we read, or the shards of
     /// it.
-    pub(crate) fn weights(&self, stem: &str) -> Result<Vec<FileBytes>, ModelError> {
+    fn network_files(&self, stem: &str) -> Result<Vec<FileBytes>, ModelError> {
         for ending in WHOLE {
             if let Some(file) = self.find(&format!("{stem}{ending}"))? {
                 return Ok(vec![file]);
@@ -227,7 +254,7 @@ impl ModelSource {
     fn display(&self, name: &str) -> String {
         match self {
             Self::Embedded => format!("tiny-x4/{name}"),
-            Self::Folder(folder) => folder.join(name).display().to_string(),
+            Self::Folder(path) | Self::File(path) => path.join(name).display().to_string(),
         }
     }
 }
@@ -239,7 +266,8 @@ fn absorb(hasher: &mut blake3::Hasher, name: &str, bytes: &[u8]) {
     }
 }
 
-fn map(path: &Path) -> Result<Option<FileBytes>, ModelError> {
+/// The file at `path`; `None` where there is none.
+pub(crate) fn map(path: &Path) -> Result<Option<FileBytes>, ModelError> {
     match FileBytes::map(path) {
         Ok(file) => Ok(Some(file)),
         Err(FileError::Missing { .. }) => Ok(None),

@@ -10,6 +10,7 @@ use compute::{Array, Device, Weight};
 use crate::config::{TextActivation, TextConfig};
 use crate::error::ModelError;
 use crate::layers::{LayerNorm, Linear};
+use crate::network::Network;
 use crate::source::ModelSource;
 use crate::weights::{Scope, Weights};
 
@@ -41,10 +42,7 @@ impl TextEncoder {
     /// tensor in it.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         let config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
-        Self::read(
-            config,
-            Weights::open(source.weights("text_encoder/model")?, device)?,
-        )
+        Self::read(config, source.weights(Network::TextEncoder, device)?)
     }
 
     /// Reads the encoder. Fails if the file does not hold exactly the tensors that the

@@ -74,17 +74,20 @@ impl Special {
 
 impl Tokenizer {
     /// Reads the tokenizer of a text encoder. Fails where it gives ids that the encoder does not
-    /// know.
+    /// know; and, where somebody put it beside a single file, also where it gives fewer.
     pub fn load(source: &ModelSource, text: &TextConfig) -> Result<Self, ModelError> {
         let tokenizer = Self::read(source, text.max_position_embeddings)?;
         let largest = tokenizer.vocabulary.values().copied().max().unwrap_or(0) as usize;
-        if largest < text.vocab_size {
-            return Ok(tokenizer);
-        }
-        let problem = format!(
-            "has the id {largest}; the text encoder knows {} ids",
-            text.vocab_size
-        );
+        let known = text.vocab_size;
+        let problem = match source {
+            _ if largest >= known => {
+                format!("has the id {largest}; the text encoder knows {known} ids")
+            }
+            ModelSource::File(_) if largest + 1 < known => format!(
+                "has ids up to {largest}; the text encoder knows {known} ids: this is the vocabulary of another model"
+            ),
+            _ => return Ok(tokenizer),
+        };
         Err(ModelError::file(Self::tables(source)?.0, problem))
     }
 

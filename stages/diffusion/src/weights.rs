@@ -1,4 +1,5 @@
-//! The weights of one network: tensors out of one file, or out of the shards of one.
+//! The weights of one network: tensors out of one file, out of the shards of one, or out of a file
+//! of several networks.
 //!
 //! Hands out tensors by the place of their layer, each of exactly the shape that is asked for, and
 //! knows which nobody wanted.
@@ -7,9 +8,12 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use compute::{Array, Device, Precision, Weight};
-use formats::{FileBytes, TensorError, TensorFile};
+use formats::tensor_file::Entry;
+use formats::{FileBytes, TensorFile};
 
 use crate::error::ModelError;
+use crate::single_file::{Names, SingleFileError};
+use crate::stored::Stored;
 
 /// Open weights.
 pub(crate) struct Weights {
@@ -17,6 +21,8 @@ pub(crate) struct Weights {
     device: Device,
     /// For each name, the file that holds the tensor and its name there.
     places: BTreeMap<String, (usize, String)>,
+    /// How those names follow from diffusers'; `None` where they are the same.
+    names: Option<Names>,
     unread: RefCell<BTreeSet<String>>,
     /// Whether tensors are widened once and for all.
     widen: bool,
@@ -45,16 +51,35 @@ impl Weights {
                 }
             }
         }
-        let unread = RefCell::new(places.keys().cloned().collect());
-        let widen = are_widened(&files);
-        Ok(Self {
+        Ok(Self::at(files, places, None, device))
+    }
+
+    /// The tensors of one network of a single file, which has `names` for them.
+    pub fn single(file: TensorFile, names: Names, device: &Device) -> Self {
+        let taken = file.names().filter(|name| names.takes(name));
+        let places = taken
+            .map(|name| (name.to_owned(), (0, name.to_owned())))
+            .collect();
+        Self::at(vec![file], places, Some(names), device)
+    }
+
+    fn at(
+        files: Vec<TensorFile>,
+        places: BTreeMap<String, (usize, String)>,
+        names: Option<Names>,
+        device: &Device,
+    ) -> Self {
+        let mut weights = Self {
             files,
             device: device.clone(),
+            unread: RefCell::new(places.keys().cloned().collect()),
             places,
-            unread,
-            widen,
+            names,
+            widen: false,
             precision: Precision::F32,
-        })
+        };
+        weights.widen = weights.bytes() < WIDENED;
+        weights
     }
 
     /// The same weights, multiplied in another precision.
@@ -98,23 +123,22 @@ impl Weights {
     }
 
     fn weight(&self, name: &str, shape: &[usize]) -> Result<Weight, ModelError> {
-        let Some((file, stored)) = self.places.get(name) else {
-            let file = self.files.first().map_or("", TensorFile::name);
-            return Err(ModelError::tensor(
-                file,
-                name,
-                format!("of shape {shape:?} is missing"),
-            ));
+        let place = self.place(name);
+        let Some((file, stored)) = self.places.get(&place.name) else {
+            return Err(self.missing(name, &place.name, shape));
         };
         let file = &self.files[*file];
-        let extents = without_pixels(file.entry(stored)?.shape(), shape);
-        if extents != shape {
-            let problem =
-                format!("has the shape {extents:?}; the configuration asks for {shape:?}");
-            return Err(file.wrong(stored, problem).into());
+        let stored = Stored {
+            name: stored.clone(),
+            third: place.third,
+        };
+        let entry = file.entry(&stored.name)?;
+        let extents = stored.shape(entry);
+        if extents.is_none_or(|extents| without_pixels(&extents, shape) != shape) {
+            return Err(self.misshapen(name, file.name(), &stored, entry.shape(), shape));
         }
-        let weight = stored_weight(file, stored, &self.device)?.reshape(shape);
-        self.unread.borrow_mut().remove(name);
+        let weight = stored.weight(file, &self.device)?.reshape(shape);
+        self.unread.borrow_mut().remove(&place.name);
         let weight = if self.widen {
             weight.to_array().into()
         } else {
@@ -122,47 +146,69 @@ impl Weights {
         };
         Ok(weight.with_precision(self.precision))
     }
-}
 
-/// The tensor of this name as it lies in the file, which stays mapped. Fails where there is none,
-/// where it holds other numbers than F32, F16 or BF16, and where one of them is not finite.
-fn stored_weight(file: &TensorFile, name: &str, device: &Device) -> Result<Weight, TensorError> {
-    let entry = file.entry(name)?;
-    let dtype = entry.dtype();
-    Weight::stored(
-        device,
-        entry.shape(),
-        &dtype,
-        file.file().shared(),
-        entry.bytes(),
-    )
-    .map_err(|fault| file.wrong(name, fault))
-}
+    /// Where the tensor that a layer calls `name` is.
+    fn place(&self, name: &str) -> Stored {
+        self.names
+            .map_or_else(|| Stored::whole(name), |names| names.stored(name))
+    }
 
-/// The real numbers of this name in an array of their own.
-pub fn array(file: &TensorFile, name: &str, device: &Device) -> Result<Array, ModelError> {
-    Ok(stored_weight(file, name, device)?.to_array())
-}
-
-fn size(file: &TensorFile) -> usize {
-    file.file().len()
-}
-
-fn are_widened(files: &[TensorFile]) -> bool {
-    files.iter().map(size).sum::<usize>() < WIDENED
-}
-
-/// The bytes of memory that the weights of `files` take once they are read.
-pub(crate) fn memory(files: &[TensorFile]) -> usize {
-    match are_widened(files) {
-        true => {
-            4 * files
-                .iter()
-                .flat_map(TensorFile::counts)
-                .map(|(_, count)| count)
-                .sum::<usize>()
+    fn missing(&self, name: &str, stored: &str, shape: &[usize]) -> ModelError {
+        let file = self.files.first().map_or("", TensorFile::name);
+        match self.names {
+            Some(names) => SingleFileError::missing(file, names.network(), stored, name).into(),
+            None => ModelError::tensor(file, name, format!("of shape {shape:?} is missing")),
         }
-        false => files.iter().map(size).sum(),
+    }
+
+    /// The tensor at `stored` of `file` has the shape `has`, the layer asks for `shape`.
+    fn misshapen(
+        &self,
+        name: &str,
+        file: &str,
+        stored: &Stored,
+        has: &[usize],
+        shape: &[usize],
+    ) -> ModelError {
+        let Some(names) = self.names else {
+            let problem = format!("has the shape {has:?}; the configuration asks for {shape:?}");
+            return ModelError::tensor(file, &stored.name, problem);
+        };
+        let parts = stored.third.map_or("", |_| " in each of three parts");
+        let wanted = format!("{shape:?}{parts}");
+        SingleFileError::shape(file, names.network(), &stored.name, name, has, &wanted).into()
+    }
+
+    fn entries(&self) -> impl Iterator<Item = &Entry> {
+        let entry = |(file, name): &(usize, String)| self.files[*file].entry(name).ok();
+        self.places.values().filter_map(entry)
+    }
+
+    fn bytes(&self) -> usize {
+        self.entries().map(|entry| entry.bytes().len()).sum()
+    }
+
+    /// How many tensors there are.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// For each number type that the files use, how many numbers there are.
+    pub fn types(&self) -> BTreeMap<String, usize> {
+        let mut types = BTreeMap::new();
+        for entry in self.entries() {
+            let count: usize = entry.shape().iter().product();
+            *types.entry(entry.dtype()).or_default() += count;
+        }
+        types
+    }
+
+    /// The bytes of memory that they take once they are read.
+    pub fn memory(&self) -> usize {
+        match self.widen {
+            true => 4 * self.types().values().sum::<usize>(),
+            false => self.bytes(),
+        }
     }
 }
 
@@ -203,7 +249,8 @@ impl Scope<'_> {
 
     /// Whether there is a tensor `name` below this place.
     pub fn has(&self, name: &str) -> bool {
-        self.weights.places.contains_key(self.at(name).path())
+        let place = self.weights.place(self.at(name).path());
+        self.weights.places.contains_key(&place.name)
     }
 
     /// The tensor `name` below this place, of exactly this shape. Fails if it is missing, of
@@ -219,77 +266,4 @@ impl Scope<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::source::ModelSource;
-
-    /// Weights of files that each hold two F16 numbers under each of the names.
-    fn open(files: &[&[&str]]) -> Result<Weights, String> {
-        let folder = tempfile::tempdir().unwrap();
-        let source = ModelSource::Folder(folder.path().to_owned());
-        let file = |(i, names): (usize, &&[&str])| {
-            let entry = |(k, name): (usize, &&str)| {
-                format!(
-                    r#""{name}":{{"dtype":"F16","shape":[2],"data_offsets":[{},{}]}}"#,
-                    4 * k,
-                    4 * k + 4
-                )
-            };
-            let header = format!(
-                "{{{}}}",
-                names
-                    .iter()
-                    .enumerate()
-                    .map(entry)
-                    .collect::<Vec<_>>()
-                    .join(",")
-            );
-            let data = vec![0; 4 * names.len()];
-            let bytes = [
-                &(header.len() as u64).to_le_bytes(),
-                header.as_bytes(),
-                &data,
-            ]
-            .concat();
-            std::fs::write(folder.path().join(format!("{i}.safetensors")), bytes).unwrap();
-            source.file(&format!("{i}.safetensors")).unwrap()
-        };
-        let files = files.iter().enumerate().map(file).collect();
-        Weights::open(files, &Device::cpu()).map_err(|e| e.to_string())
-    }
-
-    #[test]
-    fn shards_are_one_set_of_weights() {
-        let weights = open(&[&["a.w"], &["a.b"]]).unwrap();
-        let scope = weights.root().at("a");
-        assert!(scope.has("w") && scope.has("b") && !scope.has("c"));
-        scope.tensor("w", &[2]).unwrap();
-        scope.tensor("b", &[2]).unwrap();
-        weights.finish(&[]).unwrap();
-        let twice = open(&[&["a"], &["b", "a"]]).err().unwrap();
-        assert!(
-            twice.contains("1.safetensors: tensor `a` is also in ")
-                && twice.ends_with("0.safetensors"),
-            "{twice}"
-        );
-    }
-
-    #[test]
-    fn what_does_not_fit_is_named() {
-        let weights = open(&[&["w"], &["v"]]).unwrap();
-        let shape = weights.root().tensor("v", &[3]).unwrap_err().to_string();
-        let expected =
-            "1.safetensors: tensor `v` has the shape [2]; the configuration asks for [3]";
-        assert!(shape.ends_with(expected), "{shape}");
-        let missing = weights.root().tensor("b", &[4]).unwrap_err().to_string();
-        assert!(
-            missing.ends_with("tensor `b` of shape [4] is missing"),
-            "{missing}"
-        );
-        let extra = weights.finish(&["w"]).unwrap_err().to_string();
-        assert!(
-            extra.ends_with("1.safetensors: tensor `v` belongs to no layer of the configuration"),
-            "{extra}"
-        );
-    }
-}
+mod tests;

@@ -16,7 +16,7 @@ use formats::{TensorError, TensorFile};
 
 use crate::error::ModelError;
 use crate::source::ModelSource;
-use crate::weights;
+use crate::stored::array;
 pub use outputs::{Output, Outputs, to_safetensors};
 use text::TextCall;
 use unet::UnetCall;
@@ -115,7 +115,7 @@ fn real(
     pattern: &[Option<usize>],
     device: &Device,
 ) -> Result<Array, ModelError> {
-    let array = weights::array(inputs, name, device)?;
+    let array = array(inputs, name, device)?;
     let fits = |(extent, wanted): (&usize, &Option<usize>)| {
         *extent > 0 && wanted.is_none_or(|wanted| wanted == *extent)
     };

@@ -20,6 +20,7 @@ use crate::config::UnetConfig;
 use crate::error::ModelError;
 use crate::layers::{Conv2d, GroupNorm};
 use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
+use crate::network::Network;
 use crate::source::ModelSource;
 use crate::weights::Weights;
 use layer::{Gathered, Layer, Pass, Walk};
@@ -65,7 +66,7 @@ impl Unet {
         precision: Precision,
     ) -> Result<Self, ModelError> {
         let config = UnetConfig::read(&source.file("unet/config.json")?)?;
-        let weights = Weights::open(source.weights("unet/diffusion_pytorch_model")?, device)?;
+        let weights = source.weights(Network::Unet, device)?;
         Self::read(config, weights.with_precision(precision), device)
     }
 

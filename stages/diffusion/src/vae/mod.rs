@@ -13,6 +13,7 @@ use compute::{Array, Device};
 use crate::config::VaeConfig;
 use crate::error::ModelError;
 use crate::layers::Conv2d;
+use crate::network::Network;
 use crate::source::ModelSource;
 use crate::weights::Weights;
 use coder::Coder;
@@ -46,10 +47,7 @@ impl Vae {
     /// tensor in it.
     pub fn load(source: &ModelSource, device: &Device) -> Result<Self, ModelError> {
         let config = VaeConfig::read(&source.file("vae/config.json")?)?;
-        Self::read(
-            config,
-            Weights::open(source.weights("vae/diffusion_pytorch_model")?, device)?,
-        )
+        Self::read(config, source.weights(Network::Vae, device)?)
     }
 
     /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the

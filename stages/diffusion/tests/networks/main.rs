@@ -8,5 +8,6 @@ mod golden;
 mod gpu;
 mod loading;
 mod mutations;
+mod single_file;
 mod support;
 mod training;
