@@ -33,18 +33,13 @@ pub struct Prior {
     pub max_noise_level: u32,
 }
 
-#[derive(Deserialize)]
+/// The x4 upscaler's highest noise level: what diffusers takes where a model does not say.
+const MAX_NOISE_LEVEL: u32 = 350;
+
+#[derive(Default, Deserialize)]
 #[serde(default)]
 struct ModelIndex {
-    max_noise_level: u32,
-}
-
-impl Default for ModelIndex {
-    fn default() -> Self {
-        Self {
-            max_noise_level: 350,
-        }
-    }
+    max_noise_level: Option<u32>,
 }
 
 impl Prior {
@@ -64,19 +59,16 @@ impl Prior {
         let unet_file = source.file("unet/config.json")?;
         let vae_config = VaeConfig::read(&source.file("vae/config.json")?)?;
         let text_config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
-        check_widths(
-            &unet_file,
-            &UnetConfig::read(&unet_file)?,
-            &vae_config,
-            &text_config,
-        )?;
+        let unet_config = UnetConfig::read(&unet_file)?;
+        check_widths(&unet_file, &unet_config, &vae_config, &text_config)?;
         let schedule_file = source.file("scheduler/scheduler_config.json")?;
         let low_file = source.find("low_res_scheduler/scheduler_config.json")?;
+        let low_schedule = schedule(low_file.as_ref().unwrap_or(&schedule_file))?;
         Ok(Self {
             schedule: schedule(&schedule_file)?,
-            low_schedule: schedule(low_file.as_ref().unwrap_or(&schedule_file))?,
             tokenizer: Tokenizer::load(source, &text_config)?,
-            max_noise_level: max_noise_level(source)?,
+            max_noise_level: max_noise_level(source, &low_schedule, &unet_config)?,
+            low_schedule,
             unet: Unet::load(source, device, precision)?,
             vae: Vae::load(source, device)?,
             text_encoder: TextEncoder::load(source, device)?,
@@ -99,12 +91,32 @@ fn schedule(file: &FileBytes) -> Result<Schedule, ModelError> {
     Schedule::new(&config, file.name())
 }
 
-fn max_noise_level(source: &ModelSource) -> Result<u32, ModelError> {
-    let index: ModelIndex = match source.find("model_index.json")? {
-        Some(file) => config::parse(&file, &json!({}), &[])?,
-        None => ModelIndex::default(),
+/// What the model says, where both the schedule and the UNet's labels have such a level.
+fn max_noise_level(
+    source: &ModelSource,
+    low_schedule: &Schedule,
+    unet: &UnetConfig,
+) -> Result<u32, ModelError> {
+    // A UNet without labels takes any level.
+    let labels = unet
+        .num_class_embeds
+        .map_or(u32::MAX, |labels| labels as u32);
+    let levels = low_schedule.len().min(labels);
+    let Some(file) = source.find("model_index.json")? else {
+        return Ok(MAX_NOISE_LEVEL.min(levels - 1));
     };
-    Ok(index.max_noise_level)
+    let index: ModelIndex = config::parse(&file, &json!({}), &[])?;
+    match index.max_noise_level {
+        Some(level) if level >= levels => Err(ModelError::field(
+            file.name(),
+            "max_noise_level",
+            format!(
+                "is {level}; the low-resolution schedule and the UNet's `num_class_embeds` have levels 0 to {}",
+                levels - 1
+            ),
+        )),
+        told => Ok(told.unwrap_or(MAX_NOISE_LEVEL.min(levels - 1))),
+    }
 }
 
 /// The UNet takes latents and a colour image, gives latents, and looks at the text's states.

@@ -70,6 +70,11 @@ fn parts_that_do_not_fit_together_are_refused() {
         "unet/diffusion_pytorch_model.safetensors: tensor `class_embedding.weight` belongs to no layer of the configuration"
     );
     assert_eq!(
+        set("model_index.json", "max_noise_level", json!(1000)),
+        "model_index.json: `max_noise_level` is 1000; the low-resolution schedule and the UNet's `num_class_embeds` have \
+         levels 0 to 999"
+    );
+    assert_eq!(
         set("vae/config.json", "layers_per_block", json!(2)),
         "vae/diffusion_pytorch_model.safetensors: tensor `encoder.down_blocks.0.resnets.1.norm1.weight` of shape [32] is missing"
     );
