@@ -57,11 +57,12 @@ use record::Record;
 const VERSION: &str = "1";
 
 /// The folders of a store.
-const FOLDERS: [&str; 9] = [
+const FOLDERS: [&str; 10] = [
     "cas",
     "results",
     "manifests",
     "work",
+    "states",
     "leases",
     "runs",
     "pins",
