@@ -330,6 +330,7 @@ fn a_stage_with_shards_becomes_its_parts_and_a_merge_of_its_name() {
             "latents.2=loop.1.optimize.2.latents",
             "residuals.1=loop.1.optimize.1.residuals",
             "residuals.2=loop.1.optimize.2.residuals",
+    assert_eq!(set("name=\"1x\"").0, "--set:1:6");
             "log.1=loop.1.optimize.1.log",
             "log.2=loop.1.optimize.2.log",
         ]
