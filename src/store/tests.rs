@@ -235,6 +235,25 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
 }
 
 #[test]
+fn a_damaged_record_gives_way_to_a_new_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let record = commit(&store, key("k"), 1.0, "s");
+    let path = store.result_path(&key("k"));
+    let damages: [&dyn Fn(); 2] = [&|| fs::write(&path, "{").unwrap(), &|| {
+        fs::create_dir(&path).unwrap()
+    }];
+    for damage in damages {
+        fs::remove_file(&path).unwrap();
+        damage();
+        assert_eq!(commit(&store, key("k"), 1.0, "s").outputs, record.outputs);
+        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Sound(_)));
+    }
+    let aside = fs::read_dir(folder.path().join("quarantine")).unwrap();
+    assert_eq!(aside.count(), 2);
+}
+
+#[test]
 fn one_key_is_computed_by_one_process_at_a_time_and_the_first_result_stays() {
     let folder = tempfile::tempdir().unwrap();
     let a = Store::create(folder.path()).unwrap();
