@@ -176,6 +176,23 @@ fn whatever_gets_its_name_was_flushed_before_and_a_record_comes_after_its_blobs(
         named < *record,
         "the record is visible before its blobs are safe"
     );
+    let fanned = |folder: &Path| {
+        let above = folder.parent().and_then(Path::file_name);
+        above.is_some_and(|name| {
+            ["cas", "results", "manifests"]
+                .iter()
+                .any(|fan| name == *fan)
+        })
+    };
+    let made = (0..done.len()).filter(|&at| done[at].0 == "create" && fanned(&done[at].1));
+    let next: Vec<_> = made.map(|at| (&done[at].1, &done[at + 1])).collect();
+    assert_eq!(next.len(), 3);
+    for (folder, (what, at)) in next {
+        assert!(
+            what == "flush" && at == folder.parent().unwrap(),
+            "{folder:?} is gone with all that is in it"
+        );
+    }
 }
 
 #[test]
