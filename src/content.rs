@@ -291,9 +291,20 @@ fn read_png_text(bytes: &[u8]) -> Option<serde_json::Map<String, Value>> {
 }
 
 fn read_whole(path: &Path) -> Result<Vec<u8>, String> {
+    read_up_to(path, LARGEST)
+}
+
+fn read_up_to(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(LARGEST).read_to_end(&mut bytes));
-    read.map(|_| bytes).map_err(|error| error.to_string())
+    // One byte more than there may be tells that there are more.
+    let read = File::open(path).and_then(|file| file.take(largest + 1).read_to_end(&mut bytes));
+    match read {
+        Ok(read) if read as u64 > largest => Err(format!(
+            "it is too large to be read: more than {largest} bytes"
+        )),
+        Ok(_) => Ok(bytes),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 /// A text that holds JSON as what it holds.
@@ -317,4 +328,19 @@ fn range(values: impl Iterator<Item = f32>) -> Option<[f64; 3]> {
         count += 1;
     }
     (count > 0).then(|| [least, sum / count as f64, most])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_too_large_is_not_cut() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file.json");
+        std::fs::write(&path, "[1]").unwrap();
+        assert_eq!(read_up_to(&path, 3).unwrap(), b"[1]");
+        let error = read_up_to(&path, 2).unwrap_err();
+        assert_eq!(error, "it is too large to be read: more than 2 bytes");
+    }
 }

@@ -61,19 +61,19 @@ pub fn compare(a: &Side, b: &Side) -> BTreeMap<String, Verdict> {
 fn decide(name: &str, a: &Side, b: &Side, verdicts: &mut BTreeMap<String, Verdict>) {
     // A stack of our own: pipelines may be deeper than the thread's.
     let mut stack = vec![name.to_owned()];
+    // Names can read each other in a circle: results of several runs and pipelines lie behind one
+    // key, and each has the name that its first run gave it. Who comes back to a name goes without
+    // its verdict.
+    let mut begun = BTreeSet::new();
     while let Some(name) = stack.last().cloned() {
         let missing = match (a.stages.get(&name), b.stages.get(&name)) {
-            _ if verdicts.contains_key(&name) => Vec::new(),
-            (Some(_), Some(part)) => {
-                let sources = part
-                    .from
-                    .values()
-                    .filter(|from| **from != name && b.stages.contains_key(*from));
-                sources
-                    .filter(|from| !verdicts.contains_key(*from))
-                    .cloned()
-                    .collect()
-            }
+            (Some(_), Some(part)) if begun.insert(name.clone()) => part
+                .from
+                .values()
+                .filter(|from| b.stages.contains_key(*from))
+                .filter(|from| !verdicts.contains_key(*from) && !begun.contains(*from))
+                .cloned()
+                .collect(),
             _ => Vec::new(),
         };
         if missing.is_empty() {
@@ -228,6 +228,14 @@ mod tests {
             (changes[0].before.as_deref(), changes[0].now.as_deref()),
             (Some("a"), Some("b"))
         );
+    }
+
+    #[test]
+    fn names_that_read_each_other_in_a_circle_are_compared() {
+        let circle =
+            |param: &str| side(&[("a", param, &["b"]), ("b", "1", &["c"]), ("c", "1", &["a"])]);
+        let verdicts = compare(&circle("1"), &circle("2"));
+        assert!(matches!(verdicts["a"], Verdict::Differs(_)) && verdicts.len() == 3);
     }
 
     #[test]

@@ -1,7 +1,6 @@
 //! `model run`: asks one network of a model about the tensors of a file. Writes the file of
 //! results, whole or not at all.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -16,7 +15,7 @@ use upsampler::Options;
 
 use super::output::{print, print_json, size};
 use super::upsample::Enlargement;
-use super::{device, model_check, tuning};
+use super::{device, model_check, tuning, whole};
 use crate::error::Error;
 
 /// Options of `model run`.
@@ -165,7 +164,7 @@ impl Run {
         tuning::apply(&device);
         let computed = pool.install(|| attempt(|| self.compute(&device)));
         let answer = computed.map_err(|fault| Error::Failed(fault.to_string()))??;
-        write(&self.output, &answer.bytes)?;
+        whole::file(&self.output, |out| out.write_all(&answer.bytes))?;
         self.report(&answer, &device, json);
         Ok(())
     }
@@ -309,24 +308,4 @@ fn peak_memory() -> Option<u64> {
         .find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse().ok()?;
     Some(kilobytes * 1024)
-}
-
-/// Writes a file whole or not at all.
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(path).map_err(|error| error.error)
-    });
-    let problem = |error| {
-        Error::usage(
-            format!("{}: cannot be written: {error}", path.display()),
-            "give another --output",
-        )
-    };
-    written.map(drop).map_err(problem)
 }

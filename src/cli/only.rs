@@ -9,6 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::session::Session;
+use super::whole;
 use crate::error::Error;
 use crate::plan::{Context, Forecast};
 use crate::store::error::{At, StoreError};
@@ -94,7 +95,7 @@ impl Only {
         std::fs::create_dir_all(folder).at("create", folder)?;
         // Snakemake takes a stamp that is there for a job that is done, so it must never be half
         // written.
-        let mut file = tempfile::NamedTempFile::new_in(folder).at("write", path)?;
+        let mut file = whole::beside(path).at("write", path)?;
         writeln!(file, "{stamp}").at("write", path)?;
         file.persist(path)
             .map_err(|error| error.error)

@@ -84,21 +84,19 @@ pub fn time(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds * unit).map_err(|error| error.to_string())
 }
 
-/// A size as people write it: `8G`, `500MB`, `2GiB`, or a number of bytes. A unit is 1024 times the
-/// one before.
+/// A size as people write it: `8G`, `500MB`, `2GiB`, or a number of bytes. A unit is 1000 times the
+/// one before, as in all that the program prints, and 1024 times with an `i`.
 pub fn size(text: &str) -> Result<u64, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit = text[number.len()..]
-        .trim_end_matches('B')
-        .trim_end_matches('i')
-        .to_ascii_uppercase();
+    let unit = text[number.len()..].trim_end_matches('B');
+    let base = if unit.ends_with('i') { 1024f64 } else { 1e3 };
+    let unit = unit.trim_end_matches('i').to_ascii_uppercase();
     let power = ["", "K", "M", "G", "T"]
         .iter()
         .position(|&known| known == unit);
     let power =
         power.ok_or_else(|| format!("`{unit}` is no unit of size; the units are K, M, G and T"))?;
-    let bytes =
-        number.parse::<f64>().map_err(|error| error.to_string())? * 1024f64.powi(power as i32);
+    let bytes = number.parse::<f64>().map_err(|error| error.to_string())? * base.powi(power as i32);
     // Numbers are read as floats for the sake of `1.5G`, and so `NaN` and `inf` get this far.
     if bytes.is_finite() && bytes >= 0.0 {
         Ok(bytes as u64)
@@ -116,8 +114,9 @@ mod tests {
         for (text, bytes) in [
             ("0", 0),
             ("512", 512),
-            ("1.5K", 1536),
-            ("500MB", 500 << 20),
+            ("1.5K", 1500),
+            ("500MB", 500_000_000),
+            ("1.5Ki", 1536),
             ("2GiB", 2 << 30),
         ] {
             assert_eq!(size(text), Ok(bytes), "{text}");

@@ -53,7 +53,7 @@ pub fn folder<T>(path: &Path, write: impl FnOnce(&Path) -> Result<T, Error>) -> 
 
 /// An empty file in the same folder, which others may read as far as the user lets them read new
 /// files: temporary ones are for nobody else.
-fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+pub fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     {

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::quote::command;
+use super::quote::{command, shell};
 use super::{Job, Workflow};
 
 /// The second line of every script, by which an earlier export is known.
@@ -42,6 +42,8 @@ exit $code
 impl Workflow {
     /// All scripts by file name.
     pub fn slurm(&self, folder: &str) -> BTreeMap<String, String> {
+        // `sbatch` reads words in its comments as a shell does.
+        let folder = &shell(folder);
         let mut files: BTreeMap<String, String> = self
             .jobs
             .iter()

@@ -54,20 +54,26 @@ impl Gallery {
             .iter()
             .map(|arm| Sets::of(arm, store))
             .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self::within(MOST_BYTES, &sets))
+    }
+
+    /// As many views as these bytes have room for.
+    fn within(most: usize, sets: &[Sets]) -> Self {
         let mut gallery = Self::default();
         let names: std::collections::BTreeSet<&String> =
             sets.iter().flat_map(|sets| sets.renders.keys()).collect();
         let all = names.len();
         let mut bytes = 0;
         for name in names {
-            let of_view: usize = sets.iter().map(|sets| sets.bytes(name)).sum();
+            let photo = photo(sets, name).map_or(0, |(_, png)| png.len());
+            let of_view = photo + sets.iter().map(|sets| sets.bytes(name)).sum::<usize>();
             // One view is shown even if it is too large by itself: a report without pictures tells
             // too little.
-            if bytes + of_view > MOST_BYTES && !gallery.views.is_empty() {
+            if bytes + of_view > most && !gallery.views.is_empty() {
                 break;
             }
             bytes += of_view;
-            gallery.add(name, &sets);
+            gallery.add(name, sets);
         }
         if gallery.views.len() < all {
             let shown = gallery.views.len();
@@ -75,15 +81,13 @@ impl Gallery {
                 "pictures of {shown} of {all} views: more would make the file too large"
             ));
         }
-        Ok(gallery)
+        gallery
     }
 
     fn add(&mut self, name: &str, sets: &[Sets]) {
         let view = self.views.len();
         self.views.push(name.to_owned());
-        // All arms have the same photo of a view, so it is kept once.
-        let photo = sets.iter().find_map(|sets| sets.photos.get(name));
-        if let Some(photo) = photo {
+        if let Some(photo) = photo(sets, name) {
             let number = self.keep(photo);
             self.photos.insert(view, number);
         }
@@ -175,11 +179,17 @@ impl Sets {
         })
     }
 
+    /// Of all but the photo.
     fn bytes(&self, view: &str) -> usize {
         let sets = [&self.renders, &self.errors];
         let of_view = sets.iter().filter_map(|set| set.get(view));
         of_view.map(|(_, png)| png.len()).sum()
     }
+}
+
+/// The photo of a view, which all arms have and the file holds once.
+fn photo<'s>(sets: &'s [Sets], view: &str) -> Option<&'s (Picture, Vec<u8>)> {
+    sets.iter().find_map(|sets| sets.photos.get(view))
 }
 
 /// The pictures of an output with their files.
@@ -227,7 +237,38 @@ fn base64(bytes: &[u8]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::base64;
+    use super::*;
+
+    #[test]
+    fn no_more_bytes_are_shown_than_there_is_room_for() {
+        let picture = |view: &str| {
+            let picture = Picture {
+                width: 1,
+                height: 1,
+                rgb8: vec![0; 3],
+                legend: BTreeMap::new(),
+            };
+            (view.to_owned(), (picture, vec![0; 10]))
+        };
+        let all = || ["a", "b", "c"].map(picture).into();
+        let arm = || Sets {
+            renders: all(),
+            photos: all(),
+            errors: all(),
+        };
+        // Two arms: a photo, two renders and two errors for each view.
+        let gallery = Gallery::within(100, &[arm(), arm()]);
+        let shown: usize = gallery.pictures.iter().map(|shown| shown.png.len()).sum();
+        assert_eq!((gallery.views.len(), shown), (2, 100));
+        let gallery = Gallery::within(99, &[arm(), arm()]);
+        assert_eq!(gallery.views, ["a"]);
+        assert!(
+            gallery
+                .note
+                .unwrap()
+                .starts_with("pictures of 1 of 3 views")
+        );
+    }
 
     #[test]
     fn bytes_become_the_text_that_the_standard_gives() {

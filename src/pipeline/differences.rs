@@ -78,6 +78,26 @@ fn a_file_says_only_how_it_differs_from_another() {
 }
 
 #[test]
+fn a_mistake_is_of_the_file_that_has_the_last_word() {
+    let middle = r#"(name: "m", base: "base.ron", set: { "name": "n", "up.factor": 3 })"#;
+    for (text, place) in [
+        (r#"(name: "1x", base: "m.ron")"#, "p.ron:1:8"),
+        (
+            r#"(name: "p", base: "m.ron", stages: { "up": Interpolate(images: "scene.train", factor: 0) })"#,
+            "p.ron:1:87",
+        ),
+    ] {
+        let files = [
+            source("p.ron", text),
+            source("m.ron", middle),
+            source("base.ron", BASE),
+        ];
+        let problem = super::load(&files, &[]).err().expect("a problem");
+        assert_eq!(problem.place(), place, "{problem}");
+    }
+}
+
+#[test]
 fn a_file_extends_another_without_changing_what_it_does_not_name() {
     let own = super::load(&[source("base.ron", BASE)], &[]).unwrap();
     let extended = load(r#"(name: "p", base: "base.ron")"#, &[]).unwrap();

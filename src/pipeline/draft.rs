@@ -48,6 +48,11 @@ impl Draft {
             .try_for_each(|change| self.apply(change))
     }
 
+    /// Forgets who changed what is now as a file says.
+    pub fn forget(&mut self, place: &Place) {
+        self.changes.retain(|(_, at)| !at.0.starts_with(&place.0));
+    }
+
     /// Unrolls and checks it.
     pub fn graph(&self, seeds: Seeds, layers: &[Layer]) -> Result<Graph, Problem> {
         let checked = check_name(&self.pipeline.name, &Place::root("name"))
@@ -62,7 +67,7 @@ impl Draft {
         };
         // The latest change of a value is the one that counts.
         let mut causes = self.changes.iter().rev();
-        let cause = causes.find(|(_, place)| touches(place) && place.0.len() > 1);
+        let cause = causes.find(|(_, place)| touches(place));
         let problem = match (cause, locate(layers, &fault.place)) {
             (Some((change, _)), _) => change
                 .source

@@ -126,9 +126,9 @@ impl Layer {
 
     /// Lays this file over what it extends.
     fn lay_over(&self, draft: &mut Draft) -> Result<(), Problem> {
-        let stages = &mut draft.pipeline.stages;
         // Taken out before anything is put in: a file may replace a stage by another at the end.
         for name in &self.document.without {
+            let stages = &mut draft.pipeline.stages;
             let known: Vec<String> = stages.names().map(str::to_owned).collect();
             if !stages.remove(name) {
                 let problem = self.problem("without", format!("there is no stage `{name}`"));
@@ -136,9 +136,11 @@ impl Layer {
             }
         }
         for (name, node) in self.document.stages.iter() {
-            stages.put(name, node.clone());
+            draft.pipeline.stages.put(name, node.clone());
+            draft.forget(&Place::root("stages").at(name));
         }
         draft.pipeline.name.clone_from(&self.document.name);
+        draft.forget(&Place::root("name"));
         draft.pipeline.seed = self.document.seed.unwrap_or(draft.pipeline.seed);
         // Last, so that values can be set in the stages that this file itself adds.
         match self.field("set") {

@@ -1,6 +1,8 @@
 //! What a reference means where it stands: `"stage"`, `"stage.output"`, `"loop.field"` or
 //! `"@carried"`.
 
+use std::collections::BTreeMap;
+
 use super::fault::{Fault, Place};
 use super::grammar::{Named, Node, Rounds};
 
@@ -108,6 +110,26 @@ fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<T
     )
 }
 
+/// As what, and in which round, something carried came to be: back through all rounds that did no
+/// more than hand it on. There may be thousands, too many for a call each.
+fn handed_on<'r>(rounds: &'r Rounds, mut name: &'r str, mut round: u32) -> (&'r str, u32) {
+    let mut seen = BTreeMap::from([(name, round)]);
+    while round > 1
+        && let Some(next) = rounds.next.get(name)
+        && let Some(before) = next.0.strip_prefix('@')
+        && rounds.carry.get(name).is_some()
+        && rounds.carry.get(before).is_some()
+    {
+        (name, round) = (before, round - 1);
+        // A name that comes again does so every so many rounds: all of these but the last few are
+        // passed over at once.
+        if let Some(later) = seen.insert(name, round) {
+            round = 1 + (round - 1) % (later - round);
+        }
+    }
+    (name, round)
+}
+
 /// What a loop carries: in the first round what `carry` says, seen from outside; later what `next`
 /// says, seen from the round before.
 fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
@@ -117,15 +139,16 @@ fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
         };
         // `carry` is written beside the loop, and so its names are those outside of it.
         let outside = &chain[..depth];
+        let (name, origin) = handed_on(rounds, name, round);
         match (rounds.carry.get(name), rounds.next.get(name)) {
-            (Some(first), _) if round <= 1 => return resolve(outside, &first.0),
+            (Some(first), _) if origin <= 1 => return resolve(outside, &first.0),
             (Some(_), Some(next)) => {
                 let prefix = frame
                     .prefix
                     .strip_suffix(&format!(".{round}."))
                     .unwrap_or_default();
                 // What is `next` is said by the stages of the round that ends.
-                let before = Frame::round(prefix, rounds, round - 1);
+                let before = Frame::round(prefix, rounds, origin - 1);
                 return resolve(
                     &outside.iter().cloned().chain([before]).collect::<Vec<_>>(),
                     &next.0,

@@ -74,6 +74,27 @@ fn broken(from: &str, to: &str) -> (String, String, String) {
 }
 
 #[test]
+fn what_ten_thousand_rounds_hand_on_is_what_came_in() {
+    let text = r#"(name: "p", stages: {
+        "a": Scene(),
+        "b": Scene(),
+        "loop": Rounds(
+            count: COUNT,
+            carry: { "x": "a.train", "y": "a.train", "z": "b.train" },
+            stages: { "up": Interpolate(images: "@y", factor: 2), "down": Interpolate(images: "@x", factor: 2) },
+            next: { "x": "@x", "y": "@z", "z": "@y", "up": "up" },
+        ),
+        "last": Interpolate(images: "loop.y", factor: 2),
+    })"#;
+    let graph = load(&text.replace("COUNT", "10000"), &[]).unwrap();
+    assert_eq!(wires(&graph, "loop.10000.down"), ["images=a.train"]);
+    assert_eq!(wires(&graph, "loop.9999.up"), ["images=a.train"]);
+    assert_eq!(wires(&graph, "loop.10000.up"), ["images=b.train"]);
+    // What comes out is what would go into the round after the last.
+    assert_eq!(wires(&graph, "last"), ["images=a.train"]);
+}
+
+#[test]
 fn loops_are_unrolled_and_carry_their_state() {
     let graph = load(TWO_ROUNDS, &[]).unwrap();
     let names: Vec<&str> = graph.nodes.iter().map(|node| node.name.as_str()).collect();
@@ -309,6 +330,7 @@ fn mistakes_in_set_are_pointed_at() {
         "the value is not RON: expected `,` or `]`"
     );
     assert_eq!(set("last.images=\"fit\"").0, "--set:1:13");
+    assert_eq!(set("name=\"1x\"").0, "--set:1:6");
 }
 
 #[test]

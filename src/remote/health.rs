@@ -85,17 +85,48 @@ impl Health {
         if state.lost || state.closed {
             return;
         }
-        // It was asked several times by now: what would have passed has not.
-        if fault.may_pass() {
+        let notice = if let Fault::Local(_) = fault {
+            // Nothing of the remote's: it goes on being asked.
+            format!("a result does not go to {name}: {fault}; `store push` sends what is sound")
+        } else if fault.may_pass() {
+            // It was asked several times by now: what would have passed has not.
             state.lost = true;
-            state
-                .notices
-                .push(format!("{name}: {fault}; going on without it"));
+            format!("{name}: {fault}; going on without it")
         } else {
             state.closed = true;
-            state.notices.push(format!(
-                "{name} takes no results: {fault}; they stay here, for `store push`"
-            ));
-        }
+            format!("{name} takes no results: {fault}; they stay here, for `store push`")
+        };
+        state.notices.push(notice);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::path::Path;
+
+    use super::*;
+    use crate::store::error::StoreError;
+
+    #[test]
+    fn a_fault_of_ours_is_not_the_remotes() {
+        let health = Health::default();
+        let gone = StoreError::io(
+            "read",
+            Path::new(".srnerf/cas/3f/3f9a"),
+            io::ErrorKind::NotFound.into(),
+        );
+        health.write_failed("shared", &Fault::Local(gone));
+        let [notice] = &health.notices()[..] else {
+            panic!("one notice")
+        };
+        assert!(
+            notice.starts_with("a result does not go to shared: cannot read .srnerf/cas/3f/3f9a: "),
+            "{notice}"
+        );
+        assert!(health.takes_results() && !health.is_lost());
+        health.write_failed("shared", &Fault::Damaged("no".into()));
+        assert!(health.notices()[0].starts_with("shared takes no results: no; "));
+        assert!(!health.takes_results());
     }
 }

@@ -1,7 +1,10 @@
 //! Asking again, a few times and with growing pauses. One place for all requests, so that their sum
 //! is bounded.
 
+use std::pin::Pin;
 use std::time::{Duration, Instant};
+
+use object_store::retry::{RetryContext, RetryFailure, RetryPolicy};
 
 use super::fault::Fault;
 
@@ -12,7 +15,7 @@ pub struct Patience {
     pub attempts: u32,
     /// The pause after the first attempt; each later one is three times as long.
     pub pause: Duration,
-    /// No attempt begins later than this after the first one.
+    /// No attempt begins later than this after the first fault.
     pub total: Duration,
 }
 
@@ -30,20 +33,59 @@ impl Patience {
     /// Asks until there is an answer, or a fault that will not pass.
     pub async fn ask<T, F: Future<Output = Result<T, Fault>>>(
         &self,
+        ask: impl FnMut() -> F,
+    ) -> Result<T, Fault> {
+        self.ask_by(Instant::now, ask).await
+    }
+
+    /// The same by this clock.
+    async fn ask_by<T, F: Future<Output = Result<T, Fault>>>(
+        &self,
+        now: impl Fn() -> Instant,
         mut ask: impl FnMut() -> F,
     ) -> Result<T, Fault> {
-        let begun = Instant::now();
         let mut pause = self.pause;
+        let mut first = None;
         // The last attempt stands behind the loop: after it there is nothing to wait for.
         for _ in 1..self.attempts {
-            match ask().await {
-                Err(fault) if fault.may_pass() && begun.elapsed() + pause < self.total => {}
+            let answer = ask().await;
+            // From the first fault on, not the first attempt: an upload that went well for an hour
+            // is worth another attempt.
+            let since = *first.get_or_insert_with(&now);
+            match answer {
+                Err(fault) if fault.may_pass() && now() - since + pause < self.total => {}
                 answer => return answer,
             }
             tokio::time::sleep(pause).await;
             pause *= 3;
         }
         ask().await
+    }
+}
+
+/// A piece of an upload that has failed is sent again by itself, since the client has numbered it.
+impl RetryPolicy for Patience {
+    fn retry<'s, 'f>(
+        &'s self,
+        context: RetryContext,
+    ) -> Pin<Box<dyn Future<Output = bool> + Send + 'f>>
+    where
+        's: 'f,
+        Self: 'f,
+    {
+        let may_pass = match context.failure {
+            // S3 can say in its answer's text that it has failed after all.
+            RetryFailure::Status(status) => matches!(status.as_u16(), 200 | 408 | 429 | 500..),
+            _ => true,
+        };
+        let attempt = context.attempt as u32;
+        let again = may_pass && attempt < self.attempts;
+        Box::pin(async move {
+            if again {
+                tokio::time::sleep(self.pause * 3u32.pow(attempt - 1)).await;
+            }
+            again
+        })
     }
 }
 
@@ -85,6 +127,31 @@ mod tests {
         assert_eq!(attempts(broken, 0), (1, true));
         assert_eq!(attempts(broken, 3), (4, true));
         assert_eq!(attempts(broken, 9), (4, false));
+    }
+
+    #[test]
+    fn what_went_well_for_an_hour_is_asked_again() {
+        let patience = Patience {
+            pause: Duration::ZERO,
+            ..Patience::default()
+        };
+        let clock = Cell::new(Instant::now());
+        let ask = async || {
+            clock.set(clock.get() + Duration::from_secs(3600));
+            Err::<(), _>(Fault::Remote(object_store::Error::Generic {
+                store: "test",
+                source: "reset".into(),
+            }))
+        };
+        let begun = clock.get();
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .build()
+            .unwrap();
+        let asked = runtime.block_on(patience.ask_by(|| clock.get(), ask));
+        assert!(asked.is_err());
+        let hours = (clock.get() - begun).as_secs() / 3600;
+        assert_eq!(hours, 2, "and not once more, an hour after the first fault");
     }
 
     #[test]

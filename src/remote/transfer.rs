@@ -3,11 +3,12 @@
 
 use std::fs::File;
 use std::io::{Read, Write};
+use std::sync::Arc;
 
 use artifacts_schema::Digest;
 use futures_util::{StreamExt, TryStreamExt, stream};
 use object_store::path::Path;
-use object_store::{ObjectStoreExt, PutMode, PutPayload};
+use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutMultipartOptions, PutPayload};
 
 use super::Remote;
 use super::fault::Fault;
@@ -170,7 +171,8 @@ impl Remote {
         let mut file = File::open(from).at("read", from)?;
         // S3 takes parts of 5 MiB and more, and at most 10 000 of them: pieces of this size make 80
         // GB.
-        let mut upload = self.objects.put_multipart(to).await?;
+        let options = PutMultipartOptions::default().with_retry_policy(Arc::new(self.patience));
+        let mut upload = self.objects.put_multipart_opts(to, options).await?;
         loop {
             let mut piece = Vec::new();
             Read::by_ref(&mut file)

@@ -36,7 +36,7 @@ impl Budget {
 
     /// What to say of a stage that does not fit at all, and so runs alone.
     pub fn complaint(&self, stage: &Estimate) -> Option<String> {
-        let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / (1u64 << 30) as f64);
+        let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
         (stage.memory > self.memory).then(|| {
             let needed = gigabytes(stage.memory);
             let allowed = gigabytes(self.memory);
@@ -119,10 +119,10 @@ mod tests {
     fn what_is_too_large_runs_alone_and_is_complained_of() {
         let budget = Budget {
             threads: 3,
-            memory: 100 << 30,
+            memory: 100_000_000_000,
             one_on_device: false,
         };
-        let large = stage(101 << 30, false);
+        let large = stage(101_000_000_000, false);
         assert!(
             budget.admits([].iter(), &large) && !budget.admits([stage(0, false)].iter(), &large)
         );

@@ -35,8 +35,7 @@ impl Store {
         // bytes are known, on disk and can no longer be written.
         let (digest, bytes) = digest_file(file).at("read", file)?;
         let path = self.blob_path(&digest);
-        let folder = super::parent(&path);
-        self.disk.create_folders(folder).at("create", folder)?;
+        self.lasting_folder(super::parent(&path))?;
         self.disk.flush(file).at("flush", file)?;
         self.disk.protect(file).at("protect", file)?;
         // Replacing a blob of the same name also heals one that was damaged.

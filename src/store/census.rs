@@ -155,7 +155,7 @@ fn is_fan(path: &Path) -> bool {
             .all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
 }
 
-fn list(folder: &Path) -> Result<Vec<Entry>, StoreError> {
+pub(super) fn list(folder: &Path) -> Result<Vec<Entry>, StoreError> {
     // A store that was never written to has no folders, and is empty.
     let found = match fs::read_dir(folder) {
         Ok(found) => found,

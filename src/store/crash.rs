@@ -176,6 +176,46 @@ fn whatever_gets_its_name_was_flushed_before_and_a_record_comes_after_its_blobs(
         named < *record,
         "the record is visible before its blobs are safe"
     );
+    let fanned = |folder: &Path| {
+        let above = folder.parent().and_then(Path::file_name);
+        above.is_some_and(|name| {
+            ["cas", "results", "manifests"]
+                .iter()
+                .any(|fan| name == *fan)
+        })
+    };
+    let made = (0..done.len()).filter(|&at| done[at].0 == "create" && fanned(&done[at].1));
+    let next: Vec<_> = made.map(|at| (&done[at].1, &done[at + 1])).collect();
+    assert_eq!(next.len(), 3);
+    for (folder, (what, at)) in next {
+        assert!(
+            what == "flush" && at == folder.parent().unwrap(),
+            "{folder:?} is gone with all that is in it"
+        );
+    }
+}
+
+#[test]
+fn a_blob_that_fsck_puts_in_its_place_stays_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let record = life(Disk::default(), folder.path()).unwrap();
+    let fault = Fault::crash(ENOUGH);
+    let done = fault.done();
+    let store = store(Disk::failing(fault), folder.path()).unwrap();
+    let blob = store.blob_path(&record.files().next().unwrap().1.blob);
+    let elsewhere = store.blob_path(&key("elsewhere"));
+    std::fs::create_dir_all(elsewhere.parent().unwrap()).unwrap();
+    std::fs::rename(&blob, &elsewhere).unwrap();
+    let out = folder.path().join("out");
+    assert_eq!(store.fsck(&out, true).unwrap().results, 1);
+    let done = done.lock().unwrap();
+    let moved = done
+        .iter()
+        .position(|(what, at)| what == "rename" && *at == elsewhere);
+    let flushed = done
+        .iter()
+        .rposition(|(what, at)| what == "flush" && at == blob.parent().unwrap());
+    assert!(moved.unwrap() < flushed.expect("a flush"));
 }
 
 /// Something that a run may do to one of a few keys.

@@ -72,8 +72,8 @@ pub struct Garbage {
     pub results: Vec<Doomed>,
     /// Blobs that no result has then, and their bytes.
     pub blobs: Vec<(PathBuf, u64)>,
-    /// Other files and folders: records of runs, manifests, what is in quarantine, interrupted
-    /// stages.
+    /// Other files and folders: records of runs, manifests, states, what is in quarantine,
+    /// interrupted stages.
     pub others: Vec<PathBuf>,
     /// The bytes of blobs that stay.
     pub stays: u64,
@@ -263,6 +263,12 @@ impl Store {
                 named.extend(run.stages.values().filter_map(|stage| stage.key));
             }
         }
+        others.extend(self.states_where(&|entry| match entry.digest() {
+            Some(key) if survey.records.contains_key(&key) => gone.contains(&key),
+            // A stage that was stopped between its last step and its result goes on from its state,
+            // as others do from a checkpoint in `work`.
+            _ => is_older(entry, INTERRUPTED),
+        })?);
         named.extend(survey.records.keys().filter(|key| !gone.contains(key)));
         let (manifests, _) = self.fanned_entries("manifests")?;
         let unnamed = |entry: &Entry| {

@@ -2,9 +2,13 @@
 
 use std::fmt;
 use std::fs;
+use std::path::Path;
 use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
+
+/// Where the system shows its processes.
+const PROC: &str = "/proc";
 
 /// A process. What cannot be known is left empty.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +40,7 @@ impl Holder {
                     .unwrap_or_default(),
                 pid,
                 boot: boot().unwrap_or_default(),
-                started: started(pid).unwrap_or_default(),
+                started: Life::of(pid, Path::new(PROC)).started().unwrap_or_default(),
                 job: std::env::var("SLURM_JOB_ID").ok(),
             }
         });
@@ -47,7 +51,15 @@ impl Holder {
     pub fn is_dead(&self) -> bool {
         // Only in the same boot and the same space of process numbers does a number say anything.
         let here = !self.boot.is_empty() && self.boot == Self::this_process().boot;
-        here && !self.started.is_empty() && started(self.pid).as_ref() != Some(&self.started)
+        here && !self.started.is_empty() && self.is_over(Path::new(PROC))
+    }
+
+    fn is_over(&self, proc: &Path) -> bool {
+        match Life::of(self.pid, proc) {
+            Life::Since(started) => started != self.started,
+            Life::Over => true,
+            Life::Hidden => false,
+        }
     }
 }
 
@@ -74,15 +86,56 @@ fn boot() -> Option<String> {
     ))
 }
 
+/// What can be said of a process number.
+enum Life {
+    /// The process that has it lives, and began then.
+    Since(String),
+    /// No living process has it.
+    Over,
+    /// A process has it, and which one is not shown to us.
+    Hidden,
+}
+
+impl Life {
+    fn of(pid: u32, proc: &Path) -> Self {
+        match fs::read_to_string(proc.join(pid.to_string()).join("stat")) {
+            Ok(stat) => started(&stat).map_or(Self::Over, Self::Since),
+            // A cluster may show its users their own processes alone (proc's option `hidepid`).
+            Err(_) if exists(pid) => Self::Hidden,
+            Err(_) => Self::Over,
+        }
+    }
+
+    fn started(self) -> Option<String> {
+        match self {
+            Self::Since(started) => Some(started),
+            Self::Over | Self::Hidden => None,
+        }
+    }
+}
+
 /// When a living process began. Field 22 of its `stat`; the second is a name in parentheses, the
 /// third its state.
-fn started(pid: u32) -> Option<String> {
-    let stat = read(&format!("/proc/{pid}/stat"))?;
+fn started(stat: &str) -> Option<String> {
     // From the last parenthesis on: a process can have one in its name.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     // A process that nobody has waited for is still listed, and runs no more.
     let over = matches!(*fields.first()?, "Z" | "X");
     (!over).then(|| fields.get(19).map(ToString::to_string))?
+}
+
+/// Whether any process has this number, shown or not.
+#[cfg(unix)]
+fn exists(pid: u32) -> bool {
+    use rustix::process::{Pid, test_kill_process};
+    // Asks whether it could be sent a signal, and sends none. That we may not is a sign of life.
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
+    pid.is_some_and(|pid| test_kill_process(pid) != Err(rustix::io::Errno::SRCH))
+}
+
+#[cfg(not(unix))]
+fn exists(_: u32) -> bool {
+    true
 }
 
 fn read(path: &str) -> Option<String> {
@@ -97,6 +150,7 @@ mod tests {
 
     #[test]
     fn the_living_are_told_from_the_dead() {
+        let life = |pid| Life::of(pid, Path::new(PROC)).started();
         let me = Holder::this_process().clone();
         assert!(!me.is_dead() && !me.host.is_empty());
         let mut child = std::process::Command::new("sleep")
@@ -105,13 +159,13 @@ mod tests {
             .unwrap();
         let other = Holder {
             pid: child.id(),
-            started: started(child.id()).unwrap(),
+            started: life(child.id()).unwrap(),
             ..me.clone()
         };
         assert!(!other.is_dead());
         child.kill().unwrap();
         // Nobody has asked for its end yet: it is over all the same.
-        while started(child.id()).is_some() {
+        while life(child.id()).is_some() {
             std::thread::yield_now();
         }
         assert!(other.is_dead());
@@ -134,5 +188,17 @@ mod tests {
             "who knows"
         );
         assert!(!Holder::default().is_dead());
+    }
+
+    #[test]
+    fn who_is_not_shown_is_not_dead_as_long_as_the_number_is_taken() {
+        let hides = tempfile::tempdir().unwrap();
+        let me = Holder::this_process();
+        assert!(!me.is_over(hides.path()));
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        let pid = child.id();
+        child.wait().unwrap();
+        let gone = Holder { pid, ..me.clone() };
+        assert!(gone.is_over(hides.path()));
     }
 }

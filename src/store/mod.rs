@@ -57,11 +57,12 @@ use record::Record;
 const VERSION: &str = "1";
 
 /// The folders of a store.
-const FOLDERS: [&str; 9] = [
+const FOLDERS: [&str; 10] = [
     "cas",
     "results",
     "manifests",
     "work",
+    "states",
     "leases",
     "runs",
     "pins",
@@ -257,11 +258,19 @@ impl Store {
     }
 
     fn staged(&self, path: &Path, bytes: &[u8]) -> Result<PathBuf, StoreError> {
-        let folder = parent(path);
-        self.disk.create_folders(folder).at("create", folder)?;
+        self.lasting_folder(parent(path))?;
         self.disk
             .stage(&self.root.join("tmp"), bytes)
             .at("write", path)
+    }
+
+    /// Makes a folder, whose name is to last as long as the names in it.
+    fn lasting_folder(&self, folder: &Path) -> Result<(), StoreError> {
+        if folder.is_dir() {
+            return Ok(());
+        }
+        self.disk.create_folders(folder).at("create", folder)?;
+        self.flush_folder(parent(folder))
     }
 
     /// Makes a folder's new names survive a loss of power.

@@ -162,13 +162,17 @@ impl Store {
         let bytes = json(&path, &record)?;
         // Who forces a stage wants the new bits. Otherwise the first result stays, since others may
         // be reading it already.
-        if replace {
-            self.put(&path, &bytes)?;
-        } else if !self.put_new(&path, &bytes)?
-            && let Lookup::Sound(first) = self.lookup(&record.key)?
-        {
-            return Ok(first);
+        if !replace {
+            if self.put_new(&path, &bytes)? {
+                return Ok(record);
+            }
+            if let Lookup::Sound(first) = self.lookup(&record.key)? {
+                return Ok(first);
+            }
+            // What is there is no result, and came there since the stage began.
+            self.set_aside(&path)?;
         }
+        self.put(&path, &bytes)?;
         Ok(record)
     }
 }

@@ -11,6 +11,7 @@ use std::time::SystemTime;
 use artifacts_schema::Digest;
 
 use super::Store;
+use super::census::{Entry, list};
 use super::error::{At, StoreError};
 
 impl Store {
@@ -46,6 +47,25 @@ impl Store {
             self.disk.remove_file(other).at("remove", other)?;
         }
         Ok(())
+    }
+
+    /// The states that are to go; where none stays, their folder.
+    pub(super) fn states_where(
+        &self,
+        goes: &dyn Fn(&Entry) -> bool,
+    ) -> Result<Vec<PathBuf>, StoreError> {
+        let mut paths = Vec::new();
+        let is_folder = |entry: &Entry| entry.data.is_dir();
+        for folder in self.entries("states")?.into_iter().filter(is_folder) {
+            let (going, staying): (Vec<_>, Vec<_>) =
+                list(&folder.path)?.into_iter().partition(goes);
+            if staying.is_empty() {
+                paths.push(folder.path);
+            } else {
+                paths.extend(going.into_iter().map(|entry| entry.path));
+            }
+        }
+        Ok(paths)
     }
 
     fn states_folder(&self, extension: &Digest) -> PathBuf {

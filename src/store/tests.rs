@@ -10,6 +10,7 @@ use super::Store;
 use super::blob::Damage;
 use super::holder::Holder;
 use super::index::Kind;
+use super::lease::Patience;
 use super::record::Record;
 use super::result::{Breakage, Lookup};
 use super::runs::{Run, now};
@@ -42,15 +43,18 @@ fn commit(store: &Store, key: Digest, value: f64, stage: &str) -> Record {
     metrics(value)
         .write(&work.outputs().join("m"), &provenance)
         .unwrap();
-    let facts = Facts {
+    work.commit(&[("m", ArtifactKind::Metrics)], facts(stage), false)
+        .unwrap()
+}
+
+fn facts(stage: &str) -> Facts {
+    Facts {
         stage: stage.into(),
         seconds: 1.0,
         device: "cpu".into(),
         remarks: Vec::new(),
         peak_memory: None,
-    };
-    work.commit(&[("m", ArtifactKind::Metrics)], facts, false)
-        .unwrap()
+    }
 }
 
 fn blob(store: &Store, record: &Record) -> PathBuf {
@@ -232,6 +236,50 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
     }
     commit(&store, key("k"), 1.0, "s");
     assert!(!lasting.exists());
+}
+
+#[test]
+fn a_damaged_record_gives_way_to_a_new_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path()).unwrap();
+    let record = commit(&store, key("k"), 1.0, "s");
+    let path = store.result_path(&key("k"));
+    let damages: [&dyn Fn(); 2] = [&|| fs::write(&path, "{").unwrap(), &|| {
+        fs::create_dir(&path).unwrap()
+    }];
+    for damage in damages {
+        fs::remove_file(&path).unwrap();
+        damage();
+        assert_eq!(commit(&store, key("k"), 1.0, "s").outputs, record.outputs);
+        assert!(matches!(lookup(folder.path(), key("k")), Lookup::Sound(_)));
+    }
+    let aside = fs::read_dir(folder.path().join("quarantine")).unwrap();
+    assert_eq!(aside.count(), 2);
+}
+
+/// Whoever sleeps through its lease in the middle of a commit wakes up to a folder that is
+/// another's.
+#[test]
+fn a_commit_takes_nothing_from_the_process_that_took_the_key_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let impatient = || {
+        let patience = Patience {
+            beat: Duration::from_secs(3600),
+            stale: Duration::ZERO,
+        };
+        Store {
+            patience,
+            ..Store::create(folder.path()).unwrap()
+        }
+    };
+    let [a, b] = [impatient(), impatient()];
+    let asleep = a.work(key("k")).unwrap().unwrap();
+    let awake = b.work(key("k")).unwrap().unwrap();
+    fs::write(awake.scratch().join("checkpoint"), "7").unwrap();
+    asleep.commit(&[], facts("s"), false).unwrap();
+    assert!(awake.outputs().is_dir());
+    let checkpoint = fs::read_to_string(awake.scratch().join("checkpoint"));
+    assert_eq!(checkpoint.unwrap(), "7");
 }
 
 #[test]

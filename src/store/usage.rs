@@ -102,7 +102,11 @@ impl Store {
             "blobs of no result",
             orphans.map(|entry| entry.data.len()).sum(),
         )]);
-        for (name, folder) in [("interrupted stages", "work"), ("quarantine", "quarantine")] {
+        for (name, folder) in [
+            ("interrupted stages", "work"),
+            ("quarantine", "quarantine"),
+            ("states for longer runs", "states"),
+        ] {
             rest.insert(name, size_of(&self.root.join(folder)));
         }
         let records: u64 = ["results", "manifests", "runs", "pins"]

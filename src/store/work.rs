@@ -179,8 +179,11 @@ impl Work<'_> {
         };
         let record = self.store.put_result(record, replace)?;
         // Last of all: until the record is in place, the checkpoint is all that there is of the
-        // work.
-        self.store.clear(&self.folder)?;
+        // work. If the lease was lost meanwhile, the checkpoint is another's.
+        if self.lost_to().is_none() {
+            self.store.clear(&self.scratch())?;
+        }
+        self.abandon()?;
         Ok(record)
     }
 

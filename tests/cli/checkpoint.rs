@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::space::{Said, Space, assert_same_files, signal, wait_until};
 use crate::whole::{SHORT, pipeline};
@@ -196,6 +196,37 @@ fn more_steps_go_on_from_a_finished_result_where_they_can() {
         resumed(&said),
         [],
         "who forces a stage wants all of it computed"
+    );
+}
+
+/// A state is there for longer runs, for as long as there is a result for them to go on from.
+#[test]
+fn a_state_is_counted_and_goes_with_its_result() {
+    let space = training();
+    let fit = |more: &[&str]| {
+        run(
+            "a",
+            &[&["--target=fit", "--set=fit.final_rate=1"], more].concat(),
+        )
+    };
+    for seed in ["--set=seed=1", "--set=seed=2"] {
+        space.ok(&text(&fit(&[seed])));
+    }
+    let states = || space.files("a/store/states");
+    assert_eq!(states().len(), 2);
+    let fsck = space.ok(&["store", "fsck", "--json", "--store=a/store"]);
+    assert_eq!(fsck.json()["findings"], json!([]));
+    let du = space
+        .ok(&["store", "du", "--json", "--store=a/store"])
+        .json();
+    let bytes: usize = states().values().map(Vec::len).sum();
+    assert_eq!(du["rest"]["states for longer runs"], json!(bytes));
+    space.ok(&["gc", "--keep-last=1", "--delete", "--store=a/store"]);
+    assert_eq!(states().len(), 1);
+    let longer = space.ok(&text(&fit(&["--set=seed=2", "--set=fit.steps=170"])));
+    assert_eq!(
+        resumed(&longer),
+        [("fit".to_owned(), 120, "result".to_owned())]
     );
 }
 

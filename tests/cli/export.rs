@@ -160,6 +160,22 @@ fn a_job_that_is_warned_of_its_end_queues_itself_again() {
 }
 
 #[test]
+fn a_folder_with_a_space_in_its_name_is_one_word() {
+    let space = Space::new();
+    space.ok(&["export", "slurm", "tiny.ron", "--to", "my jobs"]);
+    let mut submit = job(&space, "my jobs/submit.sh");
+    fs::write(space.path("bin/sbatch"), "#!/bin/sh\necho 1\n").unwrap();
+    fs::set_permissions(space.path("bin/sbatch"), fs::Permissions::from_mode(0o755)).unwrap();
+    assert!(submit.status().unwrap().success());
+    assert!(space.path("my jobs/logs").is_dir() && !space.path("my").exists());
+    for (script, log) in [("up", "%x-%j"), ("show", "%x-%j")] {
+        let text = fs::read_to_string(space.path(&format!("my jobs/{script}.sh"))).unwrap();
+        let line = format!("#SBATCH --output='my jobs'/logs/{log}.log\n");
+        assert!(text.contains(&line), "{line} is not in\n{text}");
+    }
+}
+
+#[test]
 fn jobs_in_their_order_compute_the_pipeline() {
     let space = Space::new();
     space.ok(&["export", "slurm", "tiny.ron"]);

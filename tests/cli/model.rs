@@ -122,6 +122,7 @@ fn two_runs_and_any_number_of_threads_give_the_same_bytes() {
     let [a, b, c] = ["a", "b", "c"].map(|name| fs::read(space.path(name)).unwrap());
     assert!(a == b, "another number of threads, other bytes");
     assert!(a == c, "activations computed again, other bytes");
+    assert_eq!(space.mode("a"), space.mode("in.safetensors"));
     let expected = [
         ("grad.sample".to_owned(), vec![2, 19, 5, 6]),
         (format!("grad.{down}"), vec![3, 128]),

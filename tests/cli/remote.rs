@@ -1,5 +1,6 @@
 //! A store that machines share: a folder, or a bucket behind a server that does not always behave.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -230,6 +231,42 @@ fn a_server_that_stumbles_is_asked_again() {
         );
         assert_same_files(&space, "a/out", "b/out");
     }
+}
+
+/// Everything else of a file that took an hour would have to be sent again with it.
+#[test]
+fn of_a_large_file_only_the_piece_that_failed_is_sent_again() {
+    let space = Space::new();
+    let large = "--set=again.factor=64";
+    space.ok(&["run", "tiny.ron", "--store=a/store", large]);
+    let server = S3::start(Mood {
+        drops_pieces: true,
+        ..Mood::default()
+    });
+    let push = ["store", "push", "s3://bucket/team", "--store=a/store"];
+    let pushed = space.say_with(&server.environment(), &push);
+    assert!(
+        pushed.out.starts_with("pushed 3 results, "),
+        "{}",
+        pushed.err
+    );
+    let log = server.log();
+    let uploads = log.iter().filter(|line| line.starts_with("POST "));
+    let blobs: BTreeSet<&String> = uploads.clone().collect();
+    assert!(!blobs.is_empty(), "no file is large");
+    assert_eq!(
+        uploads.count(),
+        2 * blobs.len(),
+        "begun once and ended once each"
+    );
+    let pull = ["store", "pull", "s3://bucket/team", "--store=b/store"];
+    let pulled = space.say_with(&server.environment(), &pull);
+    assert!(
+        pulled.out.starts_with("pulled 3 results, "),
+        "{}",
+        pulled.err
+    );
+    assert_same_files(&space, "a/store/cas", "b/store/cas");
 }
 
 #[test]

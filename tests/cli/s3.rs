@@ -1,7 +1,7 @@
 //! A server that speaks just enough S3 for a store, and misbehaves as it is told. One request per
 //! connection.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
@@ -18,6 +18,8 @@ pub struct Mood {
     pub delay: Duration,
     /// The status of all answers, where it has made up its mind.
     pub always: Option<u16>,
+    /// Whether it answers with 500 when it first gets a piece of an upload.
+    pub drops_pieces: bool,
     /// After how many requests it hangs up on everyone, for good.
     pub dies_after: Option<u32>,
 }
@@ -28,6 +30,8 @@ pub struct S3 {
     objects: Arc<Mutex<BTreeMap<String, Vec<u8>>>>,
     mood: Arc<Mutex<Mood>>,
     log: Arc<Mutex<Vec<String>>>,
+    /// The pieces that it got once at least.
+    pieces: Arc<Mutex<BTreeSet<String>>>,
     port: u16,
 }
 
@@ -98,6 +102,7 @@ impl S3 {
             Some(status) => {
                 Answer::new(status, "<Error><StringToSign>the-id</StringToSign></Error>")
             }
+            None if mood.drops_pieces && self.is_new_piece(&request) => Answer::new(500, ""),
             None => self.answer(&request),
         };
         self.log.lock().unwrap().push(format!(
@@ -143,9 +148,49 @@ impl S3 {
         Some((now, download && now.cuts % 2 == 1))
     }
 
+    fn is_new_piece(&self, request: &Request) -> bool {
+        let name = || format!("{}?{}", request.path, request.query);
+        request.query.starts_with("partNumber=") && self.pieces.lock().unwrap().insert(name())
+    }
+
     fn answer(&self, request: &Request) -> Answer {
         let mut objects = self.objects.lock().unwrap();
         match (request.method.as_str(), objects.get(&request.path)) {
+            ("POST", _) if request.query.starts_with("uploads") => {
+                let id = "<UploadId>1</UploadId>";
+                let head = "<Bucket>bucket</Bucket><Key>k</Key>";
+                Answer::new(
+                    200,
+                    &format!(
+                        "<InitiateMultipartUploadResult>{head}{id}</InitiateMultipartUploadResult>"
+                    ),
+                )
+            }
+            ("POST", _) => {
+                let name = format!("{}?", request.path);
+                let is_piece = |path: &String| path.starts_with(&name);
+                let pieces: Vec<String> = objects
+                    .keys()
+                    .filter(|path| is_piece(path))
+                    .cloned()
+                    .collect();
+                let whole = pieces
+                    .iter()
+                    .flat_map(|piece| objects.remove(piece).unwrap())
+                    .collect();
+                objects.insert(request.path.clone(), whole);
+                Answer::new(
+                    200,
+                    "<CompleteMultipartUploadResult><ETag>e</ETag></CompleteMultipartUploadResult>",
+                )
+            }
+            ("PUT", _) if request.query.starts_with("partNumber=") => {
+                objects.insert(
+                    format!("{}?{}", request.path, request.query),
+                    request.body.clone(),
+                );
+                Answer::new(200, "")
+            }
             ("PUT", Some(_)) if request.headers.contains_key("if-none-match") => {
                 Answer::new(412, "")
             }

@@ -45,6 +45,7 @@ fn shards_of_a_render_join_to_the_very_images_of_the_whole() {
     let space = renders();
     space.ok(&["run", "renders.ron"]);
     let whole = outputs(&space, "render", &[]);
+    assert_eq!(space.mode("stamps/one.json"), space.mode("renders.ron"));
     let sharded = ["--set", "render.shards=3"];
     let run = space
         .ok(&[&["run", "renders.ron", "--json"], &sharded[..]].concat())

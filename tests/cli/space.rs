@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -106,6 +107,11 @@ impl Space {
 
     pub fn wait(child: Child) -> Said {
         Said::new(child.wait_with_output().unwrap())
+    }
+
+    /// Who may read and write a file.
+    pub fn mode(&self, name: &str) -> u32 {
+        fs::metadata(self.path(name)).unwrap().permissions().mode()
     }
 
     /// All files under a folder with their bytes.

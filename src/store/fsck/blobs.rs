@@ -12,7 +12,7 @@ use crate::store::blob::digest_file;
 use crate::store::census::{Entry, References};
 use crate::store::error::{At, StoreError};
 use crate::store::fault::{Fault, Remedy};
-use crate::store::parent;
+use crate::store::link::same_entry;
 
 impl Fsck<'_> {
     /// Reads all blobs through.
@@ -103,12 +103,12 @@ impl Fsck<'_> {
             } else {
                 Remedy::None
             };
+            // Another process may have replaced it since it was read.
+            if !same_entry(&entry.path, &entry.data) {
+                return Ok(());
+            }
             if self.mend {
-                let disk = &self.store.disk;
-                disk.create_folders(parent(&place))
-                    .at("create", parent(&place))?;
-                disk.rename(&entry.path, &place).at("move", &entry.path)?;
-                disk.protect(&place).at("protect", &place)?;
+                self.store.keep_received(&entry.path)?;
                 self.sound.insert(found);
             }
             self.note(
