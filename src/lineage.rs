@@ -2,6 +2,7 @@
 //! Goes by what files tell of themselves and what the store has. Knows nothing of pipelines.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use artifacts_schema::{Artifact, ArtifactKind, Field, Provenance};
@@ -35,6 +36,13 @@ pub struct Told {
 impl Told {
     /// Reads a field by its file, its folder, or the folder of the stage that made it.
     pub fn read(path: &Path) -> Result<Self, String> {
+        // What lies beside another file must not be taken for it.
+        if path.is_file() && path.file_name() != Some(OsStr::new(FILE)) {
+            return Err(format!(
+                "{}: a field's file is called {FILE}",
+                path.display()
+            ));
+        }
         let folder = [path.to_owned(), path.join(FIELD)]
             .into_iter()
             .find(|folder| folder.join(FILE).is_file());

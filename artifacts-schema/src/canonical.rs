@@ -1,6 +1,8 @@
 //! What all codecs share: JSON in one form only, cameras and boxes that it can hold, and names that are safe as file names.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use formats::{Bounds, Camera, bounds, json};
 use serde::Serialize;
@@ -40,6 +42,22 @@ pub fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), SchemaError>
     std::fs::create_dir_all(folder).map_err(|error| SchemaError::io(folder, error))?;
     let path = folder.join(name);
     std::fs::write(&path, bytes).map_err(|error| SchemaError::io(&path, error))
+}
+
+/// The files of a folder with this ending, by their stems.
+pub fn by_stem(folder: &Path, ending: &str) -> Result<BTreeMap<String, PathBuf>, SchemaError> {
+    let failed = |error| SchemaError::io(folder, error);
+    let mut files = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.extension() == Some(OsStr::new(ending)) {
+            let name = path.file_stem().and_then(OsStr::to_str);
+            let name =
+                name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
+            files.insert(name.to_owned(), path);
+        }
+    }
+    Ok(files)
 }
 
 /// Refuses a camera that no file may hold.

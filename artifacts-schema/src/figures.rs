@@ -2,7 +2,6 @@
 //! them.
 
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -130,17 +129,11 @@ impl Artifact for Figures {
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        let failed = |error| SchemaError::io(folder, error);
-        let mut images = BTreeMap::new();
-        for entry in std::fs::read_dir(folder).map_err(failed)? {
-            let path = entry.map_err(failed)?.path();
-            if path.extension() == Some(OsStr::new("png")) {
-                let name = path.file_stem().and_then(OsStr::to_str);
-                let name =
-                    name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
-                images.insert(name.to_owned(), Picture::read(&path)?);
-            }
-        }
+        let files = canonical::by_stem(folder, "png")?;
+        let images = files
+            .into_iter()
+            .map(|(name, path)| Ok((name, Picture::read(&path)?)))
+            .collect::<Result<_, SchemaError>>()?;
         Ok(Self { images })
     }
 

@@ -2,7 +2,6 @@
 //! nothing of how they are made.
 
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
 use std::path::Path;
 
 use crate::artifact::{Artifact, ArtifactKind};
@@ -41,18 +40,11 @@ impl Artifact for Film {
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        let failed = |error| SchemaError::io(folder, error);
         let mut clips = BTreeMap::new();
-        for entry in std::fs::read_dir(folder).map_err(failed)? {
-            let path = entry.map_err(failed)?.path();
-            if path.extension() == Some(OsStr::new("gif")) {
-                let name = path.file_stem().and_then(OsStr::to_str);
-                let name =
-                    name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
-                let clip = std::fs::read(&path).map_err(|error| SchemaError::io(&path, error))?;
-                check(&clip).map_err(|problem| SchemaError::malformed(&path, "GIF", problem))?;
-                clips.insert(name.to_owned(), clip);
-            }
+        for (name, path) in canonical::by_stem(folder, "gif")? {
+            let clip = std::fs::read(&path).map_err(|error| SchemaError::io(&path, error))?;
+            check(&clip).map_err(|problem| SchemaError::malformed(&path, "GIF", problem))?;
+            clips.insert(name, clip);
         }
         Ok(Self { clips })
     }

@@ -19,19 +19,23 @@ fn recipe_of(node: &Node, check: impl Fn(&Recipe)) {
     });
 }
 
-/// The key of an `Optimize` stage with these parameters in RON.
-fn key_of(fields: &str) -> Digest {
-    let params = Tree::read(fields).unwrap().json();
-    let stage = AnyStage::from_parameters("Optimize", params).unwrap();
+/// A stage without inputs.
+fn node_of(kind: &str, params: Value) -> Node {
+    let stage = AnyStage::from_parameters(kind, params).unwrap();
     let params = stage.parameters().unwrap();
-    let node = Node {
+    Node {
         name: "x".into(),
         also: Vec::new(),
         seed: 0,
         stage: stage.into_stage(),
         params,
         wires: Vec::new(),
-    };
+    }
+}
+
+/// The key of an `Optimize` stage with these parameters in RON.
+fn key_of(fields: &str) -> Digest {
+    let node = node_of("Optimize", Tree::read(fields).unwrap().json());
     Recipe {
         node: &node,
         inputs: &BTreeMap::new(),
@@ -120,16 +124,7 @@ fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
 #[test]
 fn only_what_computes_on_the_chosen_device_has_it_in_its_key() {
     for kind in KINDS {
-        let stage = AnyStage::from_parameters(kind, json!({})).unwrap();
-        let params = stage.parameters().unwrap();
-        let node = Node {
-            name: "x".into(),
-            also: Vec::new(),
-            seed: 0,
-            stage: stage.into_stage(),
-            params,
-            wires: Vec::new(),
-        };
+        let node = node_of(kind, json!({}));
         let key = |device| {
             Recipe {
                 node: &node,

@@ -258,7 +258,7 @@ mod tests {
     fn arms_that_share_a_result_are_named_once() {
         let names = ["ours/seed_0/fit", "ours/seed_1/fit", "rsd/seed_0/fit"];
         assert_eq!(arms(&names), ["ours", "rsd"]);
-        assert_eq!(arms(&["fit"]), [String::new(); 0]);
+        assert!(arms(&["fit"]).is_empty());
     }
 
     #[test]

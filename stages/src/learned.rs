@@ -90,9 +90,16 @@ impl Learned {
 
     /// The digest of its weights, for the key.
     pub fn sources(&self) -> Result<Vec<Source>, StageError> {
+        let source = self.source();
+        let digest = Digest::new(source.digest()?);
+        // A file that is no network is refused before anything runs: what comes before this stage
+        // may take hours. This is asked anew only where the file has changed.
+        if source != UpsamplerSource::Embedded {
+            Upsampler::load(&source, &Device::cpu())?;
+        }
         Ok(vec![Source {
             name: "model".into(),
-            digest: Digest::new(self.source().digest()?),
+            digest,
         }])
     }
 

@@ -268,4 +268,28 @@ fn a_filter_that_makes_no_sense_is_refused_before_anything_runs() {
         "enlarge.filter.model=File(\"x.safetensors\")",
         "x.safetensors: is missing",
     );
+    fs::write(space.path("text.safetensors"), "no network").unwrap();
+    refused(
+        "enlarge.filter.model=File(\"text.safetensors\")",
+        "text.safetensors: is not a sound safetensors file",
+    );
+}
+
+#[test]
+fn a_network_to_measure_with_is_looked_at_before_anything_runs() {
+    let space = Space::new();
+    fs::write(space.path("text.safetensors"), "no network").unwrap();
+    let said = space.say(&[
+        "run",
+        "tiny.ron",
+        "--set=evaluate.lpips=[\"text.safetensors\"]",
+    ]);
+    assert_eq!(said.code, 3, "{}", said.err);
+    assert!(
+        said.err
+            .contains("text.safetensors: is not a sound safetensors file"),
+        "{}",
+        said.err
+    );
+    assert!(!space.path("out").exists(), "nothing ran");
 }

@@ -202,6 +202,10 @@ fn it_ends_when_it_is_interrupted_and_says_what_it_cannot_show() {
     for (what, expected) in [
         ("nothing", "`nothing` is no field, no run and no pipeline"),
         ("out/fields/scene/train", "field.safetensors"),
+        (
+            "out/fields/scene/train/transforms.json",
+            "a field's file is called field.safetensors",
+        ),
         ("@9", "`@9` is no field, no run and no pipeline"),
     ] {
         let Said { code, err, .. } = space.say(&["view", what]);

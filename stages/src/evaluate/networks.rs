@@ -47,6 +47,9 @@ impl Networks {
 
 /// What is in the files, for the key.
 pub fn sources(files: &[PathBuf]) -> Result<Vec<Source>, StageError> {
+    // An evaluation comes last: a file that holds no such network is refused before hours of
+    // training.
+    Networks::open(files)?;
     let source = |(at, path): (usize, &PathBuf)| {
         Ok(Source {
             name: format!("lpips.{at}"),
