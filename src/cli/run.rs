@@ -27,9 +27,9 @@ use crate::progress::{self, Event, Verbosity};
 use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
+use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
 use crate::store::runs::{End, Run as Record, StageRun, now};
-use crate::store::standing::Standing;
 use crate::store::view::View;
 use crate::watch::Watched;
 use ending::{Ending, verdict};
@@ -138,7 +138,10 @@ impl Run {
             .iter()
             .filter(|(_, stage)| stage.end == End::Ran);
         // Before `put_run`, which writes down what was found.
-        store.remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
+        store
+            .results
+            .known
+            .remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
         store.put_run(&record)?;
         if let Some(question) = &question {
             standing::Found {

@@ -117,10 +117,10 @@ impl Experience {
 
 impl Known {
     fn of(store: &Store, stage: String, key: &Digest) -> Option<Self> {
-        let record = store.record(key)?;
+        let record = store.results.record(key)?;
         Some(Self {
             stage,
-            manifest: store.manifest(key)?,
+            manifest: store.manifests.get(key)?,
             seconds: record.seconds,
             memory: record.peak_memory,
         })

@@ -9,7 +9,6 @@ mod blobs;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io;
 use std::path::Path;
 
 use artifacts_schema::Digest;
@@ -17,10 +16,11 @@ use serde::de::DeserializeOwned;
 use walkdir::WalkDir;
 
 use super::Store;
-use super::blob::digest_file;
+use super::blobs::digest_file;
 use super::census::{Entry, label, references};
-use super::error::{At, StoreError};
+use super::error::StoreError;
 use super::fault::{Fault, Finding, Remedy};
+use super::files::{FILES, FOLDERS};
 use super::link::same_entry;
 use super::record::{Record, is_inside};
 use super::runs::Run;
@@ -76,41 +76,25 @@ impl Store {
             .sort_by_key(|finding| !finding.fault.is_damage());
         Ok(fsck.report)
     }
-
-    /// Puts something out of reach, for whoever wants to look into it. It may be gone already.
-    pub(super) fn set_aside(&self, path: &Path) -> Result<(), StoreError> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let place = |number: u32| {
-            let name = if number == 0 {
-                name.to_string()
-            } else {
-                format!("{name}-{number}")
-            };
-            self.root.join("quarantine").join(name)
-        };
-        // What was put there earlier under the same name is kept: it may be the only trace of what
-        // goes wrong.
-        let free = (0..)
-            .map(place)
-            .find(|place| fs::symlink_metadata(place).is_err());
-        match self.disk.rename(path, &free.unwrap_or_else(|| place(0))) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                Err(error).at("move to quarantine", path)
-            }
-            _ => Ok(()),
-        }
-    }
 }
 
 impl Fsck<'_> {
     fn note(&mut self, path: &Path, fault: Fault, of: Option<String>, remedy: Remedy) {
-        let path = self.store.relative(path);
+        let path = self.relative(path);
         self.report.findings.push(Finding {
             path,
             fault,
             of,
             remedy,
         });
+    }
+
+    /// A path inside the store as people read it.
+    fn relative(&self, path: &Path) -> String {
+        path.strip_prefix(&self.store.files.root)
+            .unwrap_or(path)
+            .display()
+            .to_string()
     }
 
     /// Names damage and moves it away, unless another process has replaced it meanwhile.
@@ -128,7 +112,7 @@ impl Fsck<'_> {
             false => Remedy::None,
         };
         if self.mend {
-            self.store.set_aside(&entry.path)?;
+            self.store.files.set_aside(&entry.path)?;
         }
         self.note(&entry.path, fault, of, remedy);
         Ok(())
@@ -136,7 +120,7 @@ impl Fsck<'_> {
 
     /// The files in the folders `00` to `ff` of a folder; everything else there is damage.
     fn files(&mut self, folder: &str) -> Result<Vec<Entry>, StoreError> {
-        let (files, strays) = self.store.fanned_entries(folder)?;
+        let (files, strays) = self.store.files.fanned_entries(folder)?;
         for stray in &strays {
             self.remove(
                 stray,
@@ -186,7 +170,7 @@ impl Fsck<'_> {
                 continue;
             };
             let of = Some(record.stage.clone());
-            if entry.path != self.store.result_path(&record.key) {
+            if entry.path != self.store.results.path(&record.key) {
                 self.remove(&entry, Fault::OtherKey { key: record.key }, of)?;
             } else if let Some((_, file)) = record.files().find(|(_, file)| !is_inside(&file.path))
             {
@@ -227,7 +211,7 @@ impl Fsck<'_> {
             };
             // A manifest says what its key must be, so that one in a wrong place gives itself away.
             let key = manifest.key();
-            if entry.path == self.store.manifest_path(&key) {
+            if entry.path == self.store.manifests.path(&key) {
                 missing.remove(&key);
             } else {
                 self.remove(&entry, Fault::OtherKey { key }, None)?;
@@ -236,7 +220,7 @@ impl Fsck<'_> {
         for key in missing {
             let of = Some(records[key].stage.clone());
             self.note(
-                &self.store.result_path(key),
+                &self.store.results.path(key),
                 Fault::WithoutManifest,
                 of,
                 Remedy::None,
@@ -246,7 +230,7 @@ impl Fsck<'_> {
     }
 
     fn runs(&mut self) -> Result<(), StoreError> {
-        for entry in self.store.entries("runs")? {
+        for entry in self.store.files.entries("runs")? {
             match entry.wrong_type() {
                 Some(found) => self.remove(&entry, Fault::WrongType { found }, None)?,
                 None => drop(self.parse::<Run>(&entry)?),
@@ -305,18 +289,18 @@ impl Fsck<'_> {
             ("leases", Fault::Lease),
             ("tmp", Fault::Temporary),
         ] {
-            for entry in self.store.entries(folder)? {
+            for entry in self.store.files.entries(folder)? {
                 self.note(&entry.path, fault.clone(), None, Remedy::None);
             }
         }
-        for entry in self.store.entries("")? {
+        for entry in self.store.files.entries("")? {
             let name = entry
                 .path
                 .file_name()
                 .unwrap_or_default()
                 .to_string_lossy()
                 .into_owned();
-            if !super::FOLDERS.contains(&&*name) && !super::FILES.contains(&&*name) {
+            if !FOLDERS.contains(&&*name) && !FILES.contains(&&*name) {
                 self.note(&entry.path, Fault::Stray, None, Remedy::None);
             }
         }

@@ -7,17 +7,18 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::PathBuf;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use artifacts_schema::Digest;
 use serde::Serialize;
 
-use super::census::Entry;
+use super::Store;
+use super::census::{Entry, age};
 use super::error::{At, StoreError};
+use super::files::{parent, read_json};
 use super::record::Record;
 use super::runs::Run;
 use super::usage::{holders, sizes};
-use super::{Store, read_json};
 
 /// A blob without a result is left alone for so long: its result may be on its way, from another
 /// host.
@@ -120,14 +121,14 @@ impl Store {
                 .filter(|record| !gone.contains(&record.key)),
         );
         let had = sizes(survey.records.values());
-        let (files, _) = self.fanned_entries("cas")?;
+        let (files, _) = self.files.fanned_entries("cas")?;
         let goes = |entry: &Entry| match entry.digest() {
             // Several results can share a blob: it goes with the last of them.
             Some(blob) if stay.contains_key(&blob) => false,
             // Its result goes too, so no other host is about to commit it and the hour of grace is
             // not needed.
             Some(blob) if had.contains_key(&blob) => true,
-            _ => is_older(entry, GRACE),
+            _ => entry.is_older(GRACE),
         };
         let blobs = files
             .into_iter()
@@ -146,14 +147,14 @@ impl Store {
     /// Removes garbage. No other process may use the store meanwhile: see [`Store::alone`].
     pub fn remove(&self, garbage: &Garbage) -> Result<(), StoreError> {
         for doomed in &garbage.results {
-            let path = self.result_path(&doomed.key);
-            self.disk.remove_file(&path).at("remove", &path)?;
+            let path = self.results.path(&doomed.key);
+            self.files.disk.remove_file(&path).at("remove", &path)?;
             // Before any blob goes: a loss of power must not bring back a record whose blobs are
             // gone.
-            self.flush_folder(super::parent(&path))?;
+            self.files.flush_folder(parent(&path))?;
         }
         // The index is only a cache; what it says of results that are gone would stay in it.
-        let index = self.root.join("index");
+        let index = self.files.root.join("index");
         garbage
             .blobs
             .iter()
@@ -163,33 +164,18 @@ impl Store {
             .try_for_each(|path| {
                 let is_folder = fs::symlink_metadata(path).is_ok_and(|data| data.is_dir());
                 if is_folder {
-                    self.disk.remove_folder(path)
+                    self.files.disk.remove_folder(path)
                 } else {
-                    self.disk.remove_file(path)
+                    self.files.disk.remove_file(path)
                 }
                 .at("remove", path)
             })
     }
 
-    /// Whether any process may be computing something, on whatever host.
-    pub(super) fn has_leases(&self) -> Result<bool, StoreError> {
-        let leases = self.entries("leases")?;
-        // A lease that nobody has touched for an hour is of a process that died on another host.
-        // Without this limit it would keep `gc` out for ever.
-        let is_live = |entry: &Entry| Ok(!is_older(entry, GRACE) && !self.is_stale(&entry.path)?);
-        leases
-            .iter()
-            .map(is_live)
-            .try_fold(
-                false,
-                |any, live: Result<bool, StoreError>| Ok(any || live?),
-            )
-    }
-
     fn survey(&self) -> Result<Survey, StoreError> {
         let mut runs = Vec::new();
         // Names of runs begin with the moment when they began, so the last name is the newest run.
-        for entry in self.entries("runs")?.into_iter().rev() {
+        for entry in self.files.entries("runs")?.into_iter().rev() {
             if let Some(run) = read_json::<Run>(&entry.path)? {
                 runs.push((entry, run));
             }
@@ -207,6 +193,7 @@ impl Store {
             .flat_map(|pin| pin.keys.into_values())
             .collect();
         let records = self
+            .results
             .records()?
             .into_iter()
             .map(|record| (record.key, record))
@@ -225,7 +212,7 @@ impl Store {
             // no run has used here.
             let age = survey
                 .age(key)
-                .or_else(|| age(&fs::metadata(self.result_path(key)).ok()?));
+                .or_else(|| age(&fs::metadata(self.results.path(key)).ok()?));
             !kept.contains(key)
                 && !survey.pinned.contains(key)
                 // An age that cannot be told counts as none, so that a user who asks for an age
@@ -267,20 +254,21 @@ impl Store {
             Some(key) if survey.records.contains_key(&key) => gone.contains(&key),
             // A stage that was stopped between its last step and its result goes on from its state,
             // as others do from a checkpoint in `work`.
-            _ => is_older(entry, INTERRUPTED),
+            _ => entry.is_older(INTERRUPTED),
         })?);
         named.extend(survey.records.keys().filter(|key| !gone.contains(key)));
-        let (manifests, _) = self.fanned_entries("manifests")?;
+        let (manifests, _) = self.files.fanned_entries("manifests")?;
         let unnamed = |entry: &Entry| {
-            entry.digest().is_none_or(|key| !named.contains(&key)) && is_older(entry, GRACE)
+            entry.digest().is_none_or(|key| !named.contains(&key)) && entry.is_older(GRACE)
         };
         let manifests = manifests.into_iter().filter(unnamed);
         // All of it, whatever its age: `gc` is called on purpose, and nothing else empties it.
-        let quarantine = self.entries("quarantine")?.into_iter();
+        let quarantine = self.files.entries("quarantine")?.into_iter();
         let interrupted = self
+            .files
             .entries("work")?
             .into_iter()
-            .filter(|entry| is_older(entry, INTERRUPTED));
+            .filter(|entry| entry.is_older(INTERRUPTED));
         others.extend(
             manifests
                 .chain(quarantine)
@@ -359,12 +347,4 @@ impl Survey {
         }
         doomed
     }
-}
-
-fn age(data: &fs::Metadata) -> Option<Duration> {
-    SystemTime::now().duration_since(data.modified().ok()?).ok()
-}
-
-fn is_older(entry: &Entry, than: Duration) -> bool {
-    age(&entry.data).is_some_and(|age| age > than)
 }

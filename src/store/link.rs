@@ -10,10 +10,11 @@ use serde::{Deserialize, Serialize};
 use walkdir::WalkDir;
 
 use super::Store;
+use super::cache::index::Kind;
+use super::cache::signature::Signature;
 use super::error::{At, StoreError};
-use super::index::Kind;
+use super::files::parent;
 use super::record::{Output, StoredFile};
-use super::signature::Signature;
 
 /// How often to try again to show a folder that another process shows at the same time.
 const MOST_ATTEMPTS: u64 = 32;
@@ -42,28 +43,32 @@ impl Store {
 
     fn place(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
         // Files of an earlier result would otherwise stay, and be taken for some of this one.
-        self.clear(folder)?;
+        self.files.clear(folder)?;
         for file in &output.files {
             let path = folder.join(&file.path);
-            let parent = super::parent(&path);
-            self.disk.create_folders(parent).at("create", parent)?;
-            self.disk
-                .link(&self.blob_path(&file.blob), &path)
+            let parent = parent(&path);
+            self.files
+                .disk
+                .create_folders(parent)
+                .at("create", parent)?;
+            self.files
+                .disk
+                .link(&self.blobs.path(&file.blob), &path)
                 .at("write", &path)?;
         }
         // An artifact without files is an empty folder, which the loop above does not make.
-        self.disk.create_folders(folder).at("create", folder)
+        self.files.disk.create_folders(folder).at("create", folder)
     }
 
     fn shows(&self, output: &Output, folder: &Path) -> bool {
         let name = name(folder);
-        let seen = self.index.get(Kind::Shown, &name);
+        let seen = self.cache.index.get(Kind::Shown, &name);
         if seen.is_some_and(|seen: Shown| self.showed(&seen, output, folder)) {
             return true;
         }
         // Before the files are compared, for the same reason as in `lookup`: what changes meanwhile
         // is not remembered.
-        let now = self.clock.now();
+        let now = self.cache.clock.now();
         let seen = Shown::new(output, folder);
         // A file too many is as wrong as one too few: whoever lists the folder would take it for a
         // part of the artifact.
@@ -79,7 +84,7 @@ impl Store {
                 .iter()
                 .all(|file| self.shows_file(file, folder));
         if let Some(seen) = seen.filter(|seen| shows && seen.is_settled(now)) {
-            self.index.put(Kind::Shown, &name, &seen);
+            self.cache.index.put(Kind::Shown, &name, &seen);
         }
         shows
     }
@@ -102,10 +107,10 @@ impl Store {
 
     fn shows_file(&self, file: &StoredFile, folder: &Path) -> bool {
         let shown = folder.join(&file.path);
-        let blob = self.blob_path(&file.blob);
+        let blob = self.blobs.path(&file.blob);
         // A second name need not be read. A copy can only be told by its bytes.
         same_file(&shown, &blob)
-            || super::blob::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
+            || super::blobs::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
     }
 }
 

@@ -6,9 +6,10 @@ use std::io;
 use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
 
+use super::Store;
 use super::error::{At, StoreError};
+use super::files::{json, read_json};
 use super::runs::Run;
-use super::{Store, json, read_json};
 
 /// A named set of results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,7 +44,7 @@ impl Store {
     /// All pins, by name.
     pub fn pins(&self) -> Result<Vec<Pin>, StoreError> {
         let mut pins = Vec::new();
-        for entry in self.entries("pins")? {
+        for entry in self.files.entries("pins")? {
             // One that cannot be understood may stand for anything: nothing is removed then.
             let pin = read_json::<Pin>(&entry.path)?;
             let garbled = || {
@@ -60,7 +61,7 @@ impl Store {
     /// Keeps a pin; one of the same name is replaced.
     pub fn put_pin(&self, pin: &Pin) -> Result<(), StoreError> {
         let path = self.pin_path(&pin.name);
-        self.put(&path, &json(&path, pin)?)
+        self.files.put(&path, &json(&path, pin)?)
     }
 
     /// Removes a pin. Whether there was one.
@@ -68,13 +69,14 @@ impl Store {
         let path = self.pin_path(name);
         // Removing what is absent is no error, so that has to be asked before.
         let there = path.exists();
-        self.disk
+        self.files
+            .disk
             .remove_file(&path)
             .at("remove", &path)
             .map(|()| there)
     }
 
     fn pin_path(&self, name: &str) -> std::path::PathBuf {
-        self.root.join("pins").join(format!("{name}.json"))
+        self.files.root.join("pins").join(format!("{name}.json"))
     }
 }

@@ -7,8 +7,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
 
+use super::Store;
 use super::error::{At, StoreError};
-use super::{Store, read_json};
+use super::files::read_json;
 use crate::experiment::Experiment;
 
 /// What one run did.
@@ -82,13 +83,13 @@ pub enum End {
 impl Store {
     /// Keeps a run's record. A store that can only be read goes without.
     pub fn put_run(&self, run: &Run) -> Result<(), StoreError> {
-        if self.read_only {
+        if self.files.read_only {
             return Ok(());
         }
         // A run ends here, whichever way it ended: what it has found sound is kept for the next
         // one.
-        self.keep_index();
-        let folder = self.root.join("runs");
+        self.cache.keep();
+        let folder = self.files.root.join("runs");
         // On one line: there may be thousands of stages.
         let bytes = serde_json::to_vec(run)
             .map_err(std::io::Error::from)
@@ -102,7 +103,7 @@ impl Store {
                 format!("-{number}")
             };
             let path = folder.join(format!("{}-{}{again}.json", run.started, run.pipeline));
-            if self.put_new(&path, &bytes)? {
+            if self.files.put_new(&path, &bytes)? {
                 break;
             }
         }
@@ -111,7 +112,7 @@ impl Store {
 
     /// The runs of a pipeline (of all where no name is given), newest first, read one by one.
     pub fn runs(&self, pipeline: Option<&str>) -> Result<impl Iterator<Item = Run>, StoreError> {
-        let folder = self.root.join("runs");
+        let folder = self.files.root.join("runs");
         let mut paths: Vec<PathBuf> = match std::fs::read_dir(&folder) {
             Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),

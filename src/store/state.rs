@@ -13,6 +13,7 @@ use artifacts_schema::Digest;
 use super::Store;
 use super::census::{Entry, list};
 use super::error::{At, StoreError};
+use super::files::parent;
 
 impl Store {
     /// The state that the latest result of an extension key has left.
@@ -34,17 +35,20 @@ impl Store {
         file: &Path,
     ) -> Result<(), StoreError> {
         let path = self.states_folder(extension).join(key.to_string());
-        let folder = super::parent(&path);
-        self.disk.create_folders(folder).at("create", folder)?;
+        let folder = parent(&path);
+        self.files
+            .disk
+            .create_folders(folder)
+            .at("create", folder)?;
         // The new state comes before the old one goes, so that there is always one. The keeper has
         // flushed the file.
-        self.disk.rename(file, &path).at("write", &path)?;
+        self.files.disk.rename(file, &path).at("write", &path)?;
         for other in self
             .states(extension)
             .iter()
             .filter(|other| **other != path)
         {
-            self.disk.remove_file(other).at("remove", other)?;
+            self.files.disk.remove_file(other).at("remove", other)?;
         }
         Ok(())
     }
@@ -56,7 +60,7 @@ impl Store {
     ) -> Result<Vec<PathBuf>, StoreError> {
         let mut paths = Vec::new();
         let is_folder = |entry: &Entry| entry.data.is_dir();
-        for folder in self.entries("states")?.into_iter().filter(is_folder) {
+        for folder in self.files.entries("states")?.into_iter().filter(is_folder) {
             let (going, staying): (Vec<_>, Vec<_>) =
                 list(&folder.path)?.into_iter().partition(goes);
             if staying.is_empty() {
@@ -69,7 +73,7 @@ impl Store {
     }
 
     fn states_folder(&self, extension: &Digest) -> PathBuf {
-        self.root.join("states").join(extension.to_string())
+        self.files.root.join("states").join(extension.to_string())
     }
 
     fn states(&self, extension: &Digest) -> Vec<PathBuf> {

@@ -6,17 +6,18 @@ use std::time::Duration;
 
 use artifacts_schema::{Artifact, ArtifactKind, Digest, Metrics, Provenance, Row};
 
-use super::Store;
-use super::blob::Damage;
-use super::holder::Holder;
-use super::index::Kind;
-use super::lease::Patience;
+use super::blobs::Damage;
+use super::cache::clock::Clock;
+use super::cache::index::Kind;
+use super::cache::signature::Signature;
+use super::leases::Patience;
+use super::leases::holder::Holder;
 use super::record::Record;
-use super::result::{Breakage, Lookup};
+use super::results::{Breakage, Lookup};
 use super::runs::{Run, now};
-use super::signature::Signature;
 use super::view::View;
 use super::work::Facts;
+use super::{Store, World};
 
 pub fn key(text: &str) -> Digest {
     blake3::hash(text.as_bytes()).into()
@@ -58,12 +59,12 @@ fn facts(stage: &str) -> Facts {
 }
 
 fn blob(store: &Store, record: &Record) -> PathBuf {
-    store.blob_path(&record.outputs["m"].files[0].blob)
+    store.blobs.path(&record.outputs["m"].files[0].blob)
 }
 
 /// Damage is looked for once in a process: a new store is a new process.
 fn lookup(folder: &Path, key: Digest) -> Lookup {
-    Store::open(folder).unwrap().lookup(&key).unwrap()
+    Store::open(folder).unwrap().results.lookup(&key).unwrap()
 }
 
 fn overwrite(path: &Path, bytes: &[u8]) {
@@ -93,7 +94,7 @@ fn a_committed_result_is_found_and_leaves_no_work_behind() {
 #[test]
 fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
     let folder = tempfile::tempdir().unwrap();
-    let mut store = Store::create(folder.path()).unwrap();
+    let store = Store::create(folder.path()).unwrap();
     let [old, damaged] =
         [("old", 1.0), ("damaged", 2.0)].map(|(name, value)| commit(&store, key(name), value, "s"));
     let path = blob(&store, &damaged);
@@ -104,16 +105,25 @@ fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
         overwrite(&path, &other);
     }
     let remembered = |store: &Store| {
-        store.remember_own([&old, &damaged].into_iter());
-        store.keep_index();
+        store
+            .results
+            .known
+            .remember_own([&old, &damaged].into_iter());
+        store.cache.keep();
         let next = Store::open(folder.path()).unwrap();
-        next.index.places(Kind::Result).len()
+        next.cache.index.places(Kind::Result).len()
     };
     assert_eq!(remembered(&store), 0, "both have just been written");
     // A second name is no change.
     fs::hard_link(blob(&store, &old), folder.path().join("shown")).unwrap();
-    store.clock.ahead = Duration::from_secs(3);
-    assert_eq!(remembered(&store), 1, "`damaged` is not what was written");
+    let later = World {
+        clock: Clock {
+            ahead: Duration::from_secs(3),
+        },
+        ..World::default()
+    };
+    let later = Store::create_in(later, folder.path()).unwrap();
+    assert_eq!(remembered(&later), 1, "`damaged` is not what was written");
     assert!(matches!(
         lookup(folder.path(), key("damaged")),
         Lookup::Broken(_)
@@ -153,7 +163,7 @@ fn every_damage_is_noticed_and_healed_by_computing_again() {
     ]) {
         let store = Store::create(folder.path()).unwrap();
         act(&blob(&store, &first));
-        let Lookup::Broken(breakage) = store.lookup(&key("k")).unwrap() else {
+        let Lookup::Broken(breakage) = store.results.lookup(&key("k")).unwrap() else {
             panic!("{damage:?} went unnoticed")
         };
         let file = first.outputs["m"].files[0].clone();
@@ -165,7 +175,7 @@ fn every_damage_is_noticed_and_healed_by_computing_again() {
                 damage
             }
         );
-        store.discard(&key("k"), &breakage).unwrap();
+        store.results.discard(&key("k"), &breakage).unwrap();
         assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
         assert_eq!(commit(&store, key("k"), 1.0, "s").outputs, first.outputs);
         assert!(matches!(lookup(folder.path(), key("k")), Lookup::Sound(_)));
@@ -177,7 +187,7 @@ fn a_record_that_cannot_be_understood_is_no_result() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();
     let record = commit(&store, key("k"), 1.0, "s");
-    let path = store.result_path(&key("k"));
+    let path = store.results.path(&key("k"));
     let mut outside = record.clone();
     outside.outputs.get_mut("m").unwrap().files[0].path = "../../secret".into();
     let swapped = Record {
@@ -199,7 +209,7 @@ fn a_record_that_cannot_be_understood_is_no_result() {
             "{text}"
         );
     }
-    store.discard(&key("k"), &Breakage::Record).unwrap();
+    store.results.discard(&key("k"), &Breakage::Record).unwrap();
     assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
 }
 
@@ -222,7 +232,7 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
             // A blob without a record.
             let orphan = folder.path().join("work/orphan");
             fs::write(&orphan, "orphan").unwrap();
-            store.take_blob(&orphan).unwrap();
+            store.blobs.take(&orphan).unwrap();
         }
         assert!(matches!(lookup(folder.path(), key("k")), Lookup::Absent));
         let work = store.work(key("k")).unwrap().unwrap();
@@ -243,7 +253,7 @@ fn a_damaged_record_gives_way_to_a_new_result() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::create(folder.path()).unwrap();
     let record = commit(&store, key("k"), 1.0, "s");
-    let path = store.result_path(&key("k"));
+    let path = store.results.path(&key("k"));
     let damages: [&dyn Fn(); 2] = [&|| fs::write(&path, "{").unwrap(), &|| {
         fs::create_dir(&path).unwrap()
     }];
@@ -267,10 +277,11 @@ fn a_commit_takes_nothing_from_the_process_that_took_the_key_over() {
             beat: Duration::from_secs(3600),
             stale: Duration::ZERO,
         };
-        Store {
+        let world = World {
             patience,
-            ..Store::create(folder.path()).unwrap()
-        }
+            ..World::default()
+        };
+        Store::create_in(world, folder.path()).unwrap()
     };
     let [a, b] = [impatient(), impatient()];
     let asleep = a.work(key("k")).unwrap().unwrap();

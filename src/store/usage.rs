@@ -35,6 +35,7 @@ impl Store {
     /// Measures everything.
     pub fn usage(&self) -> Result<Usage, StoreError> {
         let records: BTreeMap<Digest, Record> = self
+            .results
             .records()?
             .into_iter()
             .map(|record| (record.key, record))
@@ -94,7 +95,7 @@ impl Store {
         records: &BTreeMap<Digest, Record>,
     ) -> Result<BTreeMap<&'static str, u64>, StoreError> {
         let known = sizes(records.values());
-        let (blobs, _) = self.fanned_entries("cas")?;
+        let (blobs, _) = self.files.fanned_entries("cas")?;
         let orphans = blobs
             .iter()
             .filter(|entry| entry.digest().is_none_or(|blob| !known.contains_key(&blob)));
@@ -107,10 +108,10 @@ impl Store {
             ("quarantine", "quarantine"),
             ("states for longer runs", "states"),
         ] {
-            rest.insert(name, size_of(&self.root.join(folder)));
+            rest.insert(name, size_of(&self.files.root.join(folder)));
         }
         let records: u64 = ["results", "manifests", "runs", "pins"]
-            .map(|folder| size_of(&self.root.join(folder)))
+            .map(|folder| size_of(&self.files.root.join(folder)))
             .iter()
             .sum();
         rest.insert("records", records);
