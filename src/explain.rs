@@ -161,7 +161,9 @@ impl<'s> History<'s> {
     fn runs(&self) -> Result<&[Run], StoreError> {
         // `get_or_init` takes no function that can fail, so reading comes first.
         if self.runs.get().is_none() {
-            let runs = self.store.runs(Some(&self.pipeline))?.take(RUNS).collect();
+            let runs = Run::past(self.store, Some(&self.pipeline))?
+                .take(RUNS)
+                .collect();
             return Ok(self.runs.get_or_init(|| runs));
         }
         Ok(self.runs.get().map(Vec::as_slice).unwrap_or_default())

@@ -143,7 +143,7 @@ impl<'s> Lineage<'s> {
         let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
         // Inside of the temporary folder: `show` clears the folder that it fills.
         let shown: PathBuf = folder.path().join("artifact");
-        self.store.show(output, &shown)?;
+        output.show(self.store, &shown)?;
         read(&shown).map_err(|problem| StoreError::Output {
             output: output.kind.to_string(),
             problem,

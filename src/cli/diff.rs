@@ -113,7 +113,7 @@ impl Known {
                     .map(|digest| (digest.to_string(), record.key))
             })
             .collect();
-        let runs = store.runs(None)?.collect();
+        let runs = Run::past(&store, None)?.collect();
         Ok(Self {
             store,
             runs,

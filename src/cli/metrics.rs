@@ -50,7 +50,7 @@ impl Metrics {
 /// The last run of a pipeline, or of any.
 pub fn last_run(store: &Store, pipeline: Option<&str>) -> Result<Run, Error> {
     let help = "run a pipeline first, or say where its store is: --store FOLDER";
-    let run = store.runs(pipeline)?.next();
+    let run = Run::past(store, pipeline)?.next();
     run.ok_or_else(|| Error::usage("no run is recorded here", help))
 }
 

@@ -137,12 +137,12 @@ impl Run {
             .stages
             .iter()
             .filter(|(_, stage)| stage.end == End::Ran);
-        // Before `put_run`, which writes down what was found.
+        // Before `keep`, which writes down what was found.
         store
             .results
             .known
             .remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
-        store.put_run(&record)?;
+        record.keep(&store)?;
         if let Some(question) = &question {
             standing::Found {
                 session: &session,
@@ -208,7 +208,7 @@ impl Run {
             experiment: None,
             command: Some(command_line()),
         });
-        store.put_run(&run)?;
+        run.keep(&store)?;
         let ended: Vec<(&str, End)> = run
             .stages
             .iter()

@@ -19,6 +19,7 @@ use crate::progress::Event;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
 use crate::store::results::Lookup;
+use crate::store::state;
 use crate::store::work::Work;
 use crate::task::{CPU, Task, device_of};
 
@@ -87,7 +88,7 @@ impl Scheduler<'_> {
         reason: &Reason,
     ) -> Result<Option<Work<'_>>, StoreError> {
         let store = self.context.store;
-        let work = match store.work(key)? {
+        let work = match Work::begin(store, key)? {
             Ok(work) => work,
             Err(holder) => {
                 board.wait(at, &holder);
@@ -141,7 +142,7 @@ impl Scheduler<'_> {
         // Who forces a stage wants all of it computed.
         let earlier = extension
             .filter(|_| !replace)
-            .and_then(|extension| self.context.store.state(&extension));
+            .and_then(|extension| state::latest(self.context.store, &extension));
         let key = queued.key;
         let &Self {
             cancelled,

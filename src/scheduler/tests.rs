@@ -92,16 +92,15 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         .iter()
         .map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone()))
         .collect();
-    store
-        .put_run(&Run {
-            pipeline: "test".into(),
-            started: now(),
-            seconds: 0.0,
-            stages,
-            experiment: None,
-            command: None,
-        })
-        .unwrap();
+    let run = Run {
+        pipeline: "test".into(),
+        started: now(),
+        seconds: 0.0,
+        stages,
+        experiment: None,
+        command: None,
+    };
+    run.keep(&store).unwrap();
     Done {
         outcome,
         started: ear.started,

@@ -30,11 +30,6 @@ impl Cache {
         }
     }
 
-    /// Takes over what another cache on the same folder has found.
-    pub(super) fn take(&self, other: &Self) {
-        self.index.take(&other.index);
-    }
-
     /// Keeps what was found for later processes.
     pub(super) fn keep(&self) {
         self.index

@@ -9,12 +9,13 @@ use proptest::prelude::*;
 
 use super::error::StoreError;
 use super::files::disk::{Disk, Fault};
+use super::fsck::look_through;
 use super::leases::Patience;
 use super::record::Record;
 use super::results::Lookup;
 use super::runs::{Run, now};
-use super::tests::{key, metrics};
-use super::work::Facts;
+use super::testing::{facts, key, metrics};
+use super::work::Work;
 use super::{Store, World};
 
 /// More operations than a life has.
@@ -35,20 +36,11 @@ fn store(disk: Disk, root: &Path) -> Result<Store, StoreError> {
 }
 
 fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Record, StoreError> {
-    let work = store
-        .work(key)?
-        .unwrap_or_else(|holder| panic!("{holder} has the key"));
+    let work = Work::begin(store, key)?.unwrap_or_else(|holder| panic!("{holder} has the key"));
     metrics(value)
         .write(&work.outputs().join("m"), &Provenance::default())
         .unwrap();
-    let facts = Facts {
-        stage: "s".into(),
-        seconds: 1.0,
-        device: "cpu".into(),
-        remarks: Vec::new(),
-        peak_memory: None,
-    };
-    work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
+    work.commit(&[("m", ArtifactKind::Metrics)], facts("s"), replace)
 }
 
 /// What a run does to a store.
@@ -64,7 +56,7 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
         experiment: None,
         command: None,
     };
-    store.put_run(&run)?;
+    run.keep(&store)?;
     Ok(record)
 }
 
@@ -209,7 +201,7 @@ fn a_blob_that_fsck_puts_in_its_place_stays_there() {
     std::fs::create_dir_all(elsewhere.parent().unwrap()).unwrap();
     std::fs::rename(&blob, &elsewhere).unwrap();
     let out = folder.path().join("out");
-    assert_eq!(store.fsck(&out, true).unwrap().results, 1);
+    assert_eq!(look_through(&store, &out, true).unwrap().results, 1);
     let done = done.lock().unwrap();
     let moved = done
         .iter()

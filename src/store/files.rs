@@ -5,6 +5,7 @@
 //! renamed into place.
 
 pub(super) mod disk;
+pub(super) mod identity;
 
 use std::fs;
 use std::io;
@@ -221,3 +222,6 @@ pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, S
 pub(super) fn parent(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new("."))
 }
+
+#[cfg(test)]
+mod tests;

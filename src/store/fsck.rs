@@ -6,6 +6,7 @@
 //! touched.
 
 mod blobs;
+pub mod fault;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -19,13 +20,13 @@ use super::Store;
 use super::blobs::digest_file;
 use super::census::{Entry, label, references};
 use super::error::StoreError;
-use super::fault::{Fault, Finding, Remedy};
+use super::files::identity::same_entry;
 use super::files::{FILES, FOLDERS};
-use super::link::same_entry;
 use super::record::{Record, is_inside};
 use super::runs::Run;
 use super::view::View;
 use crate::key::Manifest;
+use fault::{Fault, Finding, Remedy};
 
 /// What a look through a store came to.
 #[derive(Debug, Default)]
@@ -48,34 +49,32 @@ struct Fsck<'s> {
     sound: BTreeSet<Digest>,
 }
 
-impl Store {
-    /// Reads everything through and names what is wrong. With `mend`, damage is moved to
-    /// `quarantine/`, so that the next run computes what is lost. Files under `out` that show
-    /// something else than sound blobs are named too; runs show them again.
-    pub fn fsck(&self, out: &Path, mend: bool) -> Result<Report, StoreError> {
-        let mut fsck = Fsck {
-            store: self,
-            mend,
-            report: Report::default(),
-            sound: BTreeSet::new(),
-        };
-        // Records come first: they say which blobs there should be, how long each is and whose it
-        // is.
-        let records = fsck.records()?;
-        fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
-        // Only now, since whether a result is whole depends on all of its blobs, some of which may
-        // just have been put back.
-        let records = fsck.whole(records)?;
-        fsck.manifests(&records)?;
-        fsck.runs()?;
-        fsck.shown(out, &records)?;
-        fsck.leftovers()?;
-        fsck.report.results = records.len();
-        fsck.report
-            .findings
-            .sort_by_key(|finding| !finding.fault.is_damage());
-        Ok(fsck.report)
-    }
+/// Reads everything through and names what is wrong. With `mend`, damage is moved to
+/// `quarantine/`, so that the next run computes what is lost. Files under `out` that show
+/// something else than sound blobs are named too; runs show them again.
+pub fn look_through(store: &Store, out: &Path, mend: bool) -> Result<Report, StoreError> {
+    let mut fsck = Fsck {
+        store,
+        mend,
+        report: Report::default(),
+        sound: BTreeSet::new(),
+    };
+    // Records come first: they say which blobs there should be, how long each is and whose it
+    // is.
+    let records = fsck.records()?;
+    fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
+    // Only now, since whether a result is whole depends on all of its blobs, some of which may
+    // just have been put back.
+    let records = fsck.whole(records)?;
+    fsck.manifests(&records)?;
+    fsck.runs()?;
+    fsck.shown(out, &records)?;
+    fsck.leftovers()?;
+    fsck.report.results = records.len();
+    fsck.report
+        .findings
+        .sort_by_key(|finding| !finding.fault.is_damage());
+    Ok(fsck.report)
 }
 
 impl Fsck<'_> {
@@ -242,10 +241,7 @@ impl Fsck<'_> {
     /// What people see of the last run of each pipeline, where the store still has it.
     fn shown(&mut self, out: &Path, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
         let mut pipelines = BTreeSet::new();
-        for run in self
-            .store
-            .runs(None)?
-            .filter(|run| pipelines.insert(run.pipeline.clone()))
+        for run in Run::past(self.store, None)?.filter(|run| pipelines.insert(run.pipeline.clone()))
         {
             // The output folder shows the last run alone: whatever earlier runs had there has been
             // replaced.

@@ -7,7 +7,6 @@ pub mod cache;
 pub mod census;
 pub mod error;
 pub mod evidence;
-pub mod fault;
 pub mod files;
 pub mod fsck;
 pub mod gc;
@@ -26,7 +25,7 @@ pub mod work;
 #[cfg(test)]
 mod crash;
 #[cfg(test)]
-mod tests;
+mod testing;
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
@@ -46,7 +45,7 @@ use results::Results;
 /// A store in a folder.
 pub struct Store {
     /// Its files.
-    pub files: Arc<Files>,
+    files: Arc<Files>,
     /// Blobs by digest.
     pub blobs: Arc<Blobs>,
     /// What earlier processes have found.
@@ -58,7 +57,7 @@ pub struct Store {
     /// Pipelines all of whose results were there.
     pub standings: Standings,
     /// Keys that are being computed.
-    pub leases: Leases,
+    leases: Leases,
     /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it
     /// when the process dies.
     lock: Option<File>,
@@ -75,12 +74,8 @@ struct World {
 impl Store {
     /// A store for reading; one that does not exist is empty.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
-        let World {
-            disk,
-            clock,
-            patience,
-        } = World::default();
-        Ok(Self::of(Files::open(disk, root)?, clock, patience))
+        let files = Files::open(Disk::default(), root)?;
+        Ok(Self::of(files, Clock::default(), Patience::default()))
     }
 
     /// A store for writing; its folders are made where they are missing. One that is there and can
@@ -123,7 +118,7 @@ impl Store {
 
     /// Takes over what another store object on the same folder has found.
     pub fn take_findings(&self, other: &Self) {
-        self.cache.take(&other.cache);
+        self.cache.index.take(&other.cache.index);
         self.results.known.take(&other.results.known);
     }
 

@@ -1,7 +1,7 @@
 //! Results: which outputs a key has, and of which blobs they consist. A result counts only if all
 //! its blobs are there and sound.
 
-pub mod known;
+mod known;
 
 use std::fmt;
 use std::fs;
@@ -233,3 +233,6 @@ impl Lookup {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

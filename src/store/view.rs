@@ -53,7 +53,7 @@ impl View {
         record
             .outputs
             .iter()
-            .try_for_each(|(name, output)| store.show(output, &self.output(stage, name)))
+            .try_for_each(|(name, output)| output.show(store, &self.output(stage, name)))
     }
 
     /// The file that remembers which folders are ours.
@@ -91,3 +91,6 @@ fn is_ours(name: &str) -> bool {
     let is_plain = |part: &str| !part.is_empty() && !part.starts_with('.');
     !name.contains(['\\', ':']) && name.split('/').all(is_plain)
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 use artifacts_schema::{ArtifactKind, Digest, semantic_digest};
 use walkdir::WalkDir;
 
-use super::Store;
 use super::cache::signature::Signature;
 use super::error::{At, StoreError};
 use super::files::parent;
@@ -21,6 +20,7 @@ use super::leases::Claim;
 use super::leases::holder::Holder;
 use super::leases::lease::Lease;
 use super::record::{Glance, Output, Record, StoredFile};
+use super::{Store, state};
 
 /// The private folder of one key. Only one process at a time has it.
 pub struct Work<'s> {
@@ -47,22 +47,22 @@ pub struct Facts {
     pub peak_memory: Option<u64>,
 }
 
-impl Store {
+impl<'s> Work<'s> {
     /// The private folder of a key, with empty `in` and `out`; else the process that has it.
-    pub fn work(&self, key: Digest) -> Result<Result<Work<'_>, Holder>, StoreError> {
-        let lease = match self.leases.take(&key)? {
+    pub fn begin(store: &'s Store, key: Digest) -> Result<Result<Self, Holder>, StoreError> {
+        let lease = match store.leases.take(&key)? {
             Claim::Ours(lease) => lease,
             Claim::Theirs(holder) => return Ok(Err(holder)),
         };
-        let folder = self.files.root.join("work").join(key.to_string());
+        let folder = store.files.root.join("work").join(key.to_string());
         // The nonce comes from the system's random numbers. Process numbers repeat on other hosts,
         // and clocks can be set back.
         let run = folder.join(format!(
             "run-{:016x}",
             RandomState::new().build_hasher().finish()
         ));
-        let work = Work {
-            store: self,
+        let work = Self {
+            store,
             key,
             folder,
             run,
@@ -71,16 +71,15 @@ impl Store {
         // The lease is ours by now, so whoever made these folders is dead or has lost it.
         work.sweep()?;
         for folder in [work.outputs(), work.scratch()] {
-            self.files
+            store
+                .files
                 .disk
                 .create_folders(&folder)
                 .at("create", &folder)?;
         }
         Ok(Ok(work))
     }
-}
 
-impl Work<'_> {
     /// Where the stage writes its outputs.
     pub fn outputs(&self) -> PathBuf {
         self.run.join("out")
@@ -122,7 +121,7 @@ impl Work<'_> {
     /// Shows an input artifact to the stage, and says where.
     pub fn input(&self, name: &str, artifact: &Output) -> Result<PathBuf, StoreError> {
         let folder = self.run.join("in").join(name);
-        self.store.show(artifact, &folder)?;
+        artifact.show(self.store, &folder)?;
         Ok(folder)
     }
 
@@ -130,7 +129,7 @@ impl Work<'_> {
     pub fn keep_state(&self, extension: &Digest) -> Result<(), StoreError> {
         let checkpoint = self.scratch().join(stages::keeper::FILE);
         if checkpoint.exists() {
-            self.store.put_state(extension, &self.key, &checkpoint)
+            state::keep(self.store, extension, &self.key, &checkpoint)
         } else {
             Ok(())
         }
@@ -246,3 +245,6 @@ fn relative(path: &Path, folder: &Path) -> Option<String> {
         .collect();
     parts.map(|parts| parts.join("/"))
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,11 +8,11 @@ use artifacts_schema::Digest;
 use rayon::prelude::*;
 
 use super::Fsck;
+use super::fault::{Fault, Remedy};
 use crate::store::blobs::digest_file;
 use crate::store::census::{Entry, References};
 use crate::store::error::{At, StoreError};
-use crate::store::fault::{Fault, Remedy};
-use crate::store::link::same_entry;
+use crate::store::files::identity::same_entry;
 
 impl Fsck<'_> {
     /// Reads all blobs through.

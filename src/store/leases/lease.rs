@@ -15,7 +15,7 @@ use artifacts_schema::Digest;
 use super::Leases;
 use super::holder::Holder;
 use crate::store::error::{At, StoreError};
-use crate::store::link::identity;
+use crate::store::files::identity::identity;
 
 /// The right to compute a key, until it is dropped or taken over.
 pub struct Lease<'s> {
