@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::key::Manifest;
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::Breakage;
+use crate::store::results::Breakage;
 use crate::store::runs::Run;
 
 /// How many runs back to look.
@@ -161,7 +161,9 @@ impl<'s> History<'s> {
     fn runs(&self) -> Result<&[Run], StoreError> {
         // `get_or_init` takes no function that can fail, so reading comes first.
         if self.runs.get().is_none() {
-            let runs = self.store.runs(Some(&self.pipeline))?.take(RUNS).collect();
+            let runs = Run::past(self.store, Some(&self.pipeline))?
+                .take(RUNS)
+                .collect();
             return Ok(self.runs.get_or_init(|| runs));
         }
         Ok(self.runs.get().map(Vec::as_slice).unwrap_or_default())
@@ -178,7 +180,7 @@ impl<'s> History<'s> {
                 .and_then(|stage| stage.key)
                 // Most runs find a stage as it was: each of its keys is compared once.
                 .filter(|key| seen.insert(*key));
-            let manifest = key.and_then(|key| self.store.manifest(&key));
+            let manifest = key.and_then(|key| self.store.manifests.get(&key));
             if let (Some(key), Some(manifest)) = (key, manifest) {
                 past.push(Past {
                     started: run.started.clone(),
@@ -224,7 +226,7 @@ impl<'s> History<'s> {
             .and_then(|run| run.stages.get(stage))
             .and_then(|stage| stage.key);
         let past = |key: Digest| {
-            self.store.manifest(&key).map(|manifest| Past {
+            self.store.manifests.get(&key).map(|manifest| Past {
                 started: started.to_owned(),
                 key,
                 manifest,

@@ -71,7 +71,7 @@ pub struct Lineage<'s> {
 impl<'s> Lineage<'s> {
     /// Of all that a store has.
     pub fn new(store: &'s Store) -> Result<Self, StoreError> {
-        let records = store.records()?;
+        let records = store.results.records()?;
         let split = |record: &Record| {
             let [train, test] = SPLIT.map(|name| record.outputs.get(name));
             Some((train?.digest.to_string(), test?.clone()))
@@ -151,7 +151,7 @@ impl<'s> Lineage<'s> {
         let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
         // Inside of the temporary folder: `show` clears the folder that it fills.
         let shown: PathBuf = folder.path().join("artifact");
-        self.store.show(output, &shown)?;
+        output.show(self.store, &shown)?;
         read(&shown).map_err(|problem| StoreError::Output {
             output: output.kind.to_string(),
             problem,
@@ -166,13 +166,13 @@ pub fn last_fields(run: &Run, store: &Store) -> Result<BTreeMap<String, Output>,
     let mut begun_with = BTreeSet::new();
     for (name, stage) in &run.stages {
         let Some(key) = stage.key else { continue };
-        let Some(record) = store.lookup(&key)?.sound() else {
+        let Some(record) = store.results.lookup(&key)?.sound() else {
             continue;
         };
         let Some(field) = field_of(record) else {
             continue;
         };
-        let manifest = store.manifest(&key).unwrap_or_default();
+        let manifest = store.manifests.get(&key).unwrap_or_default();
         // The last fields of a run are those with which no other stage has begun.
         begun_with.extend(manifest.0.get("inputs.field").cloned());
         fields.insert(name.clone(), field);

@@ -21,7 +21,7 @@ use crate::remote::Remote;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::result::Lookup;
+use crate::store::results::Lookup;
 
 /// Everything that keys and decisions depend on.
 pub struct Context<'a> {
@@ -107,12 +107,12 @@ impl Context<'_> {
     /// result which went on on the CPU.
     fn find(&self, at: usize, inputs: &Inputs) -> Result<(Digest, Lookup), StoreError> {
         let key = self.recipe(at, inputs).key();
-        let found = self.store.lookup(&key)?;
+        let found = self.store.results.lookup(&key)?;
         // The stage's own key goes first: a result that one device has computed is preferred to one
         // that two have.
         if let (Lookup::Absent, Some(fallen)) = (&found, self.fallen(at, inputs)) {
             let key = fallen.key();
-            if let Lookup::Sound(record) = self.store.lookup(&key)? {
+            if let Lookup::Sound(record) = self.store.results.lookup(&key)? {
                 return Ok((key, Lookup::Sound(record)));
             }
         }

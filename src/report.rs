@@ -40,7 +40,7 @@ pub fn scores(store: &Store, stage: &str, record: &Record) -> Result<Vec<Scores>
 
 fn read(store: &Store, name: &str, output: &Output) -> Result<Metrics, StoreError> {
     let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
-    store.show(output, folder.path())?;
+    output.show(store, folder.path())?;
     Metrics::read(folder.path()).map_err(|error| StoreError::Output {
         output: name.to_owned(),
         problem: error.to_string(),
@@ -55,7 +55,7 @@ pub fn log(store: &Store, record: &Record) -> Result<Log, StoreError> {
         return Ok(Log::default());
     };
     let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
-    store.show(output, folder.path())?;
+    output.show(store, folder.path())?;
     Ok(Log::read(folder.path()).unwrap_or_default())
 }
 

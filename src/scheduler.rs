@@ -125,17 +125,20 @@ impl Scheduler<'_> {
         self.pool.install(|| cached.par_iter().try_for_each(show))?;
         // A manifest may be gone while its result is sound. It comes out in order, for the search
         // below.
-        let lost = self
-            .pool
-            .install(|| store.without_manifest(cached.iter().map(|found| found.record.key)));
+        let lost = self.pool.install(|| {
+            store
+                .manifests
+                .missing(cached.iter().map(|found| found.record.key))
+        });
         for found in cached
             .iter()
             .filter(|found| lost.binary_search(&found.record.key).is_ok())
         {
             // Only explanations need it: where that cannot be done, nothing else fails.
             let key = &found.record.key;
-            let _ =
-                store.put_manifest(key, &self.context.manifest_of(found.at, &found.inputs, key));
+            let _ = store
+                .manifests
+                .put(key, &self.context.manifest_of(found.at, &found.inputs, key));
         }
         board.adopt(
             cached

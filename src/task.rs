@@ -17,7 +17,7 @@ use stages::{Io, Message, Stage, StageError};
 use crate::peak::watched;
 use crate::pipeline::graph::Node;
 use crate::store::error::StoreError;
-use crate::store::holder::Holder;
+use crate::store::leases::holder::Holder;
 use crate::store::record::Record;
 use crate::store::work::{Facts, Work};
 

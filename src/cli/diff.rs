@@ -93,6 +93,7 @@ impl Diff {
 impl Known {
     fn new(store: Store) -> Result<Self, Error> {
         let records: BTreeMap<Digest, Record> = store
+            .results
             .records()?
             .into_iter()
             .map(|record| (record.key, record))
@@ -112,7 +113,7 @@ impl Known {
                     .map(|digest| (digest.to_string(), record.key))
             })
             .collect();
-        let runs = store.runs(None)?.collect();
+        let runs = Run::past(&store, None)?.collect();
         Ok(Self {
             store,
             runs,
@@ -138,7 +139,7 @@ impl Known {
     }
 
     fn find_key(&self, word: &str) -> Result<Option<Digest>, Error> {
-        let keys: Vec<Digest> = self.store.keys_like(word)?;
+        let keys: Vec<Digest> = self.store.manifests.keys_like(word)?;
         match keys[..] {
             [] => Ok(None),
             [key] => Ok(Some(key)),
@@ -228,7 +229,7 @@ impl Known {
     }
 
     fn part(&self, key: &Digest, name: impl Fn(&Digest) -> Option<String>) -> Option<Part> {
-        let manifest = self.store.manifest(key)?;
+        let manifest = self.store.manifests.get(key)?;
         let from = manifest.0.iter().filter_map(|(path, digest)| {
             Some((
                 path.strip_prefix("inputs.")?.to_owned(),
@@ -326,7 +327,7 @@ mod tests {
         let name_entry = ("params.name".to_owned(), name.to_owned());
         let inputs = reads.iter().enumerate().map(input);
         let manifest = Manifest(inputs.chain([name_entry]).collect());
-        store.put_manifest(&manifest.key(), &manifest).unwrap();
+        store.manifests.put(&manifest.key(), &manifest).unwrap();
         let output = Output {
             kind: ArtifactKind::Metrics,
             digest: has,

@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::export::tensorboard::{Events, FILE};
 use crate::report::{self, Scores};
 use crate::store::Store;
-use crate::store::result::Lookup;
+use crate::store::results::Lookup;
 
 /// Options of `export tensorboard`.
 #[derive(Args)]
@@ -39,7 +39,7 @@ impl TensorBoard {
             let Some(key) = stage.key else {
                 continue;
             };
-            let Lookup::Sound(record) = store.lookup(&key)? else {
+            let Lookup::Sound(record) = store.results.lookup(&key)? else {
                 continue;
             };
             let log = report::log(&store, &record)?;

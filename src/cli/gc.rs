@@ -44,13 +44,14 @@ impl Gc {
         let _alone = if delete { Some(store.alone()?) } else { None };
         // With the store to itself if anything is to go: a run could take up again what is listed
         // here.
-        let garbage = store.garbage(&Policy {
+        let policy = Policy {
             keep_last,
             older_than,
             max_size,
-        })?;
+        };
+        let garbage = Garbage::of(&store, &policy)?;
         if delete {
-            store.remove(&garbage)?;
+            garbage.remove(&store)?;
         }
         if json {
             let others: Vec<String> = garbage

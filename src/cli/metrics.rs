@@ -9,7 +9,7 @@ use crate::comparison::{Comparison, Format};
 use crate::error::Error;
 use crate::report::{self, Scores};
 use crate::store::Store;
-use crate::store::result::Lookup;
+use crate::store::results::Lookup;
 use crate::store::runs::Run;
 
 /// Options of `metrics`.
@@ -50,7 +50,7 @@ impl Metrics {
 /// The last run of a pipeline, or of any.
 pub fn last_run(store: &Store, pipeline: Option<&str>) -> Result<Run, Error> {
     let help = "run a pipeline first, or say where its store is: --store FOLDER";
-    let run = store.runs(pipeline)?.next();
+    let run = Run::past(store, pipeline)?.next();
     run.ok_or_else(|| Error::usage("no run is recorded here", help))
 }
 
@@ -80,7 +80,7 @@ fn scores(store: &Store, run: &Run) -> Result<Vec<Scores>, Error> {
     let mut all = Vec::new();
     for (name, stage) in &run.stages {
         if let Some(key) = stage.key
-            && let Lookup::Sound(record) = store.lookup(&key)?
+            && let Lookup::Sound(record) = store.results.lookup(&key)?
         {
             all.extend(report::scores(store, name, &record)?);
         }

@@ -47,7 +47,7 @@ pub fn read(path: &Path) -> Result<Told, Error> {
 }
 
 fn run(what: &str, store: &Store) -> Result<Run, Error> {
-    let runs: Vec<Run> = store.runs(None)?.collect();
+    let runs: Vec<Run> = Run::past(store, None)?.collect();
     if runs.is_empty() {
         return last_run(store, None);
     }

@@ -8,6 +8,7 @@ use super::output::{print, print_json, table};
 use crate::error::Error;
 use crate::store::Store;
 use crate::store::pins::Pin as Kept;
+use crate::store::runs::Run;
 
 /// Options of `pin`.
 #[derive(Args)]
@@ -49,7 +50,7 @@ impl Pin {
             return Err(Error::usage(format!("`{name}` cannot name a pin"), help));
         }
         let store = Store::create(&self.folders.store)?;
-        let runs: Vec<_> = store.runs(None)?.collect();
+        let runs: Vec<_> = Run::past(&store, None)?.collect();
         let Some(run) = super::diff::find_run(&runs, &self.run) else {
             return Err(Error::usage(
                 format!("there is no run `{}` to pin", self.run),
@@ -68,7 +69,7 @@ impl Pin {
                 "pin without stages pins all of them",
             ));
         }
-        store.put_pin(&pin)?;
+        pin.keep(&store)?;
         if json {
             print_json(&json!(pin));
         } else {
@@ -86,7 +87,7 @@ impl Pin {
 impl Unpin {
     /// Removes a pin.
     pub fn run(self) -> Result<(), Error> {
-        if Store::create(&self.folders.store)?.remove_pin(&self.name)? {
+        if Kept::remove(&Store::create(&self.folders.store)?, &self.name)? {
             return Ok(());
         }
         Err(Error::usage(
@@ -97,7 +98,7 @@ impl Unpin {
 }
 
 fn list(store: &Store, json: bool) -> Result<(), Error> {
-    let pins = store.pins()?;
+    let pins = Kept::all(store)?;
     if json {
         print_json(&json!({ "pins": pins }));
     } else if pins.is_empty() {

@@ -19,8 +19,8 @@ use crate::explain::Reason;
 use crate::pipeline::graph::Node;
 use crate::plan::{Context, Cost, Experience, Forecast};
 use crate::store::Store;
+use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
-use crate::store::standing::Standing;
 
 /// Options of `plan`.
 #[derive(Args)]

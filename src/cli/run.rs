@@ -27,9 +27,9 @@ use crate::progress::{self, Event, Verbosity};
 use crate::scheduler::budget::{Budget, memory_limit};
 use crate::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
+use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
 use crate::store::runs::{End, Run as Record, StageRun, now};
-use crate::store::standing::Standing;
 use crate::store::view::View;
 use crate::watch::Watched;
 use ending::{Ending, verdict};
@@ -137,9 +137,12 @@ impl Run {
             .stages
             .iter()
             .filter(|(_, stage)| stage.end == End::Ran);
-        // Before `put_run`, which writes down what was found.
-        store.remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
-        store.put_run(&record)?;
+        // Before `keep`, which writes down what was found.
+        store
+            .results
+            .known
+            .remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
+        record.keep(&store)?;
         if let Some(question) = &question {
             standing::Found {
                 session: &session,
@@ -205,7 +208,7 @@ impl Run {
             experiment: None,
             command: Some(command_line()),
         });
-        store.put_run(&run)?;
+        run.keep(&store)?;
         let ended: Vec<(&str, End)> = run
             .stages
             .iter()

@@ -143,12 +143,12 @@ fn load(
 ) -> Result<Graph, problem::Problem> {
     let enough = AtomicBool::new(false);
     rayon::in_place_scope(|scope| {
-        scope.spawn(|_| store.look_ahead(&enough));
+        scope.spawn(|_| store.results.known.look_ahead(&enough));
         let graph = crate::pipeline::load(files, overrides);
         let stages = graph.as_ref().map_or(0, |graph| graph.nodes.len());
         // A store can remember many pipelines. Where it has far more than this one needs, looking
         // ahead is no gain.
-        enough.store(store.remembers_many(stages), Ordering::Relaxed);
+        enough.store(store.results.known.are_many(stages), Ordering::Relaxed);
         graph
     })
 }

@@ -15,11 +15,12 @@ use crate::plan::{Context, Forecast};
 use crate::report;
 use crate::scheduler::Outcome;
 use crate::store::Store;
+use crate::store::cache::signature::Signature;
+use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
+use crate::store::evidence;
 use crate::store::record::Record;
 use crate::store::runs::End;
-use crate::store::signature::Signature;
-use crate::store::standing::Standing;
 use crate::store::view::View;
 
 /// A digest of what decides what becomes of each stage: the options, this program, and the texts of
@@ -77,7 +78,7 @@ pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standin
     store.share_if_there();
     Ok(questions
         .iter()
-        .find_map(|question| store.standing(question))
+        .find_map(|question| store.standings.get(question))
         .map(|standing| (store, standing)))
 }
 
@@ -106,8 +107,7 @@ impl Found<'_> {
         }
         let shown = |(at, record): (&usize, &Record)| {
             let stage = &self.context.graph.nodes[*at].name;
-            self.store
-                .evidence_shown(record, |output| view.output(stage, output))
+            evidence::shown(self.store, record, |output| view.output(stage, output))
         };
         let shown = outcome.records.iter().flat_map(shown).chain([view.list()]);
         self.keep(
@@ -150,7 +150,7 @@ impl Found<'_> {
         files.extend(
             records
                 .values()
-                .flat_map(|record| self.store.evidence(record)),
+                .flat_map(|record| evidence::sound(self.store, record)),
         );
         let name = |at: &usize| self.context.graph.nodes[*at].name.clone();
         // Only of these does a run print anything. The others need not be read back.
@@ -166,6 +166,7 @@ impl Found<'_> {
                 .collect(),
         };
         self.store
-            .put_standing(question, standing, files, self.since);
+            .standings
+            .put(question, standing, files, self.since);
     }
 }

@@ -199,7 +199,7 @@ fn inputs(
             .and_then(|a| a.verdict.as_ref().ok());
         if let Some(output) = record.and_then(|record| record.outputs.get(wire.output)) {
             let folder = folder.join("in").join(wire.input);
-            context.store.show(output, &folder)?;
+            output.show(context.store, &folder)?;
             inputs.insert(wire.input.to_owned(), folder);
         }
     }
@@ -234,7 +234,7 @@ fn differing_files(
     folder: &Path,
 ) -> Result<Vec<(String, Comparison)>, StoreError> {
     let stored = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
-    store.show(output, stored.path())?;
+    output.show(store, stored.path())?;
     let compare = |path: &String| compare::files(&stored.path().join(path), &folder.join(path));
     let files = output
         .files

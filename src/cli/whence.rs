@@ -13,7 +13,7 @@ use super::output::{flatten, print, print_json, table};
 use crate::content;
 use crate::error::Error;
 use crate::store::Store;
-use crate::store::blob::digest_file;
+use crate::store::blobs::digest_file;
 use crate::store::census::{Producers, producers};
 use crate::store::record::Record;
 
@@ -47,7 +47,7 @@ impl Whence {
                 "give a file that a stage wrote",
             )
         })?;
-        let records = Store::open(&self.folders.store)?.records()?;
+        let records = Store::open(&self.folders.store)?.results.records()?;
         let origin = Origin {
             told: content::provenance(&self.file),
             blob,

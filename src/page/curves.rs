@@ -13,7 +13,7 @@ use crate::progress::figure;
 use crate::report;
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::result::Lookup;
+use crate::store::results::Lookup;
 use crate::store::runs::Run;
 
 /// The quantities that are drawn.
@@ -42,7 +42,7 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
         };
         let arm = arm_of(name).unwrap_or_default();
         let short = name.rsplit('/').next().unwrap_or(name);
-        let Lookup::Sound(record) = store.lookup(&key)? else {
+        let Lookup::Sound(record) = store.results.lookup(&key)? else {
             continue;
         };
         let log = report::log(store, &record)?;

@@ -202,7 +202,7 @@ fn pictures(
         return Ok(BTreeMap::new());
     };
     let folder = tempfile::tempdir().at("create a folder in", &std::env::temp_dir())?;
-    store.show(output, folder.path())?;
+    output.show(store, folder.path())?;
     let figures = Figures::read(folder.path()).map_err(|error| StoreError::Output {
         output: name.to_owned(),
         problem: error.to_string(),

@@ -11,7 +11,7 @@ use crate::experiment::arm_of;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::result::Lookup;
+use crate::store::results::Lookup;
 use crate::store::runs::{End, Run, StageRun};
 
 /// Results that are drawn at most: of more, the table of stages tells more than lines do.
@@ -74,7 +74,7 @@ fn results<'r>(run: &'r Run, store: &Store) -> Result<Vec<Found<'r>>, StoreError
         let Some(key) = stage.key else { continue };
         let at = *places.entry(key).or_insert(results.len());
         if at == results.len() {
-            let record = match store.lookup(&key)? {
+            let record = match store.results.lookup(&key)? {
                 Lookup::Sound(record) => Some(record),
                 _ => None,
             };
@@ -105,7 +105,7 @@ fn nodes(results: &[Found], store: &Store) -> Vec<Node> {
     let parents: Vec<Vec<usize>> = results
         .iter()
         .map(|found| {
-            let manifest = store.manifest(&found.key).unwrap_or_default();
+            let manifest = store.manifests.get(&found.key).unwrap_or_default();
             let inputs = manifest
                 .0
                 .iter()

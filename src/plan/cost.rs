@@ -14,6 +14,7 @@ use crate::pipeline::graph::{Node, Wire};
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
+use crate::store::runs::Run;
 
 /// How many runs back results are looked for, how many results are looked at, and how many of a kind
 /// are kept: a plan of thousands of stages compares each with these.
@@ -77,7 +78,7 @@ impl Experience {
     /// Of the last runs of a store, whichever pipelines they were of.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut seen = BTreeSet::new();
-        let runs = store.runs(None)?.take(RUNS);
+        let runs = Run::past(store, None)?.take(RUNS);
         let stages = runs.flat_map(|run| run.stages);
         let keys = stages.filter_map(|(stage, was)| Some((stage, was.key?)));
         // The same result is in many runs: it is read once.
@@ -117,10 +118,10 @@ impl Experience {
 
 impl Known {
     fn of(store: &Store, stage: String, key: &Digest) -> Option<Self> {
-        let record = store.record(key)?;
+        let record = store.results.record(key)?;
         Some(Self {
             stage,
-            manifest: store.manifest(key)?,
+            manifest: store.manifests.get(key)?,
             seconds: record.seconds,
             memory: record.peak_memory,
         })

@@ -49,7 +49,9 @@ pub fn sources(
             let read = match node.stage.source_files() {
                 // Photos and weights can have many gigabytes. They are hashed again only when a
                 // file has changed.
-                Some(files) if !files.is_empty() => store.while_unchanged(&what, &files, ask)?,
+                Some(files) if !files.is_empty() => {
+                    store.cache.while_unchanged(&what, &files, ask)?
+                }
                 _ => ask()?,
             };
             known.insert(what.clone(), read);

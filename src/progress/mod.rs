@@ -10,7 +10,7 @@ use std::io::IsTerminal;
 use artifacts_schema::Digest;
 use stages::Message;
 
-use crate::store::holder::Holder;
+use crate::store::leases::holder::Holder;
 use crate::store::record::Record;
 
 /// Something that happened.

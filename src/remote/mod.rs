@@ -130,9 +130,9 @@ impl Remote {
     /// Puts all sound results of the local store there; the first fault ends it.
     pub fn push(&self, store: &Store) -> Result<Traffic, Fault> {
         let mut traffic = Traffic::default();
-        for key in store.keys()? {
+        for key in store.results.keys()? {
             // Damage must not spread: each result is read through before others get it.
-            if let Some(record) = store.lookup(&key)?.sound() {
+            if let Some(record) = store.results.lookup(&key)?.sound() {
                 let (new, bytes) = self.runtime.block_on(self.send(store, &record, false))?;
                 traffic.add(new, bytes);
             }
@@ -149,7 +149,7 @@ impl Remote {
     ) -> Result<Traffic, Fault> {
         let mut traffic = Traffic::default();
         for key in self.runtime.block_on(self.keys())? {
-            if store.lookup(&key)?.sound().is_some() {
+            if store.results.lookup(&key)?.sound().is_some() {
                 continue;
             }
             match self.runtime.block_on(self.bring(store, &key)) {

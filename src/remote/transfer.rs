@@ -12,9 +12,10 @@ use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutMultipartOptions, Pu
 
 use super::Remote;
 use super::fault::Fault;
+use crate::store::Store;
 use crate::store::error::At;
+use crate::store::files::place;
 use crate::store::record::{Record, StoredFile};
-use crate::store::{Store, place};
 
 /// Blobs travel in pieces of this size, so that none is ever whole in memory and no request takes
 /// long.
@@ -72,20 +73,20 @@ impl Remote {
         // A manifest that is absent or garbled does no harm: only explanations need it.
         let manifest = self.small(&self.path("manifests", key, ".json")).await?;
         if let Some(manifest) = manifest.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
-            store.put_manifest(key, &manifest)?;
+            store.manifests.put(key, &manifest)?;
         }
         // What lies here is absent or damaged, else nobody would have asked: a damaged record has
         // to give way.
-        Ok(Some((store.put_result(record, true)?, bytes)))
+        Ok(Some((store.results.put(record, true)?, bytes)))
     }
 
     async fn bring_blob(&self, store: &Store, name: &str, file: &StoredFile) -> Result<u64, Fault> {
         // Results share blobs, and a fetch that was cut off has brought some already.
-        if store.check_blob(&file.blob)?.is_none() {
+        if store.blobs.check(&file.blob)?.is_none() {
             return Ok(0);
         }
         let path = self.path("cas", &file.blob, "");
-        let receiving = store.receiving()?;
+        let receiving = store.blobs.receiving()?;
         let mut received = File::options()
             .append(true)
             .open(&receiving)
@@ -106,7 +107,7 @@ impl Remote {
         if Digest::from(hasher.finalize()) != file.blob {
             return Err(Fault::Damaged(format!("blob damaged: {name}")));
         }
-        store.keep_received(&receiving)?;
+        store.blobs.keep(&receiving)?;
         Ok(file.bytes)
     }
 
@@ -130,7 +131,7 @@ impl Remote {
             }
         });
         let bytes = sent.await?;
-        if let Some(manifest) = store.manifest(&record.key) {
+        if let Some(manifest) = store.manifests.get(&record.key) {
             let path = self.path("manifests", &record.key, ".json");
             // Never replaced: a manifest of the same key says the same.
             self.put(&path, serde_json::to_vec_pretty(&manifest), PutMode::Create)
@@ -152,7 +153,7 @@ impl Remote {
     }
 
     async fn send_blob(&self, store: &Store, file: &StoredFile) -> Result<u64, Fault> {
-        let from = store.blob_path(&file.blob);
+        let from = store.blobs.path(&file.blob);
         let to = self.path("cas", &file.blob, "");
         // An upload in pieces takes several requests more, which small files do not repay.
         let send = async || match file.bytes {

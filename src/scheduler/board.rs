@@ -7,7 +7,7 @@ use super::states::{Kind, Queued, State, States};
 use crate::pipeline::graph::Graph;
 use crate::plan::Context;
 use crate::progress::{Event, Progress};
-use crate::store::holder::Holder;
+use crate::store::leases::holder::Holder;
 use crate::store::record::Record;
 use crate::store::runs::{End, StageRun};
 use crate::task::Failure;

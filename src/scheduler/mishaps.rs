@@ -141,7 +141,7 @@ fn a_stage_whose_gpu_is_lost_goes_on_from_its_checkpoint_on_the_cpu_and_its_resu
     assert_eq!(record.device, format!("{}, then cpu", device.kind()));
     let store = Store::open(&folder.path().join("store")).unwrap();
     assert_eq!(
-        store.manifest(&record.key).unwrap().0["device"],
+        store.manifests.get(&record.key).unwrap().0["device"],
         record.device
     );
 

@@ -18,7 +18,8 @@ use crate::pipeline::graph::Wire;
 use crate::progress::Event;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::result::Lookup;
+use crate::store::results::Lookup;
+use crate::store::state;
 use crate::store::work::Work;
 use crate::task::{CPU, Task, device_of};
 
@@ -45,7 +46,8 @@ impl Scheduler<'_> {
         // Before the stage runs: whenever there is a result, there is a manifest that says of what.
         self.context
             .store
-            .put_manifest(&queued.key, &queued.manifest)?;
+            .manifests
+            .put(&queued.key, &queued.manifest)?;
         let task = self.task(at, &queued, work, &board.outcome.records)?;
         if let Some(text) = self.budget.complaint(&queued.estimate) {
             board.progress.event(&Event::Warning {
@@ -86,7 +88,7 @@ impl Scheduler<'_> {
         reason: &Reason,
     ) -> Result<Option<Work<'_>>, StoreError> {
         let store = self.context.store;
-        let work = match store.work(key)? {
+        let work = match Work::begin(store, key)? {
             Ok(work) => work,
             Err(holder) => {
                 board.wait(at, &holder);
@@ -96,7 +98,7 @@ impl Scheduler<'_> {
         // Looked up once more: between the first look and the lease, its holder may have committed
         // a result.
         if *reason != Reason::Forced
-            && let Lookup::Sound(record) = store.lookup(&key)?
+            && let Lookup::Sound(record) = store.results.lookup(&key)?
         {
             work.abandon()?;
             self.reuse(board, at, record)?;
@@ -110,7 +112,7 @@ impl Scheduler<'_> {
             });
             // With the lease in hand, so that no two processes move the same result, and none a new
             // one.
-            store.discard(&key, breakage)?;
+            store.results.discard(&key, breakage)?;
         }
         Ok(Some(work))
     }
@@ -140,7 +142,7 @@ impl Scheduler<'_> {
         // Who forces a stage wants all of it computed.
         let earlier = extension
             .filter(|_| !replace)
-            .and_then(|extension| self.context.store.state(&extension));
+            .and_then(|extension| state::latest(self.context.store, &extension));
         let key = queued.key;
         let &Self {
             cancelled,

@@ -92,16 +92,15 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         .iter()
         .map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone()))
         .collect();
-    store
-        .put_run(&Run {
-            pipeline: "test".into(),
-            started: now(),
-            seconds: 0.0,
-            stages,
-            experiment: None,
-            command: None,
-        })
-        .unwrap();
+    let run = Run {
+        pipeline: "test".into(),
+        started: now(),
+        seconds: 0.0,
+        stages,
+        experiment: None,
+        command: None,
+    };
+    run.keep(&store).unwrap();
     Done {
         outcome,
         started: ear.started,
@@ -232,7 +231,7 @@ fn a_deleted_blob_is_noticed_and_only_its_stage_runs_again() {
     let (graph, stages) = diamond(|_, _| {});
     let first = run(folder.path(), &graph, &[], false).outcome.records;
     let store = Store::open(&folder.path().join("store")).unwrap();
-    std::fs::remove_file(store.blob_path(&first[&1].outputs["sum"].files[0].blob)).unwrap();
+    std::fs::remove_file(store.blobs.path(&first[&1].outputs["sum"].files[0].blob)).unwrap();
     assert_eq!(plan(folder.path(), &graph), "cwcs");
     let done = run(folder.path(), &graph, &[], false);
     assert_eq!(done.started, ["b: blob missing: sum/metrics.json"]);

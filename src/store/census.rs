@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::fs::{self, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use artifacts_schema::Digest;
-use rayon::prelude::*;
 
 use super::error::{At, StoreError};
+use super::files::Files;
 use super::record::{Record, StoredFile};
-use super::{Store, read_json};
 
 /// Something in a folder of a store.
 pub struct Entry {
@@ -30,6 +30,11 @@ impl Entry {
             () if kind.is_symlink() => Some("link"),
             () => Some("special file"),
         }
+    }
+
+    /// Whether it was certainly left alone for so long.
+    pub fn is_older(&self, than: Duration) -> bool {
+        age(&self.data).is_some_and(|age| age > than)
     }
 
     /// The digest that is its name, whatever the extension.
@@ -77,42 +82,7 @@ pub fn label(record: &Record, output: &str, file: &StoredFile) -> String {
     format!("{}: {output}/{}", record.stage, file.path)
 }
 
-impl Store {
-    /// All records of results that can be understood, by key. Their blobs are not looked at.
-    pub fn records(&self) -> Result<Vec<Record>, StoreError> {
-        let (files, _) = self.fanned_entries("results")?;
-        let read = |entry: &Entry| {
-            Ok(read_json::<Record>(&entry.path)?
-                .filter(|record| Some(record.key) == entry.digest()))
-        };
-        files
-            .par_iter()
-            .map(read)
-            .filter_map(Result::transpose)
-            .collect()
-    }
-
-    /// The record of a key, if there is one that can be understood. Its blobs are not looked at.
-    pub fn record(&self, key: &Digest) -> Option<Record> {
-        // For what only wants to tell something of a result: a record that cannot be read is as
-        // good as none there.
-        let record = read_json::<Record>(&self.result_path(key)).ok().flatten()?;
-        record.is_of(key).then_some(record)
-    }
-
-    /// The keys with a manifest that begin with these digits, at least six.
-    pub fn keys_like(&self, beginning: &str) -> Result<Vec<Digest>, StoreError> {
-        // Fewer digits would often fit several keys, and the first two name the folder.
-        if beginning.len() < 6 || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-            return Ok(Vec::new());
-        }
-        let folder = list(&self.root.join("manifests").join(&beginning[..2]))?;
-        let keys = folder.iter().filter_map(Entry::digest);
-        Ok(keys
-            .filter(|key| key.to_string().starts_with(beginning))
-            .collect())
-    }
-
+impl Files {
     /// What lies in one of the store's folders, in order; nothing where there is no such folder.
     pub(super) fn entries(&self, folder: &str) -> Result<Vec<Entry>, StoreError> {
         list(&self.root.join(folder))
@@ -134,14 +104,11 @@ impl Store {
         }
         Ok((files, strays))
     }
+}
 
-    /// A path inside the store as people read it.
-    pub(super) fn relative(&self, path: &Path) -> String {
-        path.strip_prefix(&self.root)
-            .unwrap_or(path)
-            .display()
-            .to_string()
-    }
+/// How long ago something was changed; `None` if that cannot be told.
+pub(super) fn age(data: &Metadata) -> Option<Duration> {
+    SystemTime::now().duration_since(data.modified().ok()?).ok()
 }
 
 fn is_fan(path: &Path) -> bool {

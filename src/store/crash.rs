@@ -7,15 +7,16 @@ use std::time::Duration;
 use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
 use proptest::prelude::*;
 
-use super::Store;
-use super::disk::{Disk, Fault};
 use super::error::StoreError;
-use super::lease::Patience;
+use super::files::disk::{Disk, Fault};
+use super::fsck::look_through;
+use super::leases::Patience;
 use super::record::Record;
-use super::result::Lookup;
+use super::results::Lookup;
 use super::runs::{Run, now};
-use super::tests::{key, metrics};
-use super::work::Facts;
+use super::testing::{facts, key, metrics};
+use super::work::Work;
+use super::{Store, World};
 
 /// More operations than a life has.
 const ENOUGH: usize = 1000;
@@ -26,33 +27,26 @@ fn store(disk: Disk, root: &Path) -> Result<Store, StoreError> {
         beat: Duration::from_secs(3600),
         stale: Duration::ZERO,
     };
-    Ok(Store {
+    let world = World {
+        disk,
         patience,
-        ..Store::create_on(disk, root)?
-    })
+        ..World::default()
+    };
+    Store::create_in(world, root)
 }
 
 fn commit(store: &Store, key: Digest, value: f64, replace: bool) -> Result<Record, StoreError> {
-    let work = store
-        .work(key)?
-        .unwrap_or_else(|holder| panic!("{holder} has the key"));
+    let work = Work::begin(store, key)?.unwrap_or_else(|holder| panic!("{holder} has the key"));
     metrics(value)
         .write(&work.outputs().join("m"), &Provenance::default())
         .unwrap();
-    let facts = Facts {
-        stage: "s".into(),
-        seconds: 1.0,
-        device: "cpu".into(),
-        remarks: Vec::new(),
-        peak_memory: None,
-    };
-    work.commit(&[("m", ArtifactKind::Metrics)], facts, replace)
+    work.commit(&[("m", ArtifactKind::Metrics)], facts("s"), replace)
 }
 
 /// What a run does to a store.
 fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
     let store = store(disk, root)?;
-    store.put_manifest(&key("k"), &Default::default())?;
+    store.manifests.put(&key("k"), &Default::default())?;
     let record = commit(&store, key("k"), 1.0, false)?;
     let run = Run {
         pipeline: "p".into(),
@@ -62,12 +56,12 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
         experiment: None,
         command: None,
     };
-    store.put_run(&run)?;
+    run.keep(&store)?;
     Ok(record)
 }
 
 fn lookup(root: &Path, key: Digest) -> Lookup {
-    Store::open(root).unwrap().lookup(&key).unwrap()
+    Store::open(root).unwrap().results.lookup(&key).unwrap()
 }
 
 /// The names of the operations of a life.
@@ -202,12 +196,12 @@ fn a_blob_that_fsck_puts_in_its_place_stays_there() {
     let fault = Fault::crash(ENOUGH);
     let done = fault.done();
     let store = store(Disk::failing(fault), folder.path()).unwrap();
-    let blob = store.blob_path(&record.files().next().unwrap().1.blob);
-    let elsewhere = store.blob_path(&key("elsewhere"));
+    let blob = store.blobs.path(&record.files().next().unwrap().1.blob);
+    let elsewhere = store.blobs.path(&key("elsewhere"));
     std::fs::create_dir_all(elsewhere.parent().unwrap()).unwrap();
     std::fs::rename(&blob, &elsewhere).unwrap();
     let out = folder.path().join("out");
-    assert_eq!(store.fsck(&out, true).unwrap().results, 1);
+    assert_eq!(look_through(&store, &out, true).unwrap().results, 1);
     let done = done.lock().unwrap();
     let moved = done
         .iter()
@@ -240,15 +234,15 @@ fn act_all(store: &Store, acts: &[Act], known: &mut [bool; 3]) -> Result<(), Sto
     for act in acts {
         let (Act::Commit(at) | Act::Force(at) | Act::Damage(at)) = *act;
         let key = key(&at.to_string());
-        if let (Act::Damage(_), Lookup::Sound(record)) = (act, store.lookup(&key)?) {
+        if let (Act::Damage(_), Lookup::Sound(record)) = (act, store.results.lookup(&key)?) {
             let (_, file) = record.files().next().unwrap();
-            let breakage = super::result::Breakage::Blob {
+            let breakage = super::results::Breakage::Blob {
                 file: "m".into(),
                 blob: file.blob,
-                damage: super::blob::Damage::Changed,
+                damage: super::blobs::Damage::Changed,
             };
             known[usize::from(at)] = false;
-            store.discard(&key, &breakage)?;
+            store.results.discard(&key, &breakage)?;
         } else {
             commit(store, key, at.into(), matches!(act, Act::Force(_)))?;
             known[usize::from(at)] = true;

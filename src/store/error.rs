@@ -20,7 +20,7 @@ pub enum StoreError {
         help: Option<&'static str>,
     },
     /// A store of another layout.
-    #[error("{} is a store of layout {found}; this program knows layout {}", .root.display(), super::VERSION)]
+    #[error("{} is a store of layout {found}; this program knows layout {}", .root.display(), super::files::VERSION)]
     #[diagnostic(help("use another folder: --store FOLDER"))]
     Version {
         /// The store.

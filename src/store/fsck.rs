@@ -6,10 +6,10 @@
 //! touched.
 
 mod blobs;
+pub mod fault;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io;
 use std::path::Path;
 
 use artifacts_schema::Digest;
@@ -17,15 +17,16 @@ use serde::de::DeserializeOwned;
 use walkdir::WalkDir;
 
 use super::Store;
-use super::blob::digest_file;
+use super::blobs::digest_file;
 use super::census::{Entry, label, references};
-use super::error::{At, StoreError};
-use super::fault::{Fault, Finding, Remedy};
-use super::link::same_entry;
+use super::error::StoreError;
+use super::files::identity::same_entry;
+use super::files::{FILES, FOLDERS};
 use super::record::{Record, is_inside};
 use super::runs::Run;
 use super::view::View;
 use crate::key::Manifest;
+use fault::{Fault, Finding, Remedy};
 
 /// What a look through a store came to.
 #[derive(Debug, Default)]
@@ -48,69 +49,51 @@ struct Fsck<'s> {
     sound: BTreeSet<Digest>,
 }
 
-impl Store {
-    /// Reads everything through and names what is wrong. With `mend`, damage is moved to
-    /// `quarantine/`, so that the next run computes what is lost. Files under `out` that show
-    /// something else than sound blobs are named too; runs show them again.
-    pub fn fsck(&self, out: &Path, mend: bool) -> Result<Report, StoreError> {
-        let mut fsck = Fsck {
-            store: self,
-            mend,
-            report: Report::default(),
-            sound: BTreeSet::new(),
-        };
-        // Records come first: they say which blobs there should be, how long each is and whose it
-        // is.
-        let records = fsck.records()?;
-        fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
-        // Only now, since whether a result is whole depends on all of its blobs, some of which may
-        // just have been put back.
-        let records = fsck.whole(records)?;
-        fsck.manifests(&records)?;
-        fsck.runs()?;
-        fsck.shown(out, &records)?;
-        fsck.leftovers()?;
-        fsck.report.results = records.len();
-        fsck.report
-            .findings
-            .sort_by_key(|finding| !finding.fault.is_damage());
-        Ok(fsck.report)
-    }
-
-    /// Puts something out of reach, for whoever wants to look into it. It may be gone already.
-    pub(super) fn set_aside(&self, path: &Path) -> Result<(), StoreError> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let place = |number: u32| {
-            let name = if number == 0 {
-                name.to_string()
-            } else {
-                format!("{name}-{number}")
-            };
-            self.root.join("quarantine").join(name)
-        };
-        // What was put there earlier under the same name is kept: it may be the only trace of what
-        // goes wrong.
-        let free = (0..)
-            .map(place)
-            .find(|place| fs::symlink_metadata(place).is_err());
-        match self.disk.rename(path, &free.unwrap_or_else(|| place(0))) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                Err(error).at("move to quarantine", path)
-            }
-            _ => Ok(()),
-        }
-    }
+/// Reads everything through and names what is wrong. With `mend`, damage is moved to
+/// `quarantine/`, so that the next run computes what is lost. Files under `out` that show
+/// something else than sound blobs are named too; runs show them again.
+pub fn look_through(store: &Store, out: &Path, mend: bool) -> Result<Report, StoreError> {
+    let mut fsck = Fsck {
+        store,
+        mend,
+        report: Report::default(),
+        sound: BTreeSet::new(),
+    };
+    // Records come first: they say which blobs there should be, how long each is and whose it
+    // is.
+    let records = fsck.records()?;
+    fsck.blobs(&references(records.values().map(|(_, record)| record)))?;
+    // Only now, since whether a result is whole depends on all of its blobs, some of which may
+    // just have been put back.
+    let records = fsck.whole(records)?;
+    fsck.manifests(&records)?;
+    fsck.runs()?;
+    fsck.shown(out, &records)?;
+    fsck.leftovers()?;
+    fsck.report.results = records.len();
+    fsck.report
+        .findings
+        .sort_by_key(|finding| !finding.fault.is_damage());
+    Ok(fsck.report)
 }
 
 impl Fsck<'_> {
     fn note(&mut self, path: &Path, fault: Fault, of: Option<String>, remedy: Remedy) {
-        let path = self.store.relative(path);
+        let path = self.relative(path);
         self.report.findings.push(Finding {
             path,
             fault,
             of,
             remedy,
         });
+    }
+
+    /// A path inside the store as people read it.
+    fn relative(&self, path: &Path) -> String {
+        path.strip_prefix(&self.store.files.root)
+            .unwrap_or(path)
+            .display()
+            .to_string()
     }
 
     /// Names damage and moves it away, unless another process has replaced it meanwhile.
@@ -128,7 +111,7 @@ impl Fsck<'_> {
             false => Remedy::None,
         };
         if self.mend {
-            self.store.set_aside(&entry.path)?;
+            self.store.files.set_aside(&entry.path)?;
         }
         self.note(&entry.path, fault, of, remedy);
         Ok(())
@@ -136,7 +119,7 @@ impl Fsck<'_> {
 
     /// The files in the folders `00` to `ff` of a folder; everything else there is damage.
     fn files(&mut self, folder: &str) -> Result<Vec<Entry>, StoreError> {
-        let (files, strays) = self.store.fanned_entries(folder)?;
+        let (files, strays) = self.store.files.fanned_entries(folder)?;
         for stray in &strays {
             self.remove(
                 stray,
@@ -186,7 +169,7 @@ impl Fsck<'_> {
                 continue;
             };
             let of = Some(record.stage.clone());
-            if entry.path != self.store.result_path(&record.key) {
+            if entry.path != self.store.results.path(&record.key) {
                 self.remove(&entry, Fault::OtherKey { key: record.key }, of)?;
             } else if let Some((_, file)) = record.files().find(|(_, file)| !is_inside(&file.path))
             {
@@ -227,7 +210,7 @@ impl Fsck<'_> {
             };
             // A manifest says what its key must be, so that one in a wrong place gives itself away.
             let key = manifest.key();
-            if entry.path == self.store.manifest_path(&key) {
+            if entry.path == self.store.manifests.path(&key) {
                 missing.remove(&key);
             } else {
                 self.remove(&entry, Fault::OtherKey { key }, None)?;
@@ -236,7 +219,7 @@ impl Fsck<'_> {
         for key in missing {
             let of = Some(records[key].stage.clone());
             self.note(
-                &self.store.result_path(key),
+                &self.store.results.path(key),
                 Fault::WithoutManifest,
                 of,
                 Remedy::None,
@@ -246,7 +229,7 @@ impl Fsck<'_> {
     }
 
     fn runs(&mut self) -> Result<(), StoreError> {
-        for entry in self.store.entries("runs")? {
+        for entry in self.store.files.entries("runs")? {
             match entry.wrong_type() {
                 Some(found) => self.remove(&entry, Fault::WrongType { found }, None)?,
                 None => drop(self.parse::<Run>(&entry)?),
@@ -258,10 +241,7 @@ impl Fsck<'_> {
     /// What people see of the last run of each pipeline, where the store still has it.
     fn shown(&mut self, out: &Path, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
         let mut pipelines = BTreeSet::new();
-        for run in self
-            .store
-            .runs(None)?
-            .filter(|run| pipelines.insert(run.pipeline.clone()))
+        for run in Run::past(self.store, None)?.filter(|run| pipelines.insert(run.pipeline.clone()))
         {
             // The output folder shows the last run alone: whatever earlier runs had there has been
             // replaced.
@@ -305,18 +285,18 @@ impl Fsck<'_> {
             ("leases", Fault::Lease),
             ("tmp", Fault::Temporary),
         ] {
-            for entry in self.store.entries(folder)? {
+            for entry in self.store.files.entries(folder)? {
                 self.note(&entry.path, fault.clone(), None, Remedy::None);
             }
         }
-        for entry in self.store.entries("")? {
+        for entry in self.store.files.entries("")? {
             let name = entry
                 .path
                 .file_name()
                 .unwrap_or_default()
                 .to_string_lossy()
                 .into_owned();
-            if !super::FOLDERS.contains(&&*name) && !super::FILES.contains(&&*name) {
+            if !FOLDERS.contains(&&*name) && !FILES.contains(&&*name) {
                 self.note(&entry.path, Fault::Stray, None, Remedy::None);
             }
         }

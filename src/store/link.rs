@@ -1,6 +1,5 @@
 //! Files shown at a second place: by hard link; where that cannot be, by reflink; else by copy.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::{Duration, SystemTime};
@@ -10,23 +9,26 @@ use serde::{Deserialize, Serialize};
 use walkdir::WalkDir;
 
 use super::Store;
+use super::blobs::digest_file;
+use super::cache::index::Kind;
+use super::cache::signature::Signature;
 use super::error::{At, StoreError};
-use super::index::Kind;
+use super::files::identity::same_file;
+use super::files::parent;
 use super::record::{Output, StoredFile};
-use super::signature::Signature;
 
 /// How often to try again to show a folder that another process shows at the same time.
 const MOST_ATTEMPTS: u64 = 32;
 
-impl Store {
+impl Output {
     /// Shows an artifact as a folder. What is there and as it should be is left alone; anything
     /// else there is removed.
-    pub fn show(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
+    pub fn show(&self, store: &Store, folder: &Path) -> Result<(), StoreError> {
         for attempt in 0..MOST_ATTEMPTS {
-            if self.shows(output, folder) {
+            if self.is_shown(store, folder) {
                 return Ok(());
             }
-            match self.place(output, folder) {
+            match self.place(store, folder) {
                 // Another process shows the same here, and each clears away what the other has:
                 // they wait for different times, so that one of them comes to its end.
                 Err(error) if error.is_of_a_race() => {
@@ -37,34 +39,40 @@ impl Store {
             }
         }
         // Whatever goes wrong this time is said: after so many attempts it is no race any more.
-        self.place(output, folder)
+        self.place(store, folder)
     }
 
-    fn place(&self, output: &Output, folder: &Path) -> Result<(), StoreError> {
+    fn place(&self, store: &Store, folder: &Path) -> Result<(), StoreError> {
         // Files of an earlier result would otherwise stay, and be taken for some of this one.
-        self.clear(folder)?;
-        for file in &output.files {
+        store.files.clear(folder)?;
+        for file in &self.files {
             let path = folder.join(&file.path);
-            let parent = super::parent(&path);
-            self.disk.create_folders(parent).at("create", parent)?;
-            self.disk
-                .link(&self.blob_path(&file.blob), &path)
+            let parent = parent(&path);
+            store
+                .files
+                .disk
+                .create_folders(parent)
+                .at("create", parent)?;
+            store
+                .files
+                .disk
+                .link(&store.blobs.path(&file.blob), &path)
                 .at("write", &path)?;
         }
         // An artifact without files is an empty folder, which the loop above does not make.
-        self.disk.create_folders(folder).at("create", folder)
+        store.files.disk.create_folders(folder).at("create", folder)
     }
 
-    fn shows(&self, output: &Output, folder: &Path) -> bool {
+    fn is_shown(&self, store: &Store, folder: &Path) -> bool {
         let name = name(folder);
-        let seen = self.index.get(Kind::Shown, &name);
-        if seen.is_some_and(|seen: Shown| self.showed(&seen, output, folder)) {
+        let seen = store.cache.index.get(Kind::Shown, &name);
+        if seen.is_some_and(|seen: Shown| seen.stands(self, folder)) {
             return true;
         }
         // Before the files are compared, for the same reason as in `lookup`: what changes meanwhile
         // is not remembered.
-        let now = self.clock.now();
-        let seen = Shown::new(output, folder);
+        let now = store.cache.clock.now();
+        let seen = Shown::new(self, folder);
         // A file too many is as wrong as one too few: whoever lists the folder would take it for a
         // part of the artifact.
         let files = WalkDir::new(folder)
@@ -73,39 +81,12 @@ impl Store {
             .filter(|entry| !entry.file_type().is_dir())
             .count();
         let shows = folder.is_dir()
-            && files == output.files.len()
-            && output
-                .files
-                .iter()
-                .all(|file| self.shows_file(file, folder));
+            && files == self.files.len()
+            && self.files.iter().all(|file| is_shown(file, store, folder));
         if let Some(seen) = seen.filter(|seen| shows && seen.is_settled(now)) {
-            self.index.put(Kind::Shown, &name, &seen);
+            store.cache.index.put(Kind::Shown, &name, &seen);
         }
         shows
-    }
-
-    /// Whether a folder that was found to show an artifact at an earlier time has not changed
-    /// since. Of a blob's second name, it is enough that the folder still has it and that the blob
-    /// is as it was.
-    fn showed(&self, seen: &Shown, output: &Output, folder: &Path) -> bool {
-        let is_same = |(file, before): (&StoredFile, &Signature)| {
-            // A second name has the signature of its blob, at which a lookup has just looked.
-            file.glance.0.as_ref() == Some(before)
-                || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
-        };
-        seen.blobs
-            .iter()
-            .eq(output.files.iter().map(|file| &file.blob))
-            && Signature::at(folder) == Some(seen.folder)
-            && output.files.iter().zip(&seen.files).all(is_same)
-    }
-
-    fn shows_file(&self, file: &StoredFile, folder: &Path) -> bool {
-        let shown = folder.join(&file.path);
-        let blob = self.blob_path(&file.blob);
-        // A second name need not be read. A copy can only be told by its bytes.
-        same_file(&shown, &blob)
-            || super::blob::digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
     }
 }
 
@@ -138,6 +119,22 @@ impl Shown {
         })
     }
 
+    /// Whether a folder that was found to show an artifact at an earlier time has not changed
+    /// since. Of a blob's second name, it is enough that the folder still has it and that the blob
+    /// is as it was.
+    fn stands(&self, output: &Output, folder: &Path) -> bool {
+        let is_same = |(file, before): (&StoredFile, &Signature)| {
+            // A second name has the signature of its blob, at which a lookup has just looked.
+            file.glance.0.as_ref() == Some(before)
+                || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
+        };
+        self.blobs
+            .iter()
+            .eq(output.files.iter().map(|file| &file.blob))
+            && Signature::at(folder) == Some(self.folder)
+            && output.files.iter().zip(&self.files).all(is_same)
+    }
+
     fn is_settled(&self, now: SystemTime) -> bool {
         self.files
             .iter()
@@ -154,27 +151,10 @@ fn name(folder: &Path) -> Digest {
     blake3::hash(HERE.join(folder).as_os_str().as_encoded_bytes()).into()
 }
 
-/// Whether what lies at a path is still what was seen there; links are not followed.
-pub fn same_entry(path: &Path, seen: &fs::Metadata) -> bool {
-    fs::symlink_metadata(path)
-        .is_ok_and(|there| identity(&there) == identity(seen) && there.len() == seen.len())
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    let pair = (fs::metadata(a), fs::metadata(b));
-    // Where the system tells no identities, `None` equals `None`: that must not make all files the
-    // same.
-    matches!(pair, (Ok(a), Ok(b)) if identity(&a).is_some() && identity(&a) == identity(&b))
-}
-
-/// What tells a file from all others, whatever its name; `None` where the system does not say.
-#[cfg(unix)]
-pub fn identity(data: &fs::Metadata) -> Option<(u64, u64)> {
-    use std::os::unix::fs::MetadataExt;
-    Some((data.dev(), data.ino()))
-}
-
-#[cfg(not(unix))]
-pub fn identity(_: &fs::Metadata) -> Option<(u64, u64)> {
-    None
+/// Whether a folder shows a file as it is in the store.
+fn is_shown(file: &StoredFile, store: &Store, folder: &Path) -> bool {
+    let shown = folder.join(&file.path);
+    let blob = store.blobs.path(&file.blob);
+    // A second name need not be read. A copy can only be told by its bytes.
+    same_file(&shown, &blob) || digest_file(&shown).is_ok_and(|(digest, _)| digest == file.blob)
 }

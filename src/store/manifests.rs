@@ -2,40 +2,67 @@
 //! one.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use artifacts_schema::Digest;
 use rayon::prelude::*;
 
+use super::cache::Cache;
+use super::cache::index::Kind;
+use super::cache::signature::Signature;
+use super::census::{Entry, list};
 use super::error::StoreError;
-use super::index::Kind;
-use super::signature::Signature;
-use super::{Store, json, read_json};
+use super::files::{Files, json, parent, read_json};
 use crate::key::Manifest;
 
-impl Store {
-    pub(super) fn manifest_path(&self, key: &Digest) -> PathBuf {
-        self.fanned("manifests", key, ".json")
+/// The manifests of a store.
+pub struct Manifests {
+    files: Arc<Files>,
+    cache: Arc<Cache>,
+}
+
+impl Manifests {
+    pub(super) fn new(files: Arc<Files>, cache: Arc<Cache>) -> Self {
+        Self { files, cache }
+    }
+
+    /// Where the manifest of a key lies.
+    pub(super) fn path(&self, key: &Digest) -> PathBuf {
+        self.files.fanned("manifests", key, ".json")
     }
 
     /// The manifest that belongs to a key, if the stage ever ran here.
-    pub fn manifest(&self, key: &Digest) -> Option<Manifest> {
-        read_json(&self.manifest_path(key)).ok().flatten()
+    pub fn get(&self, key: &Digest) -> Option<Manifest> {
+        read_json(&self.path(key)).ok().flatten()
     }
 
     /// Keeps the manifest of a key.
-    pub fn put_manifest(&self, key: &Digest, manifest: &Manifest) -> Result<(), StoreError> {
-        let path = self.manifest_path(key);
+    pub fn put(&self, key: &Digest, manifest: &Manifest) -> Result<(), StoreError> {
+        let path = self.path(key);
         // A key is the digest of its manifest, so what is there can only say the same.
         if path.exists() {
             Ok(())
         } else {
-            self.put(&path, &json(&path, manifest)?)
+            self.files.put(&path, &json(&path, manifest)?)
         }
+    }
+
+    /// The keys with a manifest that begin with these digits, at least six.
+    pub fn keys_like(&self, beginning: &str) -> Result<Vec<Digest>, StoreError> {
+        // Fewer digits would often fit several keys, and the first two name the folder.
+        if beginning.len() < 6 || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+            return Ok(Vec::new());
+        }
+        let folder = list(&self.files.root.join("manifests").join(&beginning[..2]))?;
+        let keys = folder.iter().filter_map(Entry::digest);
+        Ok(keys
+            .filter(|key| key.to_string().starts_with(beginning))
+            .collect())
     }
 
     /// Which of these keys have lost their manifest. While a folder is as it was when all of them
     /// were there, they still are.
-    pub fn without_manifest(&self, keys: impl Iterator<Item = Digest>) -> Vec<Digest> {
+    pub fn missing(&self, keys: impl Iterator<Item = Digest>) -> Vec<Digest> {
         let mut keys: Vec<Digest> = keys.collect();
         keys.sort_unstable();
         // The first byte is the name of the folder: one look at a folder spares a look at each
@@ -51,24 +78,24 @@ impl Store {
     fn missing_in_folder(&self, keys: &[Digest]) -> Vec<Digest> {
         // The folder is looked at before the files in it, so that one that vanishes in between
         // shows.
-        let now = self.clock.now();
-        let path = self.manifest_path(&keys[0]);
+        let now = self.cache.clock.now();
+        let path = self.path(&keys[0]);
         let name = name(keys);
-        let signature = Signature::at(super::parent(&path));
-        let seen: Option<Signature> = self.index.get(Kind::Manifests, &name);
+        let signature = Signature::at(parent(&path));
+        let seen: Option<Signature> = self.cache.index.get(Kind::Manifests, &name);
         if seen.is_some() && seen == signature {
             return Vec::new();
         }
         let missing: Vec<Digest> = keys
             .iter()
-            .filter(|key| !self.manifest_path(key).exists())
+            .filter(|key| !self.path(key).exists())
             .copied()
             .collect();
         // Only that all were there is remembered: what is missing will be written soon.
         if let Some(signature) =
             signature.filter(|signature| missing.is_empty() && signature.is_settled(now))
         {
-            self.index.put(Kind::Manifests, &name, &signature);
+            self.cache.index.put(Kind::Manifests, &name, &signature);
         }
         missing
     }

@@ -2,13 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::io;
+use std::path::PathBuf;
 
 use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
 
+use super::Store;
 use super::error::{At, StoreError};
+use super::files::{json, read_json};
 use super::runs::Run;
-use super::{Store, json, read_json};
 
 /// A named set of results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,15 +39,13 @@ impl Pin {
             keys,
         }
     }
-}
 
-impl Store {
     /// All pins, by name.
-    pub fn pins(&self) -> Result<Vec<Pin>, StoreError> {
+    pub fn all(store: &Store) -> Result<Vec<Self>, StoreError> {
         let mut pins = Vec::new();
-        for entry in self.entries("pins")? {
+        for entry in store.files.entries("pins")? {
             // One that cannot be understood may stand for anything: nothing is removed then.
-            let pin = read_json::<Pin>(&entry.path)?;
+            let pin = read_json::<Self>(&entry.path)?;
             let garbled = || {
                 io::Error::new(
                     io::ErrorKind::InvalidData,
@@ -57,24 +57,26 @@ impl Store {
         Ok(pins)
     }
 
-    /// Keeps a pin; one of the same name is replaced.
-    pub fn put_pin(&self, pin: &Pin) -> Result<(), StoreError> {
-        let path = self.pin_path(&pin.name);
-        self.put(&path, &json(&path, pin)?)
+    /// Keeps it; one of the same name is replaced.
+    pub fn keep(&self, store: &Store) -> Result<(), StoreError> {
+        let path = path(store, &self.name);
+        store.files.put(&path, &json(&path, self)?)
     }
 
     /// Removes a pin. Whether there was one.
-    pub fn remove_pin(&self, name: &str) -> Result<bool, StoreError> {
-        let path = self.pin_path(name);
+    pub fn remove(store: &Store, name: &str) -> Result<bool, StoreError> {
+        let path = path(store, name);
         // Removing what is absent is no error, so that has to be asked before.
         let there = path.exists();
-        self.disk
+        store
+            .files
+            .disk
             .remove_file(&path)
             .at("remove", &path)
             .map(|()| there)
     }
+}
 
-    fn pin_path(&self, name: &str) -> std::path::PathBuf {
-        self.root.join("pins").join(format!("{name}.json"))
-    }
+fn path(store: &Store, name: &str) -> PathBuf {
+    store.files.root.join("pins").join(format!("{name}.json"))
 }

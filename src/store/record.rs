@@ -7,7 +7,7 @@ use std::path::{Component, Path};
 use artifacts_schema::{ArtifactKind, Digest};
 use serde::{Deserialize, Serialize};
 
-use super::signature::Signature;
+use super::cache::signature::Signature;
 
 /// What a stage produced.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,8 +7,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
 
+use super::Store;
 use super::error::{At, StoreError};
-use super::{Store, read_json};
+use super::files::read_json;
 use crate::experiment::Experiment;
 
 /// What one run did.
@@ -79,18 +80,18 @@ pub enum End {
     Stopped,
 }
 
-impl Store {
-    /// Keeps a run's record. A store that can only be read goes without.
-    pub fn put_run(&self, run: &Run) -> Result<(), StoreError> {
-        if self.read_only {
+impl Run {
+    /// Keeps it. A store that can only be read goes without.
+    pub fn keep(&self, store: &Store) -> Result<(), StoreError> {
+        if store.files.read_only {
             return Ok(());
         }
         // A run ends here, whichever way it ended: what it has found sound is kept for the next
         // one.
-        self.keep_index();
-        let folder = self.root.join("runs");
+        store.cache.keep();
+        let folder = store.files.root.join("runs");
         // On one line: there may be thousands of stages.
-        let bytes = serde_json::to_vec(run)
+        let bytes = serde_json::to_vec(self)
             .map_err(std::io::Error::from)
             .at("write", &folder)?;
         // Two runs of a pipeline can begin in the same millisecond, on two hosts for example.
@@ -101,8 +102,8 @@ impl Store {
             } else {
                 format!("-{number}")
             };
-            let path = folder.join(format!("{}-{}{again}.json", run.started, run.pipeline));
-            if self.put_new(&path, &bytes)? {
+            let path = folder.join(format!("{}-{}{again}.json", self.started, self.pipeline));
+            if store.files.put_new(&path, &bytes)? {
                 break;
             }
         }
@@ -110,8 +111,11 @@ impl Store {
     }
 
     /// The runs of a pipeline (of all where no name is given), newest first, read one by one.
-    pub fn runs(&self, pipeline: Option<&str>) -> Result<impl Iterator<Item = Run>, StoreError> {
-        let folder = self.root.join("runs");
+    pub fn past(
+        store: &Store,
+        pipeline: Option<&str>,
+    ) -> Result<impl Iterator<Item = Self>, StoreError> {
+        let folder = store.files.root.join("runs");
         let mut paths: Vec<PathBuf> = match std::fs::read_dir(&folder) {
             Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
@@ -124,7 +128,7 @@ impl Store {
         // left out.
         let runs = paths
             .into_iter()
-            .filter_map(|path| read_json::<Run>(&path).ok().flatten());
+            .filter_map(|path| read_json::<Self>(&path).ok().flatten());
         Ok(runs.filter(move |run| pipeline.as_ref().is_none_or(|name| *name == run.pipeline)))
     }
 }
@@ -171,5 +175,33 @@ mod tests {
         assert_eq!(civil(0), (1970, 1, 1));
         assert_eq!(civil(11_016), (2000, 2, 29));
         assert_eq!(civil(20_779), (2026, 11, 22));
+    }
+
+    #[test]
+    fn runs_come_newest_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::create(folder.path()).unwrap();
+        let run = |pipeline: &str, started: &str| Run {
+            pipeline: pipeline.into(),
+            started: started.into(),
+            seconds: 1.0,
+            stages: Default::default(),
+            experiment: None,
+            command: None,
+        };
+        for (pipeline, started) in [
+            ("a", "20260101T000000.000Z"),
+            ("b", "20260102T000000.000Z"),
+            ("a", "20260103T000000.000Z"),
+        ] {
+            run(pipeline, started).keep(&store).unwrap();
+        }
+        let started: Vec<String> = Run::past(&store, Some("a"))
+            .unwrap()
+            .map(|run| run.started)
+            .collect();
+        assert_eq!(started, ["20260103T000000.000Z", "20260101T000000.000Z"]);
+        assert_eq!(Run::past(&store, None).unwrap().count(), 3);
+        assert_eq!(now().len(), started[0].len());
     }
 }

@@ -7,6 +7,7 @@ use artifacts_schema::Digest;
 use super::Store;
 use super::error::StoreError;
 use super::record::Record;
+use super::runs::Run;
 
 /// The blobs of some results, against all others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -31,16 +32,17 @@ pub struct Usage {
     pub total: u64,
 }
 
-impl Store {
+impl Usage {
     /// Measures everything.
-    pub fn usage(&self) -> Result<Usage, StoreError> {
-        let records: BTreeMap<Digest, Record> = self
+    pub fn of(store: &Store) -> Result<Self, StoreError> {
+        let records: BTreeMap<Digest, Record> = store
+            .results
             .records()?
             .into_iter()
             .map(|record| (record.key, record))
             .collect();
         let mut runs: BTreeMap<String, Vec<(String, Digest)>> = BTreeMap::new();
-        for run in self.runs(None)? {
+        for run in Run::past(store, None)? {
             let keys = run
                 .stages
                 .into_iter()
@@ -77,10 +79,10 @@ impl Store {
             );
         }
         let others = space(unnamed, &holders);
-        let rest = self.rest(&records)?;
+        let rest = self::rest(store, &records)?;
         let blobs: u64 = sizes(records.values()).values().sum();
         let total = blobs + rest.values().sum::<u64>();
-        Ok(Usage {
+        Ok(Self {
             stages,
             pipelines,
             others,
@@ -88,34 +90,35 @@ impl Store {
             total,
         })
     }
+}
 
-    fn rest(
-        &self,
-        records: &BTreeMap<Digest, Record>,
-    ) -> Result<BTreeMap<&'static str, u64>, StoreError> {
-        let known = sizes(records.values());
-        let (blobs, _) = self.fanned_entries("cas")?;
-        let orphans = blobs
-            .iter()
-            .filter(|entry| entry.digest().is_none_or(|blob| !known.contains_key(&blob)));
-        let mut rest = BTreeMap::from([(
-            "blobs of no result",
-            orphans.map(|entry| entry.data.len()).sum(),
-        )]);
-        for (name, folder) in [
-            ("interrupted stages", "work"),
-            ("quarantine", "quarantine"),
-            ("states for longer runs", "states"),
-        ] {
-            rest.insert(name, size_of(&self.root.join(folder)));
-        }
-        let records: u64 = ["results", "manifests", "runs", "pins"]
-            .map(|folder| size_of(&self.root.join(folder)))
-            .iter()
-            .sum();
-        rest.insert("records", records);
-        Ok(rest)
+/// What is no blob of a result.
+fn rest(
+    store: &Store,
+    records: &BTreeMap<Digest, Record>,
+) -> Result<BTreeMap<&'static str, u64>, StoreError> {
+    let known = sizes(records.values());
+    let (blobs, _) = store.files.fanned_entries("cas")?;
+    let orphans = blobs
+        .iter()
+        .filter(|entry| entry.digest().is_none_or(|blob| !known.contains_key(&blob)));
+    let mut rest = BTreeMap::from([(
+        "blobs of no result",
+        orphans.map(|entry| entry.data.len()).sum(),
+    )]);
+    for (name, folder) in [
+        ("interrupted stages", "work"),
+        ("quarantine", "quarantine"),
+        ("states for longer runs", "states"),
+    ] {
+        rest.insert(name, size_of(&store.files.root.join(folder)));
     }
+    let records: u64 = ["results", "manifests", "runs", "pins"]
+        .map(|folder| size_of(&store.files.root.join(folder)))
+        .iter()
+        .sum();
+    rest.insert("records", records);
+    Ok(rest)
 }
 
 /// The sizes of all blobs of some results.

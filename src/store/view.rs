@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::Store;
 use super::error::{At, StoreError};
+use super::files::{parent, read_json};
 use super::record::Record;
-use super::{Store, parent, read_json};
 
 /// The file that remembers which folders are ours, so that nothing else is ever removed.
 const LIST: &str = ".srnerf-stages.json";
@@ -52,7 +53,7 @@ impl View {
         record
             .outputs
             .iter()
-            .try_for_each(|(name, output)| store.show(output, &self.output(stage, name)))
+            .try_for_each(|(name, output)| output.show(store, &self.output(stage, name)))
     }
 
     /// The file that remembers which folders are ours.
@@ -73,7 +74,7 @@ impl View {
         // user's is removed.
         let before: BTreeSet<String> = read_json(&list)?.unwrap_or_default();
         for gone in before.difference(&stages).filter(|name| is_ours(name)) {
-            store.clear(&self.folder.join(gone))?;
+            store.files.clear(&self.folder.join(gone))?;
         }
         // The list is written last: whoever is killed before finds the old names in it, and removes
         // them again.
@@ -90,3 +91,6 @@ fn is_ours(name: &str) -> bool {
     let is_plain = |part: &str| !part.is_empty() && !part.starts_with('.');
     !name.contains(['\\', ':']) && name.split('/').all(is_plain)
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,12 +13,14 @@ use std::path::{Path, PathBuf};
 use artifacts_schema::{ArtifactKind, Digest, semantic_digest};
 use walkdir::WalkDir;
 
+use super::cache::signature::Signature;
 use super::error::{At, StoreError};
-use super::holder::Holder;
-use super::lease::{Claim, Lease};
+use super::files::parent;
+use super::leases::Claim;
+use super::leases::holder::Holder;
+use super::leases::lease::Lease;
 use super::record::{Glance, Output, Record, StoredFile};
-use super::signature::Signature;
-use super::{Store, parent};
+use super::{Store, state};
 
 /// The private folder of one key. Only one process at a time has it.
 pub struct Work<'s> {
@@ -45,22 +47,22 @@ pub struct Facts {
     pub peak_memory: Option<u64>,
 }
 
-impl Store {
+impl<'s> Work<'s> {
     /// The private folder of a key, with empty `in` and `out`; else the process that has it.
-    pub fn work(&self, key: Digest) -> Result<Result<Work<'_>, Holder>, StoreError> {
-        let lease = match self.lease(&key)? {
+    pub fn begin(store: &'s Store, key: Digest) -> Result<Result<Self, Holder>, StoreError> {
+        let lease = match store.leases.take(&key)? {
             Claim::Ours(lease) => lease,
             Claim::Theirs(holder) => return Ok(Err(holder)),
         };
-        let folder = self.root.join("work").join(key.to_string());
+        let folder = store.files.root.join("work").join(key.to_string());
         // The nonce comes from the system's random numbers. Process numbers repeat on other hosts,
         // and clocks can be set back.
         let run = folder.join(format!(
             "run-{:016x}",
             RandomState::new().build_hasher().finish()
         ));
-        let work = Work {
-            store: self,
+        let work = Self {
+            store,
             key,
             folder,
             run,
@@ -69,13 +71,15 @@ impl Store {
         // The lease is ours by now, so whoever made these folders is dead or has lost it.
         work.sweep()?;
         for folder in [work.outputs(), work.scratch()] {
-            self.disk.create_folders(&folder).at("create", &folder)?;
+            store
+                .files
+                .disk
+                .create_folders(&folder)
+                .at("create", &folder)?;
         }
         Ok(Ok(work))
     }
-}
 
-impl Work<'_> {
     /// Where the stage writes its outputs.
     pub fn outputs(&self) -> PathBuf {
         self.run.join("out")
@@ -91,6 +95,7 @@ impl Work<'_> {
     pub fn take_over(&self, other: &Digest) {
         let scratch = self
             .store
+            .files
             .root
             .join("work")
             .join(other.to_string())
@@ -116,7 +121,7 @@ impl Work<'_> {
     /// Shows an input artifact to the stage, and says where.
     pub fn input(&self, name: &str, artifact: &Output) -> Result<PathBuf, StoreError> {
         let folder = self.run.join("in").join(name);
-        self.store.show(artifact, &folder)?;
+        artifact.show(self.store, &folder)?;
         Ok(folder)
     }
 
@@ -124,7 +129,7 @@ impl Work<'_> {
     pub fn keep_state(&self, extension: &Digest) -> Result<(), StoreError> {
         let checkpoint = self.scratch().join(stages::keeper::FILE);
         if checkpoint.exists() {
-            self.store.put_state(extension, &self.key, &checkpoint)
+            state::keep(self.store, extension, &self.key, &checkpoint)
         } else {
             Ok(())
         }
@@ -137,7 +142,7 @@ impl Work<'_> {
             // `scratch` belongs to the key, not to a lease: it holds the checkpoint from which the
             // stage goes on.
             if entry.file_name() != "scratch" {
-                self.store.clear(&entry.path())?;
+                self.store.files.clear(&entry.path())?;
             }
         }
         Ok(())
@@ -159,7 +164,8 @@ impl Work<'_> {
         // could leave a record without them.
         for file in kept.values().flat_map(|output| &output.files) {
             self.store
-                .flush_folder(parent(&self.store.blob_path(&file.blob)))?;
+                .files
+                .flush_folder(parent(&self.store.blobs.path(&file.blob)))?;
         }
         let Facts {
             stage,
@@ -177,11 +183,11 @@ impl Work<'_> {
             remarks,
             peak_memory,
         };
-        let record = self.store.put_result(record, replace)?;
+        let record = self.store.results.put(record, replace)?;
         // Last of all: until the record is in place, the checkpoint is all that there is of the
         // work. If the lease was lost meanwhile, the checkpoint is another's.
         if self.lost_to().is_none() {
-            self.store.clear(&self.scratch())?;
+            self.store.files.clear(&self.scratch())?;
         }
         self.abandon()?;
         Ok(record)
@@ -189,7 +195,7 @@ impl Work<'_> {
 
     /// Gives the folder up without a result; scratch stays if there is anything in it.
     pub fn abandon(self) -> Result<(), StoreError> {
-        self.store.clear(&self.run)?;
+        self.store.files.clear(&self.run)?;
         // Both fail, as they should, while there is something in the folder.
         let _ = fs::remove_dir(self.scratch());
         let _ = fs::remove_dir(&self.folder);
@@ -211,8 +217,8 @@ impl Work<'_> {
             if !entry.file_type().is_dir() {
                 let path = relative(entry.path(), &folder)
                     .ok_or_else(|| refused("a file's name is not text".into()))?;
-                let (blob, bytes) = self.store.take_blob(entry.path())?;
-                let glance = Glance(Signature::at(&self.store.blob_path(&blob)));
+                let (blob, bytes) = self.store.blobs.take(entry.path())?;
+                let glance = Glance(Signature::at(&self.store.blobs.path(&blob)));
                 files.push(StoredFile {
                     path,
                     blob,
@@ -239,3 +245,6 @@ fn relative(path: &Path, folder: &Path) -> Option<String> {
         .collect();
     parts.map(|parts| parts.join("/"))
 }
+
+#[cfg(test)]
+mod tests;

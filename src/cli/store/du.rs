@@ -19,7 +19,7 @@ pub struct Du {
 impl Du {
     /// Prints what takes the space.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let usage = Store::open(&self.folders.store)?.usage()?;
+        let usage = Usage::of(&Store::open(&self.folders.store)?)?;
         if json {
             let stages: Vec<_> = usage.stages.iter().map(entry).collect();
             print_json(&json!({

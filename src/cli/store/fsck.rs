@@ -7,8 +7,8 @@ use crate::cli::options::Folders;
 use crate::cli::output::{print, print_json, size, table};
 use crate::error::Error;
 use crate::store::Store;
-use crate::store::fault::Finding;
-use crate::store::fsck::Report;
+use crate::store::fsck::fault::Finding;
+use crate::store::fsck::{Report, look_through};
 
 /// Options of `store fsck`.
 #[derive(Args)]
@@ -28,7 +28,7 @@ impl Fsck {
         } else {
             Store::create
         }(&self.folders.store)?;
-        let report = store.fsck(&self.folders.out, !self.dry_run)?;
+        let report = look_through(&store, &self.folders.out, !self.dry_run)?;
         let (blobs, bytes) = report.blobs;
         let results = report.results;
         if json {

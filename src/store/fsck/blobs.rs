@@ -8,11 +8,11 @@ use artifacts_schema::Digest;
 use rayon::prelude::*;
 
 use super::Fsck;
-use crate::store::blob::digest_file;
+use super::fault::{Fault, Remedy};
+use crate::store::blobs::digest_file;
 use crate::store::census::{Entry, References};
 use crate::store::error::{At, StoreError};
-use crate::store::fault::{Fault, Remedy};
-use crate::store::link::same_entry;
+use crate::store::files::identity::same_entry;
 
 impl Fsck<'_> {
     /// Reads all blobs through.
@@ -26,7 +26,7 @@ impl Fsck<'_> {
             .collect();
         for (entry, digest) in files.iter().zip(digests) {
             match digest {
-                Ok((digest, bytes)) if entry.path == self.store.blob_path(&digest) => {
+                Ok((digest, bytes)) if entry.path == self.store.blobs.path(&digest) => {
                     self.sound_blob(entry, digest, bytes, references)?;
                 }
                 Ok((digest, bytes)) => self.wrong_blob(entry, digest, bytes, references)?,
@@ -74,6 +74,7 @@ impl Fsck<'_> {
             };
             if self.mend {
                 self.store
+                    .files
                     .disk
                     .protect(&entry.path)
                     .at("protect", &entry.path)?;
@@ -92,7 +93,7 @@ impl Fsck<'_> {
         bytes: u64,
         references: &References,
     ) -> Result<(), StoreError> {
-        let place = self.store.blob_path(&found);
+        let place = self.store.blobs.path(&found);
         // Only where it is missed and the place is free: a good blob must never be replaced by one
         // that was found elsewhere.
         if let Some((_, of)) = references.get(&found)
@@ -108,7 +109,7 @@ impl Fsck<'_> {
                 return Ok(());
             }
             if self.mend {
-                self.store.keep_received(&entry.path)?;
+                self.store.blobs.keep(&entry.path)?;
                 self.sound.insert(found);
             }
             self.note(

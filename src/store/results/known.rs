@@ -1,17 +1,22 @@
 //! Results that were found sound, as the index remembers them: while neither a record nor its blobs
 //! have changed, nobody reads them through again.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::SystemTime;
 
 use artifacts_schema::Digest;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::Store;
-use super::index::{Kind, Place};
-use super::record::{Glance, Record, StoredFile};
-use super::signature::Signature;
+use super::path;
+use crate::store::blobs::Blobs;
+use crate::store::cache::Cache;
+use crate::store::cache::index::{Kind, Place};
+use crate::store::cache::signature::Signature;
+use crate::store::files::Files;
+use crate::store::record::{Glance, Record, StoredFile};
 
 /// An index that remembers more than this many times the results that are wanted is not looked
 /// through ahead.
@@ -27,10 +32,53 @@ struct Seen {
     record: Record,
 }
 
-impl Store {
+/// The results of a store that were found sound.
+pub struct Known {
+    files: Arc<Files>,
+    blobs: Arc<Blobs>,
+    cache: Arc<Cache>,
+    /// Those that were looked up ahead, each until it is asked for.
+    ahead: Mutex<BTreeMap<Digest, Record>>,
+}
+
+impl Known {
+    pub(super) fn new(files: Arc<Files>, blobs: Arc<Blobs>, cache: Arc<Cache>) -> Self {
+        Self {
+            files,
+            blobs,
+            cache,
+            ahead: Mutex::default(),
+        }
+    }
+
+    /// The time, for what is to be remembered.
+    pub(super) fn now(&self) -> SystemTime {
+        self.cache.clock.now()
+    }
+
+    /// The result of a key, if it was found sound and has not changed since.
+    pub(super) fn get(&self, key: &Digest) -> Option<Record> {
+        // Each looked-up result is handed out once: later questions in a long run must see what has
+        // changed since.
+        let ahead = self
+            .ahead
+            .lock()
+            .ok()
+            .and_then(|mut ahead| ahead.remove(key));
+        ahead.or_else(|| self.unchanged(key))
+    }
+
+    /// Takes over what was looked up ahead in another store object on the same folder.
+    pub fn take(&self, other: &Self) {
+        // Moved, not shared: what was looked up ahead is used once, by whoever goes on with it.
+        if let (Ok(mut ahead), Ok(mut others)) = (self.ahead.lock(), other.ahead.lock()) {
+            ahead.append(&mut others);
+        }
+    }
+
     /// Whether the index remembers far more results than are `wanted`.
-    pub fn remembers_many(&self, wanted: usize) -> bool {
-        self.index.places(Kind::Result).len() > AHEAD * wanted
+    pub fn are_many(&self, wanted: usize) -> bool {
+        self.cache.index.places(Kind::Result).len() > AHEAD * wanted
     }
 
     /// Looks up at once what the index remembers, until there is `enough`: all threads together are
@@ -38,6 +86,7 @@ impl Store {
     pub fn look_ahead(&self, enough: &AtomicBool) {
         let find = |place: &Place| {
             let seen = self
+                .cache
                 .index
                 .read(place)
                 // Once the pipeline is read and wants few of these results, looking at all of them
@@ -47,20 +96,21 @@ impl Store {
                 .map(|record| (record.key, record))
         };
         let found: Vec<_> = self
+            .cache
             .index
             .places(Kind::Result)
             .par_iter()
             .filter_map(find)
             .collect();
-        if let Ok(mut known) = self.known.lock() {
-            *known = found.into_iter().collect();
+        if let Ok(mut ahead) = self.ahead.lock() {
+            *ahead = found.into_iter().collect();
         }
     }
 
     /// A result that was found sound at an earlier time, if neither its record nor any of its blobs
     /// has changed since.
-    pub(super) fn unchanged(&self, key: &Digest) -> Option<Record> {
-        self.confirm(self.index.get(Kind::Result, key)?)
+    fn unchanged(&self, key: &Digest) -> Option<Record> {
+        self.confirm(self.cache.index.get(Kind::Result, key)?)
             .filter(|record| record.key == *key)
     }
 
@@ -80,14 +130,14 @@ impl Store {
         {
             // Kept with the file: whoever shows the result next compares with it, and spares a
             // second look.
-            file.glance = Glance(Signature::at(&self.blob_path(&file.blob)));
+            file.glance = Glance(Signature::at(&self.blobs.path(&file.blob)));
             if file.glance.0.as_ref() != Some(stamps.next()?) {
                 return None;
             }
         }
         // The record too: a run that forces the stage replaces it, and the old blobs may still be
         // there.
-        (Signature::at(&self.result_path(&record.key)) == Some(result)).then_some(record)
+        (Signature::at(&path(&self.files, &record.key)) == Some(result)).then_some(record)
     }
 
     /// Remembers results that this process has just written, so that the next one need not read
@@ -96,19 +146,19 @@ impl Store {
     pub fn remember_own<'r>(&self, records: impl Iterator<Item = &'r Record>) {
         // Results of a moment ago are not settled and are left out. The next run reads them
         // through, and remembers them then.
-        let now = self.clock.now();
+        let now = self.now();
         for record in records {
             // Showing a result gives its blobs second names, which changes their inodes and not
             // their content.
             let still = |file: &StoredFile| {
-                Signature::at(&self.blob_path(&file.blob)).filter(|now| {
+                Signature::at(&self.blobs.path(&file.blob)).filter(|now| {
                     file.glance
                         .0
                         .is_some_and(|before| now.has_content_of(&before))
                 })
             };
             let blobs = record.files().map(|(_, file)| still(file)).collect();
-            let result = Signature::at(&self.result_path(&record.key));
+            let result = Signature::at(&path(&self.files, &record.key));
             self.remember(now, record, result, blobs);
         }
     }
@@ -132,7 +182,7 @@ impl Store {
                 blobs,
                 record: record.clone(),
             };
-            self.index.put(Kind::Result, &record.key, &seen);
+            self.cache.index.put(Kind::Result, &record.key, &seen);
         }
     }
 }

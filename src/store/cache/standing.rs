@@ -5,16 +5,17 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use artifacts_schema::Digest;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::index::Kind;
-use super::record::Record;
+use super::index::{Index, Kind};
 use super::signature::Signature;
-use super::{Store, parent};
+use crate::store::files::Files;
+use crate::store::record::Record;
 
 /// All results of a pipeline.
 #[derive(Serialize, Deserialize)]
@@ -34,11 +35,23 @@ struct Entry {
     looked: Vec<(String, Signature)>,
 }
 
-impl Store {
+/// All that are kept.
+pub struct Standings {
+    files: Arc<Files>,
+    /// In a file of its own, which is read first and by itself.
+    index: Index,
+}
+
+impl Standings {
+    pub fn new(files: Arc<Files>) -> Self {
+        let index = Index::new(files.root.join("standing"));
+        Self { files, index }
+    }
+
     /// The answer that the same question had before, if nothing has changed since of what it rests
     /// on.
-    pub fn standing(&self, question: &Digest) -> Option<Standing> {
-        let Entry { standing, looked } = self.standings.get(Kind::Standing, question)?;
+    pub fn get(&self, question: &Digest) -> Option<Standing> {
+        let Entry { standing, looked } = self.index.get(Kind::Standing, question)?;
         let stands = |(path, before): &(String, Signature)| {
             Signature::at(Path::new(path)).as_ref() == Some(before)
         };
@@ -50,7 +63,7 @@ impl Store {
     /// Keeps an answer which was found after `since` and rests on these files and folders. If one
     /// of them is gone or changed so late that what was found may not be what is there now, nothing
     /// is kept.
-    pub fn put_standing(
+    pub fn put(
         &self,
         question: &Digest,
         standing: Standing,
@@ -64,51 +77,10 @@ impl Store {
             Some((path.into_os_string().into_string().ok()?, signature))
         };
         if let Some(looked) = files.into_par_iter().map(look).collect() {
-            self.standings
+            self.index
                 .put(Kind::Standing, question, &Entry { standing, looked });
-            self.standings
-                .keep(|path, bytes| drop(self.put(path, bytes)));
+            self.index
+                .keep(|path, bytes| drop(self.files.put(path, bytes)));
         }
-    }
-
-    /// The files and folders that say of a result that it is there and sound.
-    pub fn evidence(&self, record: &Record) -> Vec<PathBuf> {
-        // The folder stands for the manifests in it: it changes when one of its names does.
-        let files = [
-            self.result_path(&record.key),
-            parent(&self.manifest_path(&record.key)).to_owned(),
-        ];
-        files
-            .into_iter()
-            .chain(record.files().map(|(_, file)| self.blob_path(&file.blob)))
-            .collect()
-    }
-
-    /// Those that say that it is shown, each output in its folder.
-    pub fn evidence_shown(
-        &self,
-        record: &Record,
-        folder: impl Fn(&str) -> PathBuf,
-    ) -> Vec<PathBuf> {
-        // An artifact without files is an empty folder.
-        let mut files: Vec<PathBuf> = record.outputs.keys().map(|output| folder(output)).collect();
-        for (output, file) in record.files() {
-            let folder = folder(output);
-            let shown = folder.join(&file.path);
-            // Between the file and the artifact's folder may lie others.
-            files.extend(
-                shown
-                    .ancestors()
-                    .skip(1)
-                    .take_while(|path| path.starts_with(&folder))
-                    .map(Path::to_owned),
-            );
-            // A hard link has its blob's signature, and the blob is looked at anyway. A copy has to
-            // be looked at by itself.
-            if Signature::at(&shown) != Signature::at(&self.blob_path(&file.blob)) {
-                files.push(shown);
-            }
-        }
-        files
     }
 }

@@ -7,11 +7,11 @@ use artifacts_schema::Digest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::Store;
+use super::Cache;
 use super::index::Kind;
 use super::signature::Signature;
 
-impl Store {
+impl Cache {
     /// The answer to a question about files: the one that the index remembers, if none of them has
     /// changed since; else it is asked.
     pub fn while_unchanged<T: Serialize + DeserializeOwned, E>(
@@ -47,15 +47,6 @@ impl Store {
         }
         Ok(answer)
     }
-
-    /// Takes over what another store object on the same folder has found.
-    pub fn take_findings(&self, other: &Self) {
-        self.index.take(&other.index);
-        // Moved, not shared: what was looked up ahead is used once, by whoever goes on with it.
-        if let (Ok(mut known), Ok(mut others)) = (self.known.lock(), other.known.lock()) {
-            known.append(&mut others);
-        }
-    }
 }
 
 fn name(question: &str, files: &[PathBuf]) -> Digest {
@@ -78,16 +69,21 @@ mod tests {
     use std::path::Path;
     use std::time::{Duration, SystemTime};
 
+    use super::super::clock::Clock;
     use super::*;
+    use crate::store::{Store, World};
 
     /// The answer to a question that is asked so long after the files were written.
     fn ask(root: &Path, files: &[PathBuf], answer: u32, after: Duration) -> u32 {
-        let mut store = Store::create(root).unwrap();
-        store.clock.ahead = after;
-        let answer = store
+        let world = World {
+            clock: Clock { ahead: after },
+            ..World::default()
+        };
+        let cache = Store::create_in(world, root).unwrap().cache;
+        let answer = cache
             .while_unchanged("q", files, || Ok::<_, Infallible>(answer))
             .unwrap();
-        store.keep_index();
+        cache.keep();
         answer
     }
 

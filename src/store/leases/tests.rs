@@ -1,6 +1,7 @@
 //! Leases as two processes see each other's.
 
 use super::*;
+use crate::store::{Store, World};
 
 fn key() -> Digest {
     blake3::hash(b"k").into()
@@ -12,14 +13,15 @@ fn store(root: &Path) -> Store {
         beat: Duration::from_secs(3600),
         stale: Duration::from_secs(60),
     };
-    Store {
+    let world = World {
         patience,
-        ..Store::create(root).unwrap()
-    }
+        ..World::default()
+    };
+    Store::create_in(world, root).unwrap()
 }
 
 fn take(store: &Store) -> Option<Lease<'_>> {
-    match store.lease(&key()).unwrap() {
+    match store.leases.take(&key()).unwrap() {
         Claim::Ours(lease) => Some(lease),
         Claim::Theirs(_) => None,
     }
@@ -28,6 +30,7 @@ fn take(store: &Store) -> Option<Lease<'_>> {
 /// Makes a store believe that it has seen all leases as they are for so long.
 fn wait(store: &Store, time: Duration) {
     store
+        .leases
         .seen
         .lock()
         .unwrap()

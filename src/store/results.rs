@@ -1,17 +1,24 @@
 //! Results: which outputs a key has, and of which blobs they consist. A result counts only if all
 //! its blobs are there and sound.
 
+mod known;
+
 use std::fmt;
 use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 use artifacts_schema::Digest;
 use rayon::prelude::*;
 
-use super::blob::Damage;
+use super::blobs::{Blobs, Damage};
+use super::cache::Cache;
+use super::cache::signature::Signature;
+use super::census::Entry;
 use super::error::{At, StoreError};
+use super::files::{Files, json, read_json};
 use super::record::Record;
-use super::signature::Signature;
-use super::{Store, json, read_json};
+use known::Known;
 
 /// What the store has for a key.
 #[derive(Debug)]
@@ -58,24 +65,38 @@ impl fmt::Display for Breakage {
     }
 }
 
-impl Store {
+/// The results of a store.
+pub struct Results {
+    files: Arc<Files>,
+    blobs: Arc<Blobs>,
+    /// Those that were found sound.
+    pub known: Known,
+}
+
+impl Results {
+    pub(super) fn new(files: Arc<Files>, blobs: Arc<Blobs>, cache: Arc<Cache>) -> Self {
+        Self {
+            known: Known::new(files.clone(), blobs.clone(), cache),
+            files,
+            blobs,
+        }
+    }
+
+    /// Where the record of a key lies.
+    pub fn path(&self, key: &Digest) -> PathBuf {
+        path(&self.files, key)
+    }
+
     /// Looks a key up and reads all blobs of its result through, unless that was done and nothing
     /// has changed since.
     pub fn lookup(&self, key: &Digest) -> Result<Lookup, StoreError> {
-        // Each looked-up result is handed out once: later questions in a long run must see what has
-        // changed since.
-        let known = self
-            .known
-            .lock()
-            .ok()
-            .and_then(|mut known| known.remove(key));
-        if let Some(record) = known.or_else(|| self.unchanged(key)) {
+        if let Some(record) = self.known.get(key) {
             return Ok(Lookup::Sound(record));
         }
         // The time and the signatures are taken before anything is read. A file that changes during
         // the reading then has another signature, and is not taken for what was read.
-        let now = self.clock.now();
-        let path = self.result_path(key);
+        let now = self.known.now();
+        let path = self.path(key);
         let result = Signature::at(&path);
         let Some(record) = read_json::<Record>(&path)? else {
             // Without following links: a link that leads nowhere is damage to be moved away, not an
@@ -93,10 +114,10 @@ impl Store {
         let files: Vec<_> = record.files().collect();
         let blobs = files
             .iter()
-            .map(|(_, file)| Signature::at(&self.blob_path(&file.blob)))
+            .map(|(_, file)| Signature::at(&self.blobs.path(&file.blob)))
             .collect();
         let broken = files.par_iter().map(|(output, file)| {
-            let damage = self.check_blob(&file.blob)?;
+            let damage = self.blobs.check(&file.blob)?;
             Ok(damage.map(|damage| Breakage::Blob {
                 file: format!("{output}/{}", file.path),
                 blob: file.blob,
@@ -113,13 +134,35 @@ impl Store {
         if let Some(breakage) = first {
             return Ok(Lookup::Broken(breakage));
         }
-        self.remember(now, &record, result, blobs);
+        self.known.remember(now, &record, result, blobs);
         Ok(Lookup::Sound(record))
+    }
+
+    /// All records of results that can be understood, by key. Their blobs are not looked at.
+    pub fn records(&self) -> Result<Vec<Record>, StoreError> {
+        let (files, _) = self.files.fanned_entries("results")?;
+        let read = |entry: &Entry| {
+            Ok(read_json::<Record>(&entry.path)?
+                .filter(|record| Some(record.key) == entry.digest()))
+        };
+        files
+            .par_iter()
+            .map(read)
+            .filter_map(Result::transpose)
+            .collect()
+    }
+
+    /// The record of a key, if there is one that can be understood. Its blobs are not looked at.
+    pub fn record(&self, key: &Digest) -> Option<Record> {
+        // For what only wants to tell something of a result: a record that cannot be read is as
+        // good as none there.
+        let record = read_json::<Record>(&self.path(key)).ok().flatten()?;
+        record.is_of(key).then_some(record)
     }
 
     /// The keys of all results, in order.
     pub fn keys(&self) -> Result<Vec<Digest>, StoreError> {
-        let folder = self.root.join("results");
+        let folder = self.files.root.join("results");
         let mut keys = Vec::new();
         if !folder.exists() {
             return Ok(keys);
@@ -143,13 +186,13 @@ impl Store {
     pub fn discard(&self, key: &Digest, breakage: &Breakage) -> Result<(), StoreError> {
         // With the record gone first, a process that stops in between leaves no result that lacks a
         // blob.
-        self.set_aside(&self.result_path(key))?;
+        self.files.set_aside(&self.path(key))?;
         match breakage {
             Breakage::Blob {
                 blob,
                 damage: Damage::Changed,
                 ..
-            } => self.set_aside(&self.blob_path(blob)),
+            } => self.files.set_aside(&self.blobs.path(blob)),
             // A missing blob leaves nothing to move, and a damaged record names no blobs.
             _ => Ok(()),
         }
@@ -157,24 +200,28 @@ impl Store {
 
     /// Makes a result known. If another process was first its result stays, and is the answer;
     /// `replace` overrules that.
-    pub fn put_result(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
-        let path = self.result_path(&record.key);
+    pub fn put(&self, record: Record, replace: bool) -> Result<Record, StoreError> {
+        let path = self.path(&record.key);
         let bytes = json(&path, &record)?;
         // Who forces a stage wants the new bits. Otherwise the first result stays, since others may
         // be reading it already.
         if !replace {
-            if self.put_new(&path, &bytes)? {
+            if self.files.put_new(&path, &bytes)? {
                 return Ok(record);
             }
             if let Lookup::Sound(first) = self.lookup(&record.key)? {
                 return Ok(first);
             }
             // What is there is no result, and came there since the stage began.
-            self.set_aside(&path)?;
+            self.files.set_aside(&path)?;
         }
-        self.put(&path, &bytes)?;
+        self.files.put(&path, &bytes)?;
         Ok(record)
     }
+}
+
+fn path(files: &Files, key: &Digest) -> PathBuf {
+    files.fanned("results", key, ".json")
 }
 
 impl Lookup {
@@ -186,3 +233,6 @@ impl Lookup {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
