@@ -8,6 +8,7 @@ use serde_json::json;
 
 use crate::model::{Tensor, save};
 use crate::space::{Said, Space};
+use crate::whole::pipeline;
 
 /// A file of the upsampler's crate.
 fn file(name: &str) -> PathBuf {
@@ -281,7 +282,7 @@ fn a_network_to_measure_with_is_looked_at_before_anything_runs() {
     fs::write(space.path("text.safetensors"), "no network").unwrap();
     let said = space.say(&[
         "run",
-        "tiny.ron",
+        &pipeline("smoke"),
         "--set=evaluate.lpips=[\"text.safetensors\"]",
     ]);
     assert_eq!(said.code, 3, "{}", said.err);

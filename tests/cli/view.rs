@@ -204,7 +204,7 @@ fn it_ends_when_it_is_interrupted_and_says_what_it_cannot_show() {
         ("out/fields/scene/train", "field.safetensors"),
         (
             "out/fields/scene/train/transforms.json",
-            "a field's file is called field.safetensors",
+            "a field's file is called",
         ),
         ("@9", "`@9` is no field, no run and no pipeline"),
     ] {
