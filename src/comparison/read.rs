@@ -11,7 +11,6 @@ use crate::report;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::{Output, Record};
-use crate::store::results::Lookup;
 use crate::store::runs::{End, Run, StageRun};
 
 /// What is read of an arm before it is compared.
@@ -118,10 +117,7 @@ impl<'a> Reader<'a> {
             return Ok(None);
         };
         if !self.records.contains_key(&key) {
-            let record = match self.store.results.lookup(&key)? {
-                Lookup::Sound(record) => Some(record),
-                _ => None,
-            };
+            let record = self.store.results.lookup(&key)?.sound();
             self.records.insert(key, record);
         }
         Ok(self.records[&key].clone())

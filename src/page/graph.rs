@@ -11,7 +11,6 @@ use crate::experiment::arm_of;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::results::Lookup;
 use crate::store::runs::{End, Run, StageRun};
 
 /// Results that are drawn at most: of more, the table of stages tells more than lines do.
@@ -74,15 +73,11 @@ fn results<'r>(run: &'r Run, store: &Store) -> Result<Vec<Found<'r>>, StoreError
         let Some(key) = stage.key else { continue };
         let at = *places.entry(key).or_insert(results.len());
         if at == results.len() {
-            let record = match store.results.lookup(&key)? {
-                Lookup::Sound(record) => Some(record),
-                _ => None,
-            };
             results.push(Found {
                 key,
                 names: Vec::new(),
                 run: stage,
-                record,
+                record: store.results.lookup(&key)?.sound(),
             });
         }
         results[at].names.push(name);
@@ -90,31 +85,29 @@ fn results<'r>(run: &'r Run, store: &Store) -> Result<Vec<Found<'r>>, StoreError
     Ok(results)
 }
 
-/// The nodes of results, each behind its parents.
-fn nodes(results: &[Found], store: &Store) -> Vec<Node> {
+/// For each result, those that it was made from: where an input has the digest of an output.
+fn parents(results: &[Found], store: &Store) -> Vec<Vec<usize>> {
     let mut makers: BTreeMap<String, usize> = BTreeMap::new();
     for (at, found) in results.iter().enumerate() {
-        for output in found
-            .record
-            .iter()
-            .flat_map(|record| record.outputs.values())
-        {
+        let outputs = found.record.iter().flat_map(|record| &record.outputs);
+        for (_, output) in outputs {
             makers.entry(output.digest.to_string()).or_insert(at);
         }
     }
-    let parents: Vec<Vec<usize>> = results
-        .iter()
-        .map(|found| {
-            let manifest = store.manifests.get(&found.key).unwrap_or_default();
-            let inputs = manifest
-                .0
-                .iter()
-                .filter(|(path, _)| path.starts_with(INPUT));
-            inputs
-                .filter_map(|(_, digest)| makers.get(digest).copied())
-                .collect()
-        })
-        .collect();
+    let made_from = |found: &Found| {
+        let manifest = store.manifests.get(&found.key).unwrap_or_default();
+        let entries = manifest.0.iter();
+        entries
+            .filter(|(path, _)| path.starts_with(INPUT))
+            .filter_map(|(_, digest)| makers.get(digest).copied())
+            .collect()
+    };
+    results.iter().map(made_from).collect()
+}
+
+/// The nodes of results, each behind its parents.
+fn nodes(results: &[Found], store: &Store) -> Vec<Node> {
+    let parents = parents(results, store);
     let order = order(&parents);
     let mut places = vec![0; results.len()];
     for (place, &at) in order.iter().enumerate() {
@@ -160,7 +153,7 @@ fn arms(names: &[&str]) -> Vec<String> {
     arms
 }
 
-/// All indices, each behind its parents; what closes a circle comes as if it had not.
+/// All indices, each behind its parents. In a circle one of them has to come before its parent.
 fn order(parents: &[Vec<usize>]) -> Vec<usize> {
     let mut order = Vec::new();
     let mut begun = vec![false; parents.len()];

@@ -175,7 +175,8 @@ impl Leases {
         // Any other time counts, an earlier one too: only that it changes matters, so no two clocks
         // are compared.
         if *last != touched {
-            (*last, *since) = (touched, Instant::now());
+            *last = touched;
+            *since = Instant::now();
         }
         since.elapsed()
     }

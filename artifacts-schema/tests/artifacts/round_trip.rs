@@ -139,8 +139,10 @@ fn a_bent_lens_comes_back_shared_by_all_views_or_of_one_alone() {
 #[test]
 fn cameras_of_different_sizes_come_back() {
     let mut images = samples::images();
-    let view = &mut images.views[1];
-    (view.camera.width, view.camera.height, view.camera.fl_x) = (4, 5, 0.1);
+    let camera = &mut images.views[1].camera;
+    camera.width = 4;
+    camera.height = 5;
+    camera.fl_x = 0.1;
     comes_back(images);
 }
 
@@ -174,8 +176,12 @@ proptest! {
         let mut images = samples::images();
         images.views.truncate(1);
         let camera = &mut images.views[0].camera;
-        (camera.fl_x, camera.fl_y, camera.cx, camera.cy) = (numbers[0], numbers[1], numbers[2], numbers[3]);
-        (camera.near, camera.far) = (numbers[4], numbers[5]);
+        camera.fl_x = numbers[0];
+        camera.fl_y = numbers[1];
+        camera.cx = numbers[2];
+        camera.cy = numbers[3];
+        camera.near = numbers[4];
+        camera.far = numbers[5];
         // Upper triangular, its diagonal moderate: any such matrix can be inverted.
         camera.camera_to_world = rows::matrix(&[
             [0.3, numbers[6], numbers[7], numbers[8]],

@@ -106,7 +106,8 @@ impl Batch<'_> {
         pulls.clear(self.views.len(), exposes, moves);
         gradient.directions = moves.then(Vec::new);
         gradient.clear(self.field);
-        (*loss, *squared_error) = (0.0, 0.0);
+        *loss = 0.0;
+        *squared_error = 0.0;
         let mut first = 0;
         for pixels in pixels.chunks(per_block) {
             let count = pixels

@@ -184,7 +184,7 @@ fn element_by_element() {
             pattern(3, &[60, 40]),
         ],
         |x| {
-            let (x, y, half) = (&x[0], &x[1], &x[2]);
+            let [x, y, half] = [&x[0], &x[1], &x[2]];
             let mut parameter = x.clone();
             let mut state = AdamState::new(x);
             update(&Adam::default(), &mut parameter, y, &mut state, 1);
@@ -212,7 +212,8 @@ fn moves_and_resizes() {
         pattern(3, &[2, 3, 31, 43]),
     ];
     same("moves", &inputs, |x| {
-        let (tokens, x, numbers, other) = (nchw_to_tokens(&x[0]), &x[0], &x[1], &x[2]);
+        let [x, numbers, other] = [&x[0], &x[1], &x[2]];
+        let tokens = nchw_to_tokens(x);
         vec![
             concat(&[x, x], 1),
             slice(x, 1, 1, 2),

@@ -61,3 +61,23 @@ fn norm(arrays: &LoraParameters) -> f64 {
     let square = |array| f64::from(reduce::mean_square(array)) * array.len() as f64;
     arrays.values().map(square).sum::<f64>().sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use compute::Device;
+
+    #[test]
+    fn a_gradient_that_overflowed_teaches_nothing() {
+        let array = |value| Device::cpu().array(&[2], vec![1.0, value]);
+        let named = |value| LoraParameters::from([("down".to_owned(), array(value))]);
+        let mut state = LoraState::new(named(2.0));
+        state.descend(&named(f32::NAN), 0.1);
+        state.descend(&named(f32::INFINITY), 0.1);
+        assert_eq!(state.parameters["down"].to_vec(), [1.0, 2.0]);
+        assert_eq!(state.steps, 0);
+        state.descend(&named(0.5), 0.1);
+        assert!(state.parameters["down"].to_vec()[0] < 1.0);
+        assert_eq!(state.steps, 1);
+    }
+}
