@@ -107,9 +107,11 @@ impl<'s> Lineage<'s> {
         Ok(root)
     }
 
-    /// The photos that a field was trained on, if the store has them.
+    /// The photos that a field was made from, if the store has them.
     pub fn photos<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
-        self.first(told, PHOTOS)
+        // Later trainings may have seen enlargements alone.
+        let root = self.root(told)?;
+        self.first(root.as_ref().unwrap_or(told), PHOTOS)
     }
 
     /// The largest pictures that a field was trained on, if the store has them.
@@ -117,10 +119,12 @@ impl<'s> Lineage<'s> {
         self.first(told, PICTURES)
     }
 
-    /// The photos that were held out beside those that a field was trained on, if the store has
+    /// The photos that were held out beside those that a field was made from, if the store has
     /// them.
     pub fn held_out<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
-        let beside = |name: &str| self.held_out.get(told.input(name)?);
+        let root = self.root(told)?;
+        let root = root.as_ref().unwrap_or(told);
+        let beside = |name: &str| self.held_out.get(root.input(name)?);
         self.artifact(PHOTOS.into_iter().find_map(beside))
     }
 

@@ -20,6 +20,7 @@ mod import;
 mod init;
 mod kinds;
 mod layouts;
+mod loras;
 mod mistakes;
 mod model;
 mod remote;

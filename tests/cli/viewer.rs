@@ -19,7 +19,7 @@ pub const FIELDS: &str = r#"(
         ),
         "fit": Fit(images: "scene.train", steps: 20, samples: 4096),
         "up": Interpolate(images: "scene.train", factor: 2),
-        "sync": Sync(field: "fit", images: "up", low: "scene.train", steps: 10, samples: 4096),
+        "sync": Sync(field: "fit", images: "up", low_weight: 0, steps: 10, samples: 4096),
         "render": Render(field: "sync", cameras: "scene.train"),
     },
 )"#;

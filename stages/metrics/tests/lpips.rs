@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // the helpers of tests are tests too
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use formats::tensor_file::to_bytes;
 use formats::{FileBytes, TensorView, Values};
@@ -104,6 +105,31 @@ fn distances_are_those_of_the_packages() {
             "{name}: {distance} instead of {expected}"
         );
         assert_eq!(lpips.distance(truth, truth), Some(0.0));
+    }
+}
+
+/// With the weights that the wheel `stlpips-pytorch` carries, in a folder that `golden/lpips.py` fills.
+#[test]
+fn trained_weights_give_the_package_s_distances() {
+    let Some(folder) = std::env::var_os("SRNERF_TEST_STLPIPS").map(PathBuf::from) else {
+        eprintln!(
+            "SRNERF_TEST_STLPIPS names no folder with ST-LPIPS's trained weights: not tested"
+        );
+        return;
+    };
+    let truth = truth();
+    let image = floats(&degraded(&truth));
+    let truth = floats(&truth);
+    let truth = Image::new(WIDTH, HEIGHT, &truth);
+    let image = Image::new(WIDTH, HEIGHT, &image);
+    for name in ["stlpips_alex", "stlpips_vgg"] {
+        let file = FileBytes::map(&folder.join(format!("{name}.safetensors"))).unwrap();
+        let distance = Lpips::open(file).unwrap().distance(truth, image).unwrap();
+        let expected = golden()[name]["trained"].as_f64().unwrap();
+        assert!(
+            (distance - expected).abs() < 1e-5,
+            "{name}: {distance} instead of {expected}"
+        );
     }
 }
 

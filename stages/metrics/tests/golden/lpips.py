@@ -1,10 +1,11 @@
 """Writes lpips.json: what the packages `lpips` and `stlpips-pytorch` say of two pictures with made-up weights.
 
-    python lpips.py [FOLDER]
+    python lpips.py FOLDER
 
-needs torch, torchvision, lpips and stlpips-pytorch (with IPython and torchsummary). Trained trunks are large and not ours
+needs torch, torchvision, safetensors, lpips and stlpips-pytorch (with IPython and torchsummary). Trained trunks are large and not ours
 to pass on, so every tensor is filled by the rule of `filled`; the test fills the same names and shapes by the same rule.
-With FOLDER the real weights of stlpips-pytorch are written there as safetensors, with their distance, to be compared by hand.
+The trained weights that stlpips-pytorch carries are written to FOLDER as safetensors, and their distances beside the others:
+a test compares them where SRNERF_TEST_STLPIPS names the folder.
 """
 
 import json
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors.torch import save_file
 
 from pictures import degraded, texture
 
@@ -56,16 +58,15 @@ def main():
     pair = image(truth), image(degraded(truth))
     models = {f"lpips_{net}": lpips.LPIPS(net=net, pnet_rand=True, pretrained=False, verbose=False)
               for net in ("alex", "vgg", "squeeze")}
-    models |= {f"stlpips_{net}": stlpips.LPIPS(net=net, variant="shift_tolerant", pretrained=len(sys.argv) > 1, verbose=False)
+    models |= {f"stlpips_{net}": stlpips.LPIPS(net=net, variant="shift_tolerant", pretrained=True, verbose=False)
                for net in ("alex", "vgg")}
-    for folder in sys.argv[1:]:
-        from safetensors.torch import save_file
-
-        for name in ("stlpips_alex", "stlpips_vgg"):
-            save_file({k: v.clone() for k, v in state(models[name]).items()}, f"{folder}/{name}.safetensors")
-            print(name, "trained:", models[name](*pair).item())
     golden = {}
     for name, model in models.items():
+        trained = {}
+        if name.startswith("stlpips"):
+            save_file({k: v.clone() for k, v in state(model).items()}, f"{sys.argv[1]}/{name}.safetensors")
+            with torch.no_grad():
+                trained = {"trained": model(*pair).item()}
         tensors = state(model)
         made = {key: filled(number, key, list(value.shape)) for number, (key, value) in enumerate(tensors.items())}
         model.load_state_dict(made, strict=False)
@@ -73,6 +74,7 @@ def main():
             golden[name] = {
                 "tensors": [[key, list(value.shape)] for key, value in tensors.items()],
                 "distance": model(*pair).item(),
+                **trained,
             }
     (HERE / "lpips.json").write_text(json.dumps(golden, indent=1) + "\n")
 
