@@ -159,7 +159,7 @@ impl Stage for Evaluate {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -2,8 +2,12 @@
 
     python perceptual.py ssimulacra2
 
-needs numpy, Pillow and flip-evaluator; its argument is the program of that name, which libjxl 0.11 has (Debian's
+needs numpy, scipy, Pillow and flip-evaluator; its argument is the program of that name, which libjxl 0.11 has (Debian's
 libjxl-devtools). The pictures and their degraded versions are those of pictures.py.
+
+libjxl computes in single precision, and where a picture is flat its variances are mostly rounding. So the same formulas stand here
+once more in double precision (`double_precision`); the weights are read from libjxl's or the original program's source, the third
+argument (`tools/ssimulacra2.cc`).
 """
 
 import json
