@@ -71,6 +71,7 @@ fn measure(pairs: impl Iterator<Item = (f64, f64, u64)>) -> Distance {
     let mut peak = 0.0f64;
     for (a, b, ulps) in pairs {
         values += 1;
+        // By ulps, not by `!=`: two NaNs are the same number here.
         differ += usize::from(ulps > 0);
         most = most.max(ulps);
         squares += (a - b) * (a - b);
@@ -80,6 +81,7 @@ fn measure(pairs: impl Iterator<Item = (f64, f64, u64)>) -> Distance {
         values,
         differ,
         ulps: most,
+        // PSNR is 10 log10(peak² / MSE), with MSE = squares / values.
         psnr: 10.0 * (peak * peak * values as f64 / squares).log10(),
     }
 }

@@ -224,6 +224,7 @@ impl Comparison {
         let mut arms: Vec<(&Scored, f64)> = self
             .arms
             .iter()
+            // The bound has been trained on what the others do not see, and would win by that.
             .filter(|arm| Some(&arm.name) != self.bound.as_ref())
             .filter_map(|arm| Some((arm, mean(arm)?)))
             .collect();
@@ -255,6 +256,8 @@ impl Scored {
 }
 
 fn difference(arm: &Read, baseline: &Read, metric: &str, better: Better) -> Option<Paired> {
+    // Seeds of one view are no independent pairs: counted one by one, they would make the interval
+    // too narrow. So each view has one value, its mean over seeds.
     let own = by_view(&arm.runs, metric);
     let others = by_view(&baseline.runs, metric);
     let pairs: Vec<(f64, f64)> = own
@@ -269,5 +272,7 @@ fn gap_closed(value: f64, floors: &[Views], bound: &Read, metric: &str) -> Optio
     let floor = mean(&by_run(floors, metric))?;
     let bound = mean(&by_run(&bound.runs, metric))?;
     let closed = (value - floor) / (bound - floor);
+    // Where floor and bound are equal there is no way to go, and the share is infinite or no
+    // number.
     closed.is_finite().then_some(closed)
 }

@@ -143,6 +143,7 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
     let mut content = Content::default();
     for name in file.names() {
         let entry = file.entry(name).map_err(|error| error.to_string())?;
+        // Tensors of whole numbers cannot be read as floats. They are listed without a range.
         let values = file.tensor(name).ok();
         content.arrays.push(Array {
             name: name.to_owned(),
@@ -276,6 +277,8 @@ fn find_provenance(value: &Value, depth: usize) -> Option<Provenance> {
 fn read_png_text(bytes: &[u8]) -> Option<serde_json::Map<String, Value>> {
     let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
     loop {
+        // A chunk is its length, its type, its data and a checksum. The length is whatever a file
+        // says, so every step is checked.
         let (head, after) = rest.split_at_checked(8)?;
         let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
         let (data, after) = after.split_at_checked(length)?;
@@ -322,6 +325,7 @@ fn range(values: impl Iterator<Item = f32>) -> Option<[f64; 3]> {
     let mut most = f64::NEG_INFINITY;
     let mut count = 0u64;
     for value in values.map(f64::from) {
+        // `min` and `max` pass over NaN, which so shows in the mean alone.
         least = least.min(value);
         sum += value;
         most = most.max(value);

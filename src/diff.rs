@@ -51,6 +51,7 @@ pub enum Which {
 /// Compares all stages.
 pub fn compare(a: &Side, b: &Side) -> BTreeMap<String, Verdict> {
     let mut verdicts = BTreeMap::new();
+    // Names of both sides come twice. The second time their verdict is there.
     for name in a.stages.keys().chain(b.stages.keys()) {
         decide(name, a, b, &mut verdicts);
     }

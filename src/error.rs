@@ -24,8 +24,10 @@ pub const STORE: u8 = 4;
 /// A check found something: damage, a difference, stages to run.
 pub const FOUND: u8 = 5;
 /// The run was interrupted; the same command goes on where it stopped.
+// EX_TEMPFAIL of sysexits.h: a failure that passes, so that trying again makes sense.
 pub const INTERRUPTED: u8 = 75;
 /// A bug in the program.
+// The code with which Rust's own panics end a program.
 pub const BUG: u8 = 101;
 
 /// The same for `--help`.

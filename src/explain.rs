@@ -53,6 +53,7 @@ impl fmt::Display for Change {
 /// A digest by its first digits, anything else as it is.
 fn short(text: &str) -> String {
     if text.parse::<Digest>().is_ok() {
+        // Twelve digits are 48 bits: two of a user's results will not share them.
         text[..12].to_owned()
     } else {
         text.to_owned()
@@ -202,6 +203,7 @@ impl<'s> History<'s> {
         Ok(self
             .past(stage)?
             .into_iter()
+            // `min_by_key` takes the first of several, which is the newest.
             .min_by_key(|past| diff(&past.manifest, now, unknown).len()))
     }
 

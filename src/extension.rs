@@ -43,6 +43,7 @@ pub fn obstacle(extension: Extension, reason: &Reason) -> Option<&'static str> {
         return None;
     };
     let number = |text: &Option<String>| text.as_ref()?.parse::<u64>().ok();
+    // Fewer steps cannot go on from more: nobody expects it.
     let raised = number(&change.before) < number(&change.now);
     (raised && change.path.strip_prefix("params.") == Some(field)).then_some(why)
 }

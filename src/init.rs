@@ -56,6 +56,7 @@ impl Photos<'_> {
         // Every size that is read can be made four times smaller without a rest.
         let side = |pixels: u32| {
             let whole = (f64::from(pixels) * shrink / f64::from(FACTOR)).round();
+            // Rounding must not ask for more pixels than a photo has.
             FACTOR * (whole as u32).min(pixels / FACTOR).max(8)
         };
         let size = (side(width), side(height));
@@ -72,6 +73,7 @@ impl Photos<'_> {
             Purpose::Enlarge => format!("Scene(source: {source}, downscale: 1, holdout: 1000000)"),
         };
         let head = self.head(purpose, size);
+        // What stands above the shipped pipeline speaks of its own photos.
         let text = replaced(MAIN, "//", "(\n", &format!("{head}(\n"));
         let text = replaced(
             &text,

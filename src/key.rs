@@ -207,6 +207,7 @@ impl Path<'_> {
             (None, Value::Object(fields)) if !fields.is_empty() => {
                 self.walk_fields(fields.iter().collect(), sink)
             }
+            // Numbers are printed in their shortest form, so that `1e-3` and `0.001` have one key.
             (None, other) => sink.entry(&self.text, &other.to_string()),
         }
     }

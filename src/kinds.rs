@@ -37,6 +37,7 @@ pub fn section(kind: &str) -> String {
     let schema = schema(kind);
     let definitions = Definitions::new(&schema);
     let mut text = format!("## {kind}\n\n{}\n\n", definitions.description(&schema));
+    // With all parameters at their defaults: ports are told by stages, not by schemas.
     let stage = AnyStage::from_parameters(kind, Value::Object(Default::default())).ok();
     let stage = stage.as_ref().map(AnyStage::stage);
     let outputs = stage.map_or(Vec::new(), |stage| stage.outputs());

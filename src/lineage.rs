@@ -47,6 +47,7 @@ impl Told {
             .into_iter()
             .find(|folder| folder.join(FILE).is_file());
         let folder = folder
+            // `Field::read` takes a folder, whatever the user named.
             .or_else(|| path.is_file().then(|| path.parent().map(Path::to_owned))?)
             .unwrap_or_else(|| path.to_owned());
         Ok(Self {

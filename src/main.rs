@@ -38,6 +38,8 @@ use clap::Parser;
 
 fn main() -> ExitCode {
     task::quiet_panics();
+    // Panics of stages are caught where they run. One that gets here is a bug of the program around
+    // them.
     match std::panic::catch_unwind(|| cli::Cli::parse().run()) {
         Ok(code) => ExitCode::from(code),
         Err(panic) => {

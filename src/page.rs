@@ -52,6 +52,7 @@ impl Page<'_> {
         html.put("</main>");
         // A name with `</script>` in it would end the script. In JSON, `<\/` is the same text.
         let data = self.data().to_string().replace("</", "<\\/");
+        // `data:,` as icon, or browsers would ask for `favicon.ico` beside a file on disk.
         Ok(format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
@@ -107,6 +108,7 @@ impl Page<'_> {
     }
 
     fn is_best(&self, row: usize, column: usize) -> bool {
+        // Column 0 has the names of arms, and wraps around to a metric that there is not.
         let best = self.comparison.metrics.get(column.wrapping_sub(1));
         let best = best.and_then(|metric| self.comparison.best(metric));
         let arm = self.comparison.arms.get(row);
@@ -200,6 +202,7 @@ impl Page<'_> {
             .position(|arm| arm.name == best.name);
         let mut views: Vec<(String, f64)> = best.by_view(&metric.name).into_iter().collect();
         let beats = |a: f64, b: f64| metric.better.is_some_and(|better| better.beats(a, b));
+        // Worst first: who beats the other goes behind it.
         views.sort_by(|(_, a), (_, b)| beats(*a, *b).cmp(&beats(*b, *a)));
         html.section("worst", &format!("Where {} is worst", best.name));
         for (view, value) in views.iter().take(FEW) {
@@ -269,6 +272,7 @@ impl Page<'_> {
     fn stage(&self, arm: &str, stage: &str, cost: &crate::comparison::StageCost) -> Vec<String> {
         let experiment = self.run.experiment.iter();
         let mut folders = experiment.flat_map(|experiment| experiment.folders(arm));
+        // Of several seeds, the first that is in the run stands for all.
         let run = folders.find_map(|folder| self.run.stages.get(&format!("{folder}/{stage}")));
         let state = run.map_or("-".into(), |run| format!("{:?}", run.end).to_lowercase());
         let memory = cost

@@ -7,6 +7,7 @@ use crate::error::Error;
 
 /// The device of this name: `auto`, `cpu`, `gpu` or `gpu:N`.
 pub fn open(name: &str) -> Result<Device, Error> {
+    // A number that cannot be parsed is kept as an error: `gpu:x` must not be taken for `gpu`.
     let (kind, number) = name
         .split_once(':')
         .map_or((name, None), |(kind, number)| (kind, Some(number.parse())));

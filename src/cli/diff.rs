@@ -123,6 +123,8 @@ impl Known {
     }
 
     fn side(&self, word: &str, changes: &Changes) -> Result<Side, Error> {
+        // A .ron that is not there goes this way too, so that the error speaks of a file and not of
+        // a run.
         if Path::new(word).is_file() || word.ends_with(".ron") {
             return self.pipeline(Path::new(word), changes);
         }
@@ -214,6 +216,8 @@ impl Known {
                 .filter(|(path, _)| path.starts_with("inputs."));
             todo.extend(inputs.filter_map(|(_, digest)| self.made.get(digest)));
             stages.insert(
+                // Sides are compared name by name. The two results themselves need one name,
+                // whatever their stages are called.
                 if at == key {
                     "the result".to_owned()
                 } else {
@@ -249,6 +253,7 @@ pub(super) fn find_run<'r>(runs: &'r [Run], word: &str) -> Option<&'r Run> {
             let newest = &runs.first()?.pipeline;
             runs.iter()
                 .filter(|run| run.pipeline == *newest)
+                // `@0` names no run, and must not wrap around.
                 .nth(number.checked_sub(1)?)
         }
         Some(Err(_)) => None,

@@ -57,6 +57,8 @@ impl Doctor {
                 .for_each(|(report, test)| tell(report, test));
             print(&format_args!("auto     {choice}"));
         }
+        // An adapter that cannot be opened computes nothing wrong: it is told of, and is no
+        // failure.
         let wrong = tests
             .iter()
             .filter(|test| test.as_ref().is_ok_and(|test| !test.passes()))
@@ -214,6 +216,7 @@ fn test(index: usize) -> Result<Test, GpuError> {
 fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
     let rng = Rng::new(0, "doctor");
     let random = |step, shape: &[usize]| rng.normals(step, shape, device);
+    // Sizes that no power of two divides, so that the edges of a kernel's tiles are tested as well.
     let x = random(0, &[1, 24, 33, 31]);
     let tokens = random(1, &[1, 150, 48]);
     let gamma = random(2, &[24]);
@@ -241,6 +244,7 @@ fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
 }
 
 fn distance(expected: &[f32], got: &[f32]) -> f32 {
+    // Never 0: a result of nothing but zeros would otherwise be off by 0 / 0.
     let size = expected
         .iter()
         .fold(f32::MIN_POSITIVE, |max, x| max.max(x.abs()));

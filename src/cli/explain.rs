@@ -76,12 +76,15 @@ fn account<'a>(
         None => None,
     };
     let mut changes = Vec::new();
+    // What will run serves where the key is unknown or no earlier run differs. A difference from
+    // such a run tells more.
     let mut cause = first_to_run(context, forecasts);
     if let (Some((_, manifest)), Some(past)) = (&now, &past) {
         changes = diff(&past.manifest, manifest, &BTreeSet::new());
         context.name_origins(&context.graph.nodes[at], &mut changes);
         cause = first_cause(context, forecasts, &past.started)?.or(cause);
     }
+    // Where a stage is its own cause, its state and its changes say so already.
     cause = cause.filter(|(stage, _)| stage != name);
     Ok(Some(Account {
         name,

@@ -141,6 +141,8 @@ fn command(pipeline: &Path, changes: &Changes, arms: &[String]) -> Vec<String> {
         program,
         "run".into(),
         pipeline.display().to_string(),
+        // Jobs of Snakemake share its terminal, where the bars of several would overwrite each
+        // other.
         "--no-progress".into(),
     ];
     let mut option =
@@ -180,6 +182,7 @@ fn write(path: &Path, text: &str, mark: &str) -> Result<(), Error> {
     }
     if let Some(folder) = path
         .parent()
+        // The folder of a bare file name is the empty path, which cannot be created.
         .filter(|folder| !folder.as_os_str().is_empty())
     {
         fs::create_dir_all(folder).map_err(failed)?;

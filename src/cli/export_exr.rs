@@ -95,6 +95,7 @@ impl Exr {
     fn write(&self, folder: &Path, pattern: &Pattern, images: &ImageSet) -> Result<(), Error> {
         let about = self.about();
         let write = |(i, view): (usize, &View)| {
+            // In 64 bits: `--first` may be the largest number of 32 bits already.
             let number = u64::from(self.first) + i as u64;
             let path = folder.join(pattern.file(number));
             let bytes = self

@@ -39,6 +39,7 @@ impl Kohya {
         let bytes = tensor_file::to_bytes(&views.collect(), &metadata(&lora))
             .map_err(|error| Error::usage(error.to_string(), "the LoRA is damaged"))?;
         whole::file(&self.output, |out| out.write_all(&bytes))?;
+        // Each layer has three tensors in this layout: `lora_down`, `lora_up` and `alpha`.
         let layers = tensors.len() / 3;
         let left_out = lora.camera.len();
         match json {

@@ -75,6 +75,7 @@ impl Latents {
 
 /// What the VAE's encoder gave, as a batch of one.
 fn unscaled(tensor: &Tensor, scaling_factor: f64) -> Tensor {
+    // In f64, so that the factor is not rounded to f32 before the division.
     let value = |value: &f32| (f64::from(*value) / scaling_factor) as f32;
     Tensor {
         shape: [&[1], &tensor.shape[..]].concat(),

@@ -35,6 +35,7 @@ impl Ply {
     pub fn run(self, json: bool) -> Result<(), Error> {
         let field = artifact::field(&self.field)?;
         let level = self.level.unwrap_or_else(|| surface::usual_level(&field));
+        // Negated as a whole, so that NaN, which no comparison holds for, is refused too.
         if !(level > 0.0 && level.is_finite()) {
             return Err(Error::usage(
                 format!("--level is {level}"),

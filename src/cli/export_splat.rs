@@ -84,6 +84,7 @@ impl Splat {
             splats::splats(&scene.field, &scene.cameras, &options, told).map_err(|error| {
                 Error::usage(error.to_string(), "give cameras that see it: --views")
             })?;
+        // Measured on views that the fit has not seen: on its own views it would look too good.
         let closeness = scene.closeness(&cloud);
         whole::file(&self.output, |mut out| {
             format.write(&cloud, up(&scene.cameras), &mut out)
@@ -157,6 +158,8 @@ impl Splat {
                 all.len()
             ));
         }
+        // The splats' rasteriser knows no lens, so photos that a lens bends cannot be compared
+        // with.
         Ok(match test.filter(has_plain) {
             Some(test) => Scene {
                 field,
@@ -164,6 +167,8 @@ impl Splat {
                 held_out: HeldOut::Photos(test),
             },
             None => {
+                // Without photos the field's own pictures are the truth, and some of its cameras
+                // are held out.
                 let [cameras, held_out] = splats::split(&cameras);
                 Scene {
                     field,

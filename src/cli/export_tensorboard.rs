@@ -66,6 +66,7 @@ fn events(log: &Log, scores: &[Scores]) -> Option<Events> {
     let mut events = Events::new();
     let mut any = false;
     for line in log.lines.iter().filter_map(|line| line.as_object()) {
+        // TensorBoard draws values over steps. A line of a log without one has no place there.
         let Some(step) = line.get("step").and_then(|step| step.as_u64()) else {
             continue;
         };

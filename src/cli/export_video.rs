@@ -72,6 +72,7 @@ impl Video {
             }
             Format::Film(codec) => {
                 self.film(codec, &pictures)?;
+                // All pictures are of one size, so the first speaks for all.
                 self.report(&pictures, cropped(&pictures[0]), json);
             }
         }
@@ -144,6 +145,8 @@ impl Video {
         let ffmpeg = Ffmpeg {
             codec,
             rate: self.fps,
+            // One number means different losses to different codecs, so each has a default of its
+            // own.
             crf: self.crf.unwrap_or(codec.usual_crf()),
         };
         whole::by_another(&self.output, |path| {

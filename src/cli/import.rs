@@ -52,6 +52,7 @@ impl Import {
             None => name,
         };
         let pipeline = PathBuf::from(format!("{named}.ron"));
+        // The pipeline is written last of all, and must not fail after hours because it is there.
         self.check(&[&folder, &pipeline])?;
         let tool = Tool::find(&Places {
             colmap: self.colmap.clone(),
@@ -79,6 +80,7 @@ impl Import {
 
     /// The photos' own name.
     fn name(&self) -> String {
+        // `.` and `..` have no name of their own. The folders that they lead to have.
         let path = self.photos.canonicalize().unwrap_or(self.photos.clone());
         let name = match path.is_dir() {
             true => path.file_name(),
@@ -94,6 +96,7 @@ impl Import {
             return Err(Error::usage(message, "give a folder of photos, or a video"));
         }
         for (value, name, most) in [(self.rate, "--rate", 1000.0), (self.least, "--least", 1.0)] {
+            // Negated as a whole, so that NaN is refused too.
             if !(value > 0.0 && value <= most) {
                 let message = format!("{name} is {value}");
                 let help = format!("give a number above 0, and at most {most}");
@@ -155,6 +158,7 @@ impl Steps {
 
 impl Progress for Steps {
     fn begin(&mut self, what: &'static str) {
+        // A bar that is not cleared would stay on the terminal above the next one.
         self.end();
         if self.silent {
             return;

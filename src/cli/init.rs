@@ -69,6 +69,7 @@ impl Init {
 
     /// What a pipeline of these photos is called: as its file, or the folder, as far as names allow.
     fn name(&self) -> String {
+        // `.` and `..` have no name of their own. The folders that they lead to have.
         let path = self.photos.canonicalize().unwrap_or(self.photos.clone());
         let folder = match path.is_file() {
             true => path.parent().unwrap_or(&path),
@@ -83,6 +84,8 @@ impl Init {
             .map(|c| if allowed(c) { c } else { '_' })
             .collect();
         match name.chars().next() {
+            // The grammar of pipelines wants a letter first, and folders are often called
+            // `2024-05-01`.
             Some(first) if first.is_ascii_alphabetic() => name,
             _ => format!("photos_{name}"),
         }
@@ -106,6 +109,7 @@ impl Init {
 
 /// Writes a file that is not there yet.
 fn write_new(path: &Path, text: &str) -> Result<(), Error> {
+    // A pipeline that is there may have been edited by hand, so it is never replaced.
     let opened = OpenOptions::new().write(true).create_new(true).open(path);
     let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|error| {

@@ -129,6 +129,7 @@ fn field_facts(path: &Path) -> Vec<(String, Value)> {
     let Some(field) = folder.and_then(|folder| Field::read(folder).ok()) else {
         return Vec::new();
     };
+    // Squares are summed in f64: in a table of millions of entries, an f32 sum would stop growing.
     let norm = |values: &[f32]| {
         values
             .iter()
@@ -139,6 +140,7 @@ fn field_facts(path: &Path) -> Vec<(String, Value)> {
     let parameters = field
         .tensors
         .iter()
+        // No gradient trains the occupancy, so it is no parameter and its norm means nothing.
         .filter(|(name, _)| !name.starts_with("occupancy"));
     let norms: serde_json::Map<_, _> = parameters
         .map(|(name, tensor)| (name.clone(), json!(norm(&tensor.values))))

@@ -59,6 +59,7 @@ fn list() -> String {
         let schema = schema(kind);
         let text = schema["description"].as_str().unwrap_or_default();
         let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        // With the blank, so that the dot in `0.5` or `i3ds.ron` ends no sentence.
         let first = text.split_once(". ").map_or(&text[..], |(first, _)| first);
         format!("{kind:12} {}\n", first.trim_end_matches('.'))
     };

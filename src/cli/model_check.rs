@@ -52,6 +52,8 @@ impl Check {
             return upsample::check(&self.model, json);
         }
         let source = diffusion_source(&self.model);
+        // On the CPU: reading needs no GPU, and a model must not fail its check for want of its
+        // memory.
         let parts = inspect(&source, &Device::cpu())?;
         let mut digests = Vec::new();
         for file in source.files()? {

@@ -82,6 +82,7 @@ impl Pull {
                     .chars()
                     .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c))
         };
+        // The name becomes part of an address, in which `..` or `?` would lead elsewhere.
         if self.name.split('/').count() == 2 && self.name.split('/').all(plain) {
             return Ok(());
         }
@@ -160,6 +161,7 @@ fn digest_like(tag: &str, path: &Path) -> std::io::Result<Option<String>> {
 }
 
 fn digest<D: Digest>(mut hasher: D, file: &mut impl Read) -> std::io::Result<String> {
+    // In pieces: a file of weights can be larger than the memory.
     let mut buffer = vec![0; 1 << 20];
     loop {
         match file.read(&mut buffer)? {

@@ -185,11 +185,14 @@ impl Run {
             } else {
                 call.gradients()
             });
+            // A GPU goes on after its calls have returned: without waiting, only their submission
+            // is timed.
             device.finish();
         };
         let times = self.repeat.map(|count| Times {
             forward: median(count, || pass(true)),
             with_backward: self.target_grad.then(|| median(count, || pass(false))),
+            // The last field, since fields are evaluated in this order: it covers all passes above.
             peak_memory: peak_memory(),
         });
         Ok(Answer {
@@ -292,6 +295,7 @@ fn median(count: u32, run: impl Fn()) -> f64 {
     };
     let mut times: Vec<f64> = (0..count).map(time).collect();
     times.sort_by(f64::total_cmp);
+    // The median, since a single pass that the system held up would distort a mean.
     let middle = times.len() / 2;
     if times.len() % 2 == 1 {
         times[middle]

@@ -48,10 +48,12 @@ pub fn read(path: &Path) -> Result<Told, Error> {
 
 fn run(what: &str, store: &Store) -> Result<Run, Error> {
     let runs: Vec<Run> = Run::past(store, None)?.collect();
+    // For its error, which says that no run is recorded here.
     if runs.is_empty() {
         return last_run(store, None);
     }
     let of_pipeline = |run: &&Run| run.pipeline == what;
+    // Of a pipeline's name the newest run is meant, and runs come newest first.
     let found = find_run(&runs, what).or_else(|| runs.iter().find(of_pipeline));
     found.cloned().ok_or_else(|| {
         let message = format!("`{what}` is no field, no run and no pipeline");

@@ -72,6 +72,7 @@ impl Only {
             };
             given.insert(wire.from, found.ok_or_else(|| missing(wire.from))?);
         }
+        // Only now that the forecast is made, which needs the stages before this one for its key.
         context.needed = BTreeSet::from([stage]);
         context.given = given;
         Ok(())

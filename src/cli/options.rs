@@ -81,6 +81,7 @@ pub fn time(text: &str) -> Result<Duration, String> {
         }
     };
     let seconds = number.parse::<f64>().map_err(|error| error.to_string())?;
+    // Refuses what no duration can be: negative numbers, NaN and infinity.
     Duration::try_from_secs_f64(seconds * unit).map_err(|error| error.to_string())
 }
 

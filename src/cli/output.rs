@@ -45,6 +45,7 @@ pub fn table(rows: &[Vec<String>], numbers: bool) -> String {
     let width = |column: usize| {
         rows.iter()
             .filter_map(|row| row.get(column))
+            // In characters: an arrow or a `±` has several bytes, and takes one column.
             .map(|cell| cell.chars().count())
             .max()
     };

@@ -58,6 +58,7 @@ impl Pin {
             ));
         };
         let within =
+            // With the dot, so that `fit` does not mean `fit_long` as well.
             |stage: &str, name: &String| stage == name || stage.starts_with(&format!("{name}."));
         let wanted = |stage: &str| {
             self.stages.is_empty() || self.stages.iter().any(|name| within(stage, name))

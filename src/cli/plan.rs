@@ -115,6 +115,7 @@ impl Plan {
             return print(&sum(unique, unique - cached));
         };
         let names = stages.iter().flat_map(|stage| stage.node.names());
+        // A stage that arms share stands once in the plan, and counts here for each of them.
         let planned = names.filter(|name| self.is_of_chosen_arm(name)).count();
         let size = experiment.size(self.arms(experiment));
         print(&format_args!(
@@ -258,6 +259,7 @@ fn costs(
         .filter(|(_, forecast)| !forecast.is_cached())
         .map(|(at, _)| *at);
     let run: Vec<usize> = run.collect();
+    // Reading what earlier results took means reading thousands of records.
     if run.is_empty() {
         return Ok(BTreeMap::new());
     }

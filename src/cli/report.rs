@@ -61,6 +61,8 @@ impl Report {
         let Some(stem) = word.strip_suffix(".ron") else {
             return Some(word.to_owned());
         };
+        // Runs are recorded under the name that the pipeline gives itself, which may not be its
+        // file's.
         let told = std::fs::read_to_string(word).ok().and_then(|text| {
             let tree = crate::pipeline::text::Tree::read(&text).ok()?;
             Some(tree.entry("name")?.tree.json().as_str()?.to_owned())

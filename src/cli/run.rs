@@ -365,6 +365,7 @@ fn catch_signals() -> std::io::Result<Arc<AtomicBool>> {
     for signal in [SIGINT, SIGTERM, SIGUSR1] {
         // The order matters: handlers run as they were registered. The first signal finds the flag
         // unset here, and sets it below; the second one finds it set.
+        // The code is the one that shells report of a process that the signal ended.
         signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, cancelled.clone())?;
         signal_hook::flag::register(signal, cancelled.clone())?;
     }

@@ -48,6 +48,7 @@ impl Session {
         changes: &Changes,
         choice: &Choice,
     ) -> Result<Self, Error> {
+        // Read first: a mistake in an option needs no file to be found.
         let overrides = changes
             .set
             .iter()
@@ -116,6 +117,8 @@ impl Session {
     /// The one stage of this name, even if the options left it out.
     pub fn stage(&self, name: &str) -> Result<usize, Error> {
         let found = self.graph.find(name)?;
+        // A name can be that of a stage and the beginning of others, as `fit` of its shards
+        // `fit.1`: the exact one is meant.
         let is_its_name = |at: usize| self.graph.nodes[at].names().any(|other| other == name);
         let exact = found.iter().find(|at| is_its_name(**at));
         match (exact, found.len(), found.first()) {

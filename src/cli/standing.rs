@@ -109,6 +109,7 @@ impl Found<'_> {
             let stage = &self.context.graph.nodes[*at].name;
             evidence::shown(self.store, record, |output| view.output(stage, output))
         };
+        // With the list of folders: a run removes those of stages that the pipeline has no more.
         let shown = outcome.records.iter().flat_map(shown).chain([view.list()]);
         self.keep(
             question,

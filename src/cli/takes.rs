@@ -37,6 +37,7 @@ pub fn json(cost: &Cost) -> Value {
 
 /// Says what all take together, and what the marks mean.
 pub fn tell<'c>(costs: impl Iterator<Item = &'c Cost> + Clone) {
+    // The largest and not the sum: one after the other, stages give their memory back.
     let largest = costs.clone().map(|cost| cost.memory).max();
     let Some(largest) = largest else {
         return;

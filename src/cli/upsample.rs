@@ -40,6 +40,7 @@ impl Enlargement {
     ) -> Result<Self, Error> {
         let network = Upsampler::load(&source(model), device)?;
         let images = diffusion::array(inputs, "sample", device)?;
+        // An empty tensor has a right shape too, and nothing in it to enlarge.
         if matches!(*images.shape(), [n, 3, h, w] if n * h * w > 0) {
             return Ok(Self {
                 network,

@@ -146,6 +146,7 @@ impl Verify {
                 // Nobody goes on from this, and an earlier state would verify nothing.
                 checkpoint_every: Duration::MAX,
                 earlier: None,
+                // What is compared is content, which says nothing of provenance.
                 provenance: Provenance::default(),
                 messages: &say,
                 cancelled: &|| cancelled.load(Ordering::Relaxed),
@@ -170,6 +171,7 @@ impl Verify {
 
 fn compute(context: &Context, at: usize, io: &Io) -> Result<(), Error> {
     let node = &context.graph.nodes[at];
+    // A panic is the stage's bug, and is told with its name.
     match catch_unwind(AssertUnwindSafe(|| {
         attempt(|| node.stage.run(io)).unwrap_or_else(|fault| Err(fault.into()))
     })) {
@@ -220,6 +222,8 @@ fn differences(
             semantic_digest(output.kind, &folder).is_ok_and(|digest| digest == output.digest);
         if !same {
             let files = differing_files(store, name, output, &folder)?;
+            // An output can differ where its numbers do not: in a text, or in which files there
+            // are.
             let unlike = files.is_empty().then(|| (name.clone(), Comparison::Unlike));
             differences.extend(files.into_iter().chain(unlike));
         }

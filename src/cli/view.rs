@@ -90,6 +90,7 @@ impl View {
         let others = beside
             .map(|told| with_name(told, "field beside"))
             .transpose()?;
+        // A field can be looked at without any photo: a camera is then placed by its box.
         let photos = photos.map_or(Vec::new(), |set| set.views);
         Ok(Subject::new(first, others.into_iter().collect(), photos))
     }

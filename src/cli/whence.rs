@@ -47,6 +47,7 @@ impl Whence {
                 "give a file that a stage wrote",
             )
         })?;
+        // The records alone: whether blobs are sound does not matter for where a file comes from.
         let records = Store::open(&self.folders.store)?.results.records()?;
         let origin = Origin {
             told: content::provenance(&self.file),
@@ -128,6 +129,8 @@ impl Origin {
                 row(&format!("inputs.{name}"), format!("{digest}{from}"));
             }
             let params = flatten("params", &told.params);
+            // Inputs are fields of a stage's parameters too. They stand above already, with their
+            // digests.
             let is_input = |path: &str| {
                 path.strip_prefix("params.")
                     .is_some_and(|name| told.inputs.contains_key(name))

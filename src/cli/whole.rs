@@ -15,6 +15,8 @@ pub fn file(
     let written = beside(path).and_then(|file| {
         let mut out = std::io::BufWriter::new(file);
         write(&mut out)?;
+        // `into_inner` writes what is still in the buffer and tells if that fails. Dropping it
+        // would not.
         out.into_inner()?
             .persist(path)
             .map(drop)
@@ -45,6 +47,8 @@ pub fn folder<T>(path: &Path, write: impl FnOnce(&Path) -> Result<T, Error>) -> 
         ));
     }
     let work = tempfile::tempdir_in(parent(path)).map_err(|error| refused(path, &error))?;
+    // Inside of the temporary folder, which is private: a new folder has the rights that the user
+    // gives to new ones.
     let beside = work.path().join("folder");
     let written = write(&beside)?;
     std::fs::rename(&beside, path).map_err(|error| refused(path, &error))?;

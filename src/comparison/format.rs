@@ -48,6 +48,8 @@ impl Comparison {
                 .iter()
                 .map(|note| format!("{comment}{note}"))
                 .collect();
+            // Two blanks at the end of a line of Markdown break it. Without them notes run
+            // together.
             let between = if format == Format::Md { "  \n" } else { "\n" };
             texts.push(lines.join(between));
         }
@@ -273,12 +275,14 @@ pub fn percent(share: f64) -> String {
 }
 
 fn signed(value: f64) -> String {
+    // A sign in any case: a difference without one could be taken for a score.
     let sign = if value < 0.0 { "-" } else { "+" };
     format!("{sign}{}", figure(value.abs()))
 }
 
 fn markdown(rows: &Rows) -> String {
     let line = |row: &Vec<String>| {
+        // A bare bar would begin another cell.
         let cells: Vec<String> = row.iter().map(|cell| cell.replace('|', "\\|")).collect();
         format!("| {} |", cells.join(" | "))
     };
@@ -292,6 +296,8 @@ fn markdown(rows: &Rows) -> String {
 }
 
 fn csv(rows: &Rows) -> String {
+    // RFC 4180: cells with commas, quotes or line breaks stand in quotes, and quotes in them are
+    // doubled.
     let cell = |text: &String| match text.contains([',', '"', '\n']) {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
         false => text.clone(),

@@ -74,6 +74,7 @@ impl<'a> Reader<'a> {
                 None => continue,
             }
         }
+        // An arm with scores is not absent: that some of its seeds have none becomes a note.
         if !read.runs.is_empty() {
             let lacks = read.absent.take().map(|why| (why, Vec::new()));
             self.lacks.extend(lacks);
@@ -139,6 +140,7 @@ impl<'a> Reader<'a> {
         let absent = metrics
             .absent
             .get(&self.experiment.row)
+            // Of several seeds the first speaks, or an arm would be named once for each.
             .filter(|_| run == 0);
         for (metric, why) in absent.into_iter().flatten() {
             let arms = self.lacks.entry(format!("no {metric}: {why}"));

@@ -55,6 +55,7 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 /// The standard deviation of a sample (n - 1); `None` of fewer than two.
 pub fn spread(values: &[f64]) -> Option<f64> {
     let mean = mean(values).filter(|_| values.len() > 1)?;
+    // In two passes: the mean of squares less the square of the mean would cancel.
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
@@ -90,6 +91,7 @@ fn student_95(freedom: usize) -> f64 {
         return *exact;
     }
     let [z, n] = [NORMAL, freedom as f64];
+    // Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.5.
     let first = (z.powi(3) + z) / 4.0;
     let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
     let third = (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0;

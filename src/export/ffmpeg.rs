@@ -37,6 +37,7 @@ impl Codec {
                 "libx264",
                 "-preset",
                 "slow",
+                // The index stands at the front, so that a browser can play before all is there.
                 "-movflags",
                 "+faststart",
                 "-f",
@@ -45,6 +46,7 @@ impl Codec {
             Self::Vp9 => &[
                 "-c:v",
                 "libvpx-vp9",
+                // With a bitrate of 0, VP9 keeps to the CRF alone.
                 "-b:v",
                 "0",
                 "-row-mt",
@@ -118,6 +120,7 @@ impl Ffmpeg {
         let fed = Fed::of(&mut ffmpeg, pictures)?;
         let status = ffmpeg.wait()?;
         if !status.success() {
+            // What ffmpeg says comes before what became of the pipe, which only says that it broke.
             let said = last_lines(&fed.said);
             return Err(FfmpegError::GaveUp { status, said });
         }
@@ -180,6 +183,8 @@ impl Fed {
             // pictures.
             let writer = scope.spawn(move || {
                 let mut stdin = stdin.ok_or_else(|| std::io::Error::other("it has no input"))?;
+                // The pipe closes when this thread is done, which tells ffmpeg that there are no
+                // more pictures.
                 let mut pictures = pictures.iter();
                 pictures.try_for_each(|picture| stdin.write_all(&picture.rgb8))
             });

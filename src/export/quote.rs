@@ -2,10 +2,13 @@
 
 /// A word of a POSIX shell.
 pub fn shell(word: &str) -> String {
+    // The characters that Python's `shlex.quote` leaves alone too.
     let plain = |c: char| c.is_ascii_alphanumeric() || "%+,-./:=@_".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         word.to_owned()
     } else {
+        // A shell knows no escapes within single quotes: they are closed, a quote is escaped, and
+        // they are opened again.
         format!("'{}'", word.replace('\'', r"'\''"))
     }
 }

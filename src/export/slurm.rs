@@ -62,6 +62,7 @@ impl Workflow {
             .enumerate()
             .map(|(at, job)| self.line(at, &job.needs, &job.stage_file()))
             .collect();
+        // Only the last jobs: the others are done when these are.
         let last = self.line(self.jobs.len(), &self.last(), "show");
         format!(
             "#!/bin/sh\n{MARK} from the pipeline `{}`.\n{head}\nset -eu\nmkdir -p {folder}/logs\n\
@@ -75,6 +76,8 @@ impl Workflow {
     }
 
     fn line(&self, at: usize, needs: &BTreeSet<usize>, file: &str) -> String {
+        // `afterok`, since a job whose inputs failed could only fail. `kill-on-invalid-dep` removes
+        // it then, which would wait for ever otherwise.
         let needs: String = needs.iter().map(|need| format!(":$job_{need}")).collect();
         let after = if needs.is_empty() {
             String::new()
@@ -101,6 +104,8 @@ impl Workflow {
         };
         let run = format!("{} --only {stage}", command(&self.command));
         format!(
+            // `B:` signals the script alone, which passes it on. A log is appended to: by Slurm's
+            // default, a job that is queued again empties it.
             "#!/bin/sh\n{MARK} from the pipeline `{}`.\n{}{array}#SBATCH --output={folder}/logs/{log}.log\n\
              #SBATCH --signal=B:USR1@{WARNING}\n#SBATCH --requeue\n#SBATCH --open-mode=append\n\nself={me}\n{}",
             self.pipeline,

@@ -73,6 +73,7 @@ impl Workflow {
             ),
             None => (stamps(job), job.stage.clone()),
         };
+        // A wildcard matches any text, and so the stamps of other stages whose names begin alike.
         let constraint = job.shards.map_or(String::new(), |_| {
             "    wildcard_constraints: shard=r\"\\d+\"\n".to_owned()
         });
@@ -123,6 +124,7 @@ fn rule_names(jobs: &[Job]) -> Vec<String> {
     let name = |job: &Job| {
         let mut name = job.stage.replace(['.', '-', '/'], "_")
             + if job.shards.is_some() { "_shard" } else { "" };
+        // `a.b` and `a-b` become the same name.
         while !taken.insert(name.clone()) {
             name.push('_');
         }

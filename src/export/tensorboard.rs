@@ -27,6 +27,7 @@ impl Events {
     /// An event file with nothing in it yet.
     pub fn new() -> Self {
         let mut version = Vec::new();
+        // The first record of a file tells the version of its format.
         message(&mut version, FILE_VERSION, b"brain.Event:2");
         let mut events = Self { bytes: Vec::new() };
         events.record(&version);
@@ -84,6 +85,7 @@ fn varint(into: &mut Vec<u8>, mut value: u64) {
 /// CRC-32C, turned and shifted, so that the check of bytes that hold a check is no accident.
 fn check(bytes: &[u8]) -> [u8; 4] {
     let crc = crc32c::crc32c(bytes);
+    // `kMaskDelta` of TensorFlow's crc32c.h.
     crc.rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes()
 }
 

@@ -56,6 +56,7 @@ pub fn animation(pictures: &[Picture], rate: Rate) -> Result<Vec<u8>, WebpError>
         // Differences of rounded moments, so that rounding does not add up over a long film.
         let lasts = rate.milliseconds(i + 1) - rate.milliseconds(i);
         let place = [0; 6];
+        // The format has 24 bits for it, which is more than four hours.
         let lasts = &(lasts as u32).to_le_bytes()[..3];
         let frame = [
             &place[..],
@@ -92,6 +93,7 @@ fn less_one(side: u32) -> [u8; 3] {
 
 fn chunk(into: &mut Vec<u8>, name: &[u8; 4], data: &[u8]) {
     into.extend(name);
+    // A longer chunk would be cut here. The whole is then longer too, and refused.
     into.extend((data.len() as u32).to_le_bytes());
     into.extend(data);
     // RIFF chunks begin at even bytes. The length leaves out this one.

@@ -82,6 +82,7 @@ impl Import {
             |step: Step, progress: &mut dyn Progress| tool.run(&step, work, photos.count, progress);
         run(Step::Features { lens, one_lens }, progress)?;
         run(Step::Matches { in_time }, progress)?;
+        // Of all mappers, for the message: the last one need not have found the most.
         let mut best = 0;
         // The global mapper is faster, but finds less where focal lengths are unknown.
         for global in tool.mappers() {
@@ -89,6 +90,7 @@ impl Import {
             remove(&work.join("sparse"))?;
             fs::create_dir(work.join("sparse")).map_err(|error| ImportError::file(work, error))?;
             run(Step::Poses { global: *global }, progress)?;
+            // A mapper that finds nothing leaves no model. The next one may find some.
             let Ok(registered) = Colmap::registered(work) else {
                 continue;
             };

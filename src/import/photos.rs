@@ -107,7 +107,9 @@ fn take_frames(
     let mut command = Command::new("ffmpeg");
     command.args(["-nostdin", "-loglevel", "warning", "-i"]);
     command.arg(&import.photos);
+    // Of ffmpeg's qualities of a JPEG, 2 is the best that it gives by default.
     command.args(["-vf", &format!("fps={}", import.rate), "-qscale:v", "2"]);
+    // Of one width, so that the order of names is that of time.
     command.arg(images.join("%05d.jpg"));
     step::run("taking frames", &mut command, work, progress, |_| None)
 }
@@ -117,6 +119,7 @@ fn are_of_one_size(photos: &[PathBuf]) -> bool {
     let mut sizes = photos
         .iter()
         .map(|photo| image::image_dimensions(photo).ok());
+    // Read from the head of each file: nothing is decoded.
     let first = sizes.next().flatten();
     first.is_some() && sizes.all(|size| size == first)
 }

@@ -69,6 +69,7 @@ pub fn run(
     let log = log(work);
     let refuse = |error| ImportError::file(&log, error);
     progress.begin(what);
+    // All steps share one log, which a failure leaves for people to read.
     let file = OpenOptions::new().create(true).append(true).open(&log);
     let mut file = file.map_err(refuse)?;
     writeln!(file, "{command:?}").map_err(refuse)?;

@@ -92,6 +92,7 @@ impl Tool {
     /// Which mappers there are, in the order in which they are tried: global or not.
     pub fn mappers(&self) -> &'static [bool] {
         match self.version.0 {
+            // COLMAP has a global mapper from version 4 on.
             ..4 => &[false],
             4.. => &[true, false],
         }
@@ -225,6 +226,7 @@ fn how_far(line: &str, photos: u64) -> Option<(u64, u64)> {
     let (first, second) = inside.split_once(',')?;
     let (row, rows) = fraction(first)?;
     let (column, columns) = fraction(second)?;
+    // Blocks go row by row, both numbers from 1.
     let done = row.checked_sub(1)? * columns + column;
     line.contains(" block [").then_some((done, rows * columns))
 }

@@ -41,6 +41,7 @@ impl<'a> Definitions<'a> {
 
     /// The schema itself, where it only refers to a named one or may be `None` as well.
     fn resolve<'b>(&'b self, schema: &'b Value) -> &'b Value {
+        // An `Option` of a named type is written as `anyOf: [the type, null]`.
         let mut alternatives = schema["anyOf"].as_array().into_iter().flatten();
         let some = alternatives.find(|schema| schema["type"] != "null");
         if let Some(inner) = some {
@@ -64,6 +65,7 @@ impl<'a> Definitions<'a> {
         text.split_whitespace()
             .collect::<Vec<_>>()
             .join(" ")
+            // A bare bar would begin another cell of the table.
             .replace('|', "\\|")
     }
 
@@ -205,6 +207,7 @@ impl<'a> Definitions<'a> {
         {
             let value = &fields[choice];
             let inner = self.ron(value, inner);
+            // A variant's fields share its parentheses: `Vsd(rate: 1)` and not `Vsd((rate: 1))`.
             return match inner.strip_prefix('(') {
                 Some(rest) => format!("{choice}({rest}"),
                 None => format!("{choice}({inner})"),
@@ -219,6 +222,8 @@ impl<'a> Definitions<'a> {
 }
 
 fn optional(schema: &Value) -> bool {
+    // An `Option` is written in two ways: of a named type as `anyOf`, of a plain one as a list of
+    // types.
     let alternatives = schema["anyOf"].as_array().into_iter().flatten();
     alternatives
         .into_iter()

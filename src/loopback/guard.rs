@@ -55,9 +55,13 @@ impl Guard {
         let token = path.split('/').nth(1).unwrap_or_default();
         // In constant time, so that nobody can find the token letter by letter.
         let knows = token.as_bytes().ct_eq(self.token.as_bytes());
+        // Against DNS rebinding: a foreign name that resolves to 127.0.0.1 is still sent as the
+        // host.
         let host = headers.get(HOST).and_then(|host| host.to_str().ok());
         let origin = headers.get(ORIGIN).map(|origin| {
             let origin = origin.to_str().unwrap_or_default();
+            // An origin that is `null` or no http address becomes the empty text, which is none of
+            // ours.
             origin.strip_prefix("http://").unwrap_or_default()
         });
         let is_ours = |name: &str| self.hosts.iter().any(|host| host == name);
@@ -87,6 +91,7 @@ pub async fn watch(State(guard): State<Arc<Guard>>, request: Request, next: Next
     } else {
         next.run(request).await
     };
+    // On refusals too, which a browser could otherwise keep.
     for (name, value) in HEADERS {
         let value = HeaderValue::from_static(value);
         answer.headers_mut().insert(name, value);

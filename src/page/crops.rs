@@ -22,6 +22,7 @@ pub fn telling(gallery: &Gallery, count: usize) -> Vec<Crop> {
     let mut all: Vec<Crop> = (0..gallery.views.len())
         .flat_map(|view| of_view(gallery, view))
         .collect();
+    // The sort is stable, so of equal windows the first view's comes first each time.
     all.sort_by(|a, b| b.difference.total_cmp(&a.difference));
     let mut chosen: Vec<Crop> = Vec::new();
     for crop in all {
@@ -59,6 +60,7 @@ fn of_view(gallery: &Gallery, view: usize) -> Vec<Crop> {
         .map(|picture| picture.rgb8.as_slice())
         .collect();
     let variance: Vec<f64> = (0..width * height).map(|at| variance(&alike, at)).collect();
+    // At most the picture itself: `height - side` below must not wrap around.
     let side = (height / 5).clamp(8, 256).min(width).min(height);
     // Half over each other, so that what is telling is not cut in two by the raster.
     let step = (side / 2).max(1);

@@ -48,6 +48,7 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
         let log = report::log(store, &record)?;
         for quantity in QUANTITIES {
             let points = points(&log, quantity);
+            // A single point draws no line.
             if points.len() < 2 {
                 continue;
             }
@@ -66,6 +67,7 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
 fn points(log: &Log, quantity: &str) -> Vec<(f64, f64)> {
     let point = |line: &serde_json::Value| Some((line["step"].as_f64()?, line[quantity].as_f64()?));
     let all: Vec<(f64, f64)> = log.lines.iter().filter_map(point).collect();
+    // A drawing is 320 units wide, and would show no more points than these.
     let stride = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(stride).collect()
 }

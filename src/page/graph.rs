@@ -91,6 +91,7 @@ fn parents(results: &[Found], store: &Store) -> Vec<Vec<usize>> {
     for (at, found) in results.iter().enumerate() {
         let outputs = found.record.iter().flat_map(|record| &record.outputs);
         for (_, output) in outputs {
+            // Of several results with the same content the first stands for all.
             makers.entry(output.digest.to_string()).or_insert(at);
         }
     }
@@ -149,6 +150,7 @@ fn arms(names: &[&str]) -> Vec<String> {
         .filter_map(|name| arm_of(name))
         .map(str::to_owned)
         .collect();
+    // Names come in order, so those of one arm follow one another.
     arms.dedup();
     arms
 }
@@ -179,6 +181,7 @@ fn reduce(nodes: &mut [Node]) {
     for node in nodes {
         let further = node.parents.iter().flat_map(|&parent| &ancestors[parent]);
         let further: BTreeSet<usize> = further.copied().collect();
+        // Before any parent is dropped: what follows from a dropped one follows from this node too.
         let all = further.iter().chain(&node.parents).copied().collect();
         ancestors.push(all);
         node.parents.retain(|parent| !further.contains(parent));

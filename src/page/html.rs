@@ -20,6 +20,7 @@ pub fn escaped(text: &str) -> String {
             '&' => safe.push_str("&amp;"),
             '<' => safe.push_str("&lt;"),
             '>' => safe.push_str("&gt;"),
+            // Attributes stand in double quotes here, so that a single one needs no escape.
             '"' => safe.push_str("&quot;"),
             other => safe.push(other),
         }

@@ -53,6 +53,7 @@ fn won(best: &Scored, second: Option<&Scored>, metric: &Metric) -> String {
         return format!("{} has the best {name}: {value}.", best.name);
     };
     let certain = match ahead.interval {
+        // Both ends on one side of 0 have a positive product.
         Some([low, high]) if low * high > 0.0 => ", and the 95 % interval is clear of 0",
         Some(_) => ", but the 95 % interval holds 0: the two may be equal",
         None => "",

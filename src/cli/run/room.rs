@@ -40,6 +40,7 @@ fn too_large(
     }
     // Read only when something has to be computed: it means reading thousands of records.
     let experience = Experience::of(context.store)?;
+    // With `--only`, results of stages that are no part of the run are given to it.
     let record = |at: usize| there.get(&at).copied().or_else(|| context.given.get(&at));
     let costs = missing
         .into_iter()

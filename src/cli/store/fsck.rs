@@ -23,6 +23,7 @@ pub struct Fsck {
 impl Fsck {
     /// Looks through the store.
     pub fn run(self, json: bool) -> Result<(), Error> {
+        // `create` would write into a store that may only be looked at.
         let store = if self.dry_run {
             Store::open
         } else {

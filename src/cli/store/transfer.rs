@@ -44,6 +44,7 @@ impl Transfer {
 
     fn failed(&self, fault: Fault) -> Error {
         match fault {
+            // A fault of the local store must not be told as the remote's.
             Fault::Local(error) => error.into(),
             fault => Error::Remote {
                 address: self.remote.clone(),

@@ -87,6 +87,7 @@ fn line(svg: &mut String, from: &Node, to: &Node) {
     let start = [left + BOX[0], top + BOX[1] / 2];
     let [left, top] = to.corner();
     let end = [left, top + BOX[1] / 2];
+    // A node stands in a later column than its parents, so no difference is below 0.
     let bend = (STEP[0] - BOX[0]).max((end[0] - start[0]) / 3);
     let _ = write!(
         svg,
