@@ -83,11 +83,13 @@ impl Scores {
         let Metrics {
             rows, definitions, ..
         } = &self.metrics;
+        // Definitions too: a metric that no row has still shows, with dashes.
         let names: BTreeSet<&String> = definitions
             .keys()
             .chain(rows.values().flat_map(|row| row.mean.keys()))
             .collect();
         let mut names = Vec::from_iter(names);
+        // The sort is stable: those of unknown rank stay in the order of their names.
         names.sort_by_key(|name| stages::metric_rank(name));
         let head = std::iter::once(self.stage.clone())
             .chain(names.iter().map(|name| (*name).clone()))

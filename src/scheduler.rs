@@ -78,6 +78,7 @@ impl Scheduler<'_> {
         progress: &mut dyn Progress,
     ) -> Result<Outcome, StoreError> {
         let mut board = Board::new(self.context, progress);
+        // Without a bound: a stage must not wait for the thread that prints what it says.
         let (sender, news) = mpsc::channel();
         std::thread::scope(|scope| {
             // The others must not go on for hours before anyone hears that the store cannot be

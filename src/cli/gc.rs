@@ -67,6 +67,7 @@ impl Gc {
             tell(&garbage, delete);
         }
         match max_size {
+            // Only a limit of size can be missed: what the other options ask for, `gc` can do.
             Some(most) if garbage.stays > most => Err(Error::Found {
                 message: format!("{} stay, more than {}", size(garbage.stays), size(most)),
                 help: Some(

@@ -63,6 +63,8 @@ impl Draft {
     /// A fault with its place looked up: in the change that caused it, or else in a file.
     fn located(&self, fault: Fault, layers: &[Layer]) -> Problem {
         let touches = |place: &Place| {
+            // In both directions: the change of a field can break its stage, and that of a whole
+            // value one of its fields.
             place.0.starts_with(&fault.place.0) || fault.place.0.starts_with(&place.0)
         };
         // The latest change of a value is the one that counts.

@@ -149,6 +149,7 @@ impl<T> Named<T> {
             return false;
         };
         self.items.remove(at);
+        // The index holds places, and all items behind the one that went have moved up.
         for place in self.index.values_mut().filter(|place| **place > at) {
             *place -= 1;
         }
@@ -221,6 +222,8 @@ impl<'de> Visitor<'de> for NodeVisitor {
     fn visit_enum<A: EnumAccess<'de>>(self, access: A) -> Result<Node, A::Error> {
         let (kind, fields) = access.variant::<Variant>()?;
         match kind.0 {
+            // `Rounds(..)` holds its fields in one struct; `ron` is told to take them without a
+            // second pair of parentheses.
             ROUNDS => fields.newtype_variant().map(Node::Rounds),
             kind => AnyStage::from_variant(kind, fields).map(|stage| Node::Stage(Box::new(stage))),
         }

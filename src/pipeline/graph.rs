@@ -177,6 +177,7 @@ impl Graph {
             .nodes
             .iter()
             .map(|node| node.name.as_str())
+            // The short names too, since a user may mean a stage in all rounds.
             .chain(short.iter().map(String::as_str))
             .collect();
         UnknownStage {
@@ -202,6 +203,7 @@ impl Graph {
 fn without_rounds(name: &str) -> String {
     let parts: Vec<&str> = name
         .split('.')
+        // Only rounds and shards are numbers: a name that users give begins with a letter.
         .filter(|part| part.parse::<u32>().is_err())
         .collect();
     parts.join(".")
@@ -214,6 +216,7 @@ fn order(nodes: &[Node]) -> Result<Vec<usize>, usize> {
     for (at, node) in nodes.iter().enumerate() {
         node.wires
             .iter()
+            // Once for each wire: a stage that reads two outputs of another waits for both.
             .for_each(|wire| readers[wire.from].push(at));
     }
     // A sorted set, so that the order in the file decides wherever the wires leave a choice.

@@ -29,6 +29,8 @@ pub fn with_bases(source: Source) -> Result<Vec<Source>, Problem> {
     let mut files = vec![source];
     while let Some((path, span)) = files.last().and_then(base) {
         let extending = &files[files.len() - 1];
+        // From the folder of the file that extends, so that it works from wherever the program is
+        // started.
         let folder = Path::new(&extending.name).parent();
         let path = folder.unwrap_or(Path::new("")).join(path);
         // A file that extends itself has no end. Counting finds any circle, whatever names the
@@ -69,6 +71,8 @@ impl Layer {
     pub fn read(source: &Source) -> Result<Self, Problem> {
         let extensions = ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES
             | ron::extensions::Extensions::IMPLICIT_SOME;
+        // Set for every file: users need not write `#![enable(..)]`, `Some(..)` or double
+        // parentheses.
         let options = ron::Options::default().with_default_extension(extensions);
         // The text is read twice: `ron` gives the types, and the tree the places that serde does
         // not tell.

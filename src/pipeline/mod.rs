@@ -139,6 +139,7 @@ fn malformed(source: &Source, error: &SpannedError) -> Problem {
 /// they are past it.
 fn word_before(text: &str, word: &str, end: usize) -> Option<std::ops::Range<usize>> {
     let window = text
+        // `get`, since this place can lie inside of a character.
         .get(..(end + word.len()).min(text.len()))
         .unwrap_or(text);
     window.rfind(word).map(|at| at..at + word.len())

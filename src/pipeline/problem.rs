@@ -130,6 +130,7 @@ impl Problem {
 /// The nearest of the known names, if one is near enough to be meant.
 pub fn nearest<'a>(found: &str, known: &[&'a str]) -> Option<&'a str> {
     let distance =
+        // Case does not count: who writes `vsd` means `Vsd`.
         |name: &str| strsim::damerau_levenshtein(&found.to_lowercase(), &name.to_lowercase());
     let near = known.iter().copied().min_by_key(|name| distance(name))?;
     // A third of the name may be wrong, and one letter more. Beyond that a guess would only

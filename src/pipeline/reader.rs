@@ -64,6 +64,7 @@ impl<'t> Reader<'t> {
             let rest = self.rest();
             let trimmed = rest.trim_start();
             self.at += rest.len() - trimmed.len();
+            // `get`, since the second byte can lie inside of a character.
             match trimmed.get(..2) {
                 Some("//") => self.at += trimmed.find('\n').unwrap_or(trimmed.len()),
                 Some("/*") => self.at += block_comment(trimmed),
@@ -102,6 +103,7 @@ impl<'t> Reader<'t> {
             Some('[') => self.list()?,
             Some('{') => self.map()?,
             Some('"') => Value::Scalar(self.string()?.into()),
+            // A name can begin with this letter too.
             Some('r') if self.rest().starts_with("r\"") || self.rest().starts_with("r#") => {
                 Value::Scalar(self.raw_string()?.into())
             }
@@ -225,6 +227,7 @@ impl<'t> Reader<'t> {
             .unwrap_or(rest.len());
         // `ron` takes `1_000` too, and both have to agree on every file.
         let digits = rest[..length].replace('_', "");
+        // Whole numbers first: as floats, seeds above 2^53 would lose their last digits.
         let number = whole(&digits).or_else(|| digits.parse().ok().and_then(Number::from_f64));
         let number = number.ok_or(self.garbled("a number"))?;
         self.at += length;
@@ -252,6 +255,7 @@ impl<'t> Reader<'t> {
     fn raw_string(&mut self) -> Result<String, Garbled> {
         let rest = self.rest();
         let hashes = rest[1..].chars().take_while(|&c| c == '#').count();
+        // As many hashes as it was opened with: fewer of them may stand within the string.
         let close = format!("\"{}", "#".repeat(hashes));
         let body = rest.get(hashes + 2..).ok_or(self.garbled("a raw string"))?;
         let end = body.find(&close).ok_or(self.garbled("a raw string"))?;
@@ -269,6 +273,7 @@ fn whole(digits: &str) -> Option<Number> {
         .or_else(|| digits.parse().ok());
     unsigned
         .map(Number::from)
+        // Unsigned before signed, so that numbers above the largest `i64` are read too.
         .or_else(|| digits.parse::<i64>().ok().map(Number::from))
 }
 

@@ -103,6 +103,7 @@ fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<T
         };
         return Err(Miss::new(message, field, rounds.next.names()));
     };
+    // Seen from inside of the last round, whose stages `next` names.
     let last = Frame::round(name, rounds, rounds.count);
     resolve(
         &chain.iter().cloned().chain([last]).collect::<Vec<_>>(),

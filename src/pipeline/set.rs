@@ -36,6 +36,7 @@ impl Override {
             name: Source::SET.into(),
             text: argument.into(),
         };
+        // At the first `=`: no path has one, and a value can.
         let Some((path, value)) = argument.split_once('=') else {
             let problem = source.problem(0..argument.len(), "expected `path=value`");
             return Err(problem.with_help("for example --set scene.downscale=2"));
@@ -60,6 +61,7 @@ impl Override {
 
     /// A `"path": value` of a file.
     pub fn of_entry(source: &Source, entry: &Entry) -> Self {
+        // Names stand in quotes there, and their span begins at the first of these.
         let inside_quotes = entry.span.start + 1;
         Self {
             path: segments(&entry.name, inside_quotes),
@@ -254,6 +256,7 @@ fn segments(path: &str, mut start: usize) -> Vec<Segment> {
 pub fn variant(value: &Json) -> Option<(&str, &Json)> {
     let fields = value.as_object().filter(|fields| fields.len() == 1)?;
     let (name, content) = fields.iter().next()?;
+    // Fields of structs are in `snake_case`, so that a capital can only begin a variant.
     name.starts_with(|c: char| c.is_ascii_uppercase())
         .then_some((name.as_str(), content))
 }

@@ -78,6 +78,8 @@ impl Tree {
         match &self.value {
             Value::Scalar(scalar) => scalar.clone(),
             Value::List(items) => items.iter().map(Self::json).collect(),
+            // A struct's name is no part of what serde writes; a variant's is the key around its
+            // fields.
             Value::Map(entries) | Value::Struct(None, entries) => fields(entries),
             Value::Struct(Some(name), entries) => tagged(name, fields(entries)),
             Value::Tuple(None, items) => items.iter().map(Self::json).collect(),

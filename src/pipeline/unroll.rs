@@ -114,6 +114,7 @@ pub fn seed_within(domain: &str, seed: u64, number: u32) -> u64 {
     hasher
         .update(&seed.to_le_bytes())
         .update(&number.to_le_bytes());
+    // The first eight bytes of the digest, in an order that is the same on every machine.
     let mut bytes = [0; 8];
     hasher.finalize_xof().fill(&mut bytes);
     u64::from_le_bytes(bytes)
@@ -159,6 +160,7 @@ fn unroll_rounds<'p>(
     for (carried, reference) in rounds.carry.iter() {
         // Checked even if no stage reads it: a mistake should not wait until somebody does.
         resolve(chain, &reference.0).map_err(|miss| miss.fault(&place.at("carry").at(carried)))?;
+        // Asked for even where `count` is 1: more rounds must not break a pipeline.
         if rounds.next.get(carried).is_none() {
             let message = format!(
                 "`{carried}` is carried, but `next` does not say what it is in the next round"
@@ -184,6 +186,8 @@ pub fn check_name(name: &str, place: &Place) -> Result<(), Fault> {
     let good = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
     match name.chars().next() {
         Some(first)
+            // A dot would be taken for a step of a reference, and a slash for the end of an arm's
+            // name.
             if first.is_ascii_alphabetic() && name.chars().all(good) && name.len() <= 64 =>
         {
             Ok(())

@@ -100,6 +100,7 @@ impl Context<'_> {
         match self.reason(at, &manifest, &unknown.keys().copied().collect())? {
             Some(reason) => Ok(Forecast::Run(reason, None)),
             None => {
+                // A stage that several inputs come from is named once.
                 let waits: BTreeSet<usize> = unknown.into_values().collect();
                 Ok(Forecast::Unless(
                     waits

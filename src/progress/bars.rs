@@ -37,6 +37,7 @@ impl Bars {
         };
         let style = style.with_key("rate", rate);
         let bar = self.all.add(
+            // How many steps there are is not known before the stage first says so.
             ProgressBar::new(0)
                 .with_style(style)
                 .with_prefix(stage.to_owned()),

@@ -162,6 +162,8 @@ impl Lines {
                 running.last = Instant::now();
                 let rate = step.saturating_sub(running.from) as f64
                     / running.begun.elapsed().as_secs_f64();
+                // A pace of 0 has no time left that could be told, and a step beyond the total
+                // would wrap around.
                 let left = duration((total - step.min(total)) as f64 / rate.max(1e-9));
                 let figures = figures(values);
                 Some(format!(

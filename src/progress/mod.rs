@@ -119,6 +119,7 @@ pub enum Verbosity {
 pub fn choose(json: bool, verbosity: Verbosity, bars: bool) -> Box<dyn Progress> {
     if json {
         Box::new(json::Json::default())
+    // In a file, bars that redraw themselves would leave a line for each time.
     } else if bars && verbosity > Verbosity::Quiet && std::io::stderr().is_terminal() {
         Box::new(bars::Bars::new(verbosity))
     } else {
@@ -128,6 +129,7 @@ pub fn choose(json: bool, verbosity: Verbosity, bars: bool) -> Box<dyn Progress>
 
 /// Seconds as people say them: `8.2 s`, `3 min 20 s`, `1 h 05 min`.
 pub fn duration(seconds: f64) -> String {
+    // Rounded first, so that 59.7 becomes `1 min 00 s` and not `60 s`.
     let whole = seconds.round() as u64;
     match whole {
         0..10 => format!("{seconds:.1} s"),
@@ -150,6 +152,7 @@ pub fn figures(values: &[(&'static str, f64)]) -> String {
 pub fn figure(value: f64) -> String {
     match value.abs() {
         size if size == 0.0 || (1e-3..1e5).contains(&size) => {
+            // The logarithm of 0 is infinite.
             let digits = (3.0 - size.max(1e-3).log10().floor()).clamp(0.0, 6.0);
             format!("{value:.*}", digits as usize)
         }

@@ -120,6 +120,7 @@ fn push_all(address: &str, queue: &Receiver<Push>) -> std::io::Result<()> {
 
 fn connect(address: &str) -> std::io::Result<TevClient> {
     let nowhere = || std::io::Error::other("it is no address");
+    // `connect` by itself tries for minutes where nothing answers.
     let address = address.to_socket_addrs()?.next().ok_or_else(nowhere)?;
     let socket = TcpStream::connect_timeout(&address, PATIENCE)?;
     // A tev that hangs must not keep the program from ending.
@@ -169,6 +170,7 @@ fn show_view(tev: &mut TevClient, name: &str, view: &Image) -> std::io::Result<(
         grab_focus: false,
         channel_names: &names,
         channel_offsets: &offsets,
+        // Planes lie one behind the other, not pixel by pixel.
         channel_strides: &vec![1; names.len()],
         x: 0,
         y: 0,

@@ -22,6 +22,8 @@ impl Fault {
     /// Whether the same question may be answered when it is asked again.
     pub fn may_pass(&self) -> bool {
         use object_store::Error::{Generic, JoinError};
+        // The client has no variant of its own for lost connections and servers' errors: they are
+        // `Generic`.
         matches!(self, Self::Remote(Generic { .. } | JoinError { .. }))
     }
 }

@@ -79,6 +79,7 @@ impl RetryPolicy for Patience {
             _ => true,
         };
         let attempt = context.attempt as u32;
+        // The client counts attempts from 1, so that the exponent below is never negative.
         let again = may_pass && attempt < self.attempts;
         Box::pin(async move {
             if again {

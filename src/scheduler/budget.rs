@@ -58,6 +58,7 @@ pub fn memory_limit() -> u64 {
         .into_iter()
         .chain(group_limit())
         .min()
+        // A system that does not tell must not keep any stage from running.
         .unwrap_or(u64::MAX)
 }
 
@@ -70,6 +71,7 @@ fn group_limit() -> Option<u64> {
         let file = std::path::Path::new("/sys/fs/cgroup")
             .join(group)
             .join("memory.max");
+        // A group without a limit has the word `max` there, which is no number.
         fs::read_to_string(file).ok()?.trim().parse::<u64>().ok()
     };
     let mut least = limit(group);

@@ -57,6 +57,7 @@ impl Level {
     }
 
     fn camera(self, camera: &Camera) -> Camera {
+        // Rounded up, so that no picture has a side of 0.
         let side = |side: u32| side.div_ceil(self.part);
         camera.scaled(side(camera.width), side(camera.height))
     }
@@ -120,8 +121,10 @@ impl<'s> Painter<'s> {
     /// The finest level that is there soon.
     fn first_level(&self, order: &Order) -> usize {
         let soon = |level: &Level| {
+            // Several rays a pixel are never the first picture: what they add is seen only at rest.
             level.rays == 1 && level.count(order) <= SOON.as_secs_f64() * self.rays_per_second
         };
+        // Something has to be shown, however slow the device is.
         LEVELS.iter().rposition(soon).unwrap_or(0)
     }
 

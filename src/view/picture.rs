@@ -82,6 +82,7 @@ fn of_each(rendered: &Rendered, color: impl Fn(usize) -> [f32; 3]) -> Vec<u8> {
 /// 1 at the camera's near and 0 at its far, even in disparity, as a picture is as fine.
 fn nearness(camera: &Camera, depth: f32) -> f32 {
     let [near, far] = [camera.near as f32, camera.far as f32];
+    // A depth of 0 gives infinity, which `byte` and the colour map clamp.
     (1.0 / depth - 1.0 / far) / (1.0 / near - 1.0 / far)
 }
 
@@ -96,7 +97,9 @@ fn normal(rendered: &Rendered, camera: &Camera, i: usize) -> [f32; 3] {
         DVec3::from(camera.unproject(x as f64 + 0.5, y as f64 + 0.5, depth))
     };
     let across = at((x + 1).min(w - 1), y) - at(x.saturating_sub(1), y);
+    // Central differences, one-sided at the border.
     let down = at(x, (y + 1).min(h - 1)) - at(x, y.saturating_sub(1));
+    // Down times across points towards the camera: y grows downwards in pictures.
     match down.cross(across).try_normalize() {
         Some(normal) if rendered.opacity[i] >= SOLID => {
             normal.as_vec3().to_array().map(|part| 0.5 * part + 0.5)

@@ -135,11 +135,13 @@ fn router(site: Arc<Site>, guard: Arc<Guard>) -> Router {
         .route("/{token}/path", post(path))
         .route("/{token}/photo/{number}", get(photo))
         .layer(DefaultBodyLimit::max(MOST_BYTES))
+        // The last layer is the outermost: nothing of a request is read before its token is known.
         .layer(middleware::from_fn_with_state(guard, guard::watch))
         .with_state(site)
 }
 
 async fn html(State(site): State<Arc<Site>>) -> Result<Response, StatusCode> {
+    // Drawn for each page, so that no script that got into one can know it.
     let nonce = guard::random_word().map_err(|_| StatusCode::INTERNAL_SERVER_ERROR)?;
     let (html, policy) = page::page(&site.subject.card(), &nonce);
     Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(html)).into_response())
@@ -150,6 +152,7 @@ async fn look(State(site): State<Arc<Site>>, body: Bytes) -> Result<Response, Pr
     // Checked before it is ordered: the painter has nobody to tell of a mistake.
     let look: Look = read(&body)?;
     let camera = look.camera(&site.subject).map_err(Problem)?;
+    // Room for all frames: the painter must not wait for a slow page.
     let (reply, frames) = mpsc::channel(MOST_FRAMES);
     site.orders.put(Order {
         look,

@@ -129,6 +129,7 @@ impl Board {
                 self.turn(stage, State::Waiting, "another process computes it");
             }
             Event::Warning { stage, text } => self.warn(stage, text),
+            // Neither is of one stage, and the page shows stages.
             Event::Notice { .. } | Event::Tick => {}
         }
     }

@@ -51,6 +51,7 @@ pub fn png(path: &Path) -> Option<Vec<u8>> {
         return fs::read(path).ok();
     }
     let name = path.file_stem()?.to_str()?;
+    // Only an EXR file that its image set names is shown, and with the camera that it has there.
     let cameras = Cameras::read(path.parent()?).ok()?;
     let (_, camera) = cameras.views.into_iter().find(|(view, _)| view == name)?;
     let view = View::from_exr(path, name, camera).ok()?;

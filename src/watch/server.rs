@@ -77,6 +77,7 @@ fn router(site: Arc<Site>, guard: Arc<guard::Guard>) -> Router {
         .route("/{token}/changes", get(changes))
         .route("/{token}/pictures/{stage}", get(list))
         .route("/{token}/pictures/{stage}/{output}/{file}", get(picture))
+        // The outermost layer: no handler sees a request before its token is known.
         .layer(middleware::from_fn_with_state(guard, guard::watch))
         .with_state(site)
 }
