@@ -120,6 +120,7 @@ impl Comparison {
             .iter()
             .map(|arm| reader.arm(arm))
             .collect::<Result<Vec<_>, _>>()?;
+        // After all arms are read: definitions come with their scores.
         let metrics = metrics(&arms, &reader.definitions);
         let find = |name: &str| arms.iter().find(|read| read.arm.name == name);
         let baseline = find(&experiment.baseline);
@@ -228,6 +229,7 @@ impl Comparison {
             .filter(|arm| Some(&arm.name) != self.bound.as_ref())
             .filter_map(|arm| Some((arm, mean(arm)?)))
             .collect();
+        // The sort is stable: of equal arms, the first in the file is the best.
         arms.sort_by(|(_, a), (_, b)| match better {
             Better::Higher => b.total_cmp(a),
             Better::Lower => a.total_cmp(b),

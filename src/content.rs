@@ -160,6 +160,8 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
 }
 
 fn tensors(path: &Path) -> Result<TensorFile, String> {
+    // Read and not mapped: somebody may cut the file short meanwhile, which ends a process that has
+    // it mapped.
     let file = FileBytes::in_memory(path.display().to_string(), read_whole(path)?);
     TensorFile::new(file).map_err(|error| error.to_string())
 }

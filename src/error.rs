@@ -199,6 +199,7 @@ impl Error {
             | Self::Model(_)
             | Self::Tensors(_)
             | Self::Upsampler(_) => PIPELINE,
+            // Nothing was run, which is what this code says.
             Self::NoInput { .. } | Self::NoRoom { .. } => PIPELINE,
             Self::Store(_) | Self::FailedStore(_) | Self::Remote { .. } | Self::Output(_) => STORE,
             Self::Found { .. } => FOUND,

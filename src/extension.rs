@@ -20,6 +20,7 @@ pub fn extension_key(extension: Extension, manifest: &Manifest) -> Option<Digest
     for (path, text) in manifest
         .0
         .iter()
+        // The manifest is a map by path, so the order is the same in every run.
         .filter(|(path, _)| path.strip_prefix("params.") != Some(field))
     {
         // With the lengths, as in keys, so that texts cannot run into each other.

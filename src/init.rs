@@ -52,6 +52,7 @@ impl Photos<'_> {
             Purpose::Enlarge => LONGEST / FACTOR,
             Purpose::Judge => LONGEST / 2,
         };
+        // Photos are never enlarged here.
         let shrink = (f64::from(longest) / f64::from(width.max(height))).min(1.0);
         // Every size that is read can be made four times smaller without a rest.
         let side = |pixels: u32| {
@@ -142,6 +143,7 @@ fn source(origin: &Origin, size: Option<(u32, u32)>) -> String {
     let size = size.map_or(String::new(), |(width, height)| {
         format!(", size: ({width}, {height})")
     });
+    // Rust's own notation for texts is RON's as well: quotes and backslashes are escaped alike.
     let named = |layout: &str, path: &Path| format!("{layout}(path: {path:?}{size})");
     match origin {
         Origin::Transforms { path, .. } => named("Transforms", path),

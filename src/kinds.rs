@@ -45,6 +45,7 @@ pub fn section(kind: &str) -> String {
         .iter()
         .map(|port| format!("`{}` ({})", port.name, port.kind))
         .collect();
+    // Writing to a string cannot fail.
     _ = writeln!(text, "Writes {}.\n", outputs.join(", "));
     let inputs = stage.map_or(Vec::new(), |stage| stage.inputs());
     let parameters = definitions.parameters("", &schema);

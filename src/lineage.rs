@@ -177,6 +177,8 @@ pub fn last_fields(run: &Run, store: &Store) -> Result<BTreeMap<String, Output>,
         let Some(field) = field_of(record) else {
             continue;
         };
+        // A manifest that is gone names no field: one field too many may be offered then, and none
+        // too few.
         let manifest = store.manifests.get(&key).unwrap_or_default();
         // The last fields of a run are those with which no other stage has begun.
         begun_with.extend(manifest.0.get("inputs.field").cloned());

@@ -140,6 +140,7 @@ impl Page<'_> {
 
     /// An arm's name with its first score in a view.
     fn caption(&self, arm: &Scored, view: &str) -> String {
+        // Metrics come in order of how much they tell, so one suffices under a small picture.
         let metric = self.comparison.metrics.first();
         let value = metric.and_then(|metric| arm.by_view(&metric.name).get(view).copied());
         match value {
@@ -189,6 +190,7 @@ impl Page<'_> {
 
     /// The views in which the best arm is worst.
     fn worst(&self, html: &mut Html) {
+        // Of a metric that is better neither way no view is the worst.
         let Some(metric) = self.comparison.metrics.iter().find(|m| m.better.is_some()) else {
             return;
         };
@@ -323,6 +325,7 @@ impl Page<'_> {
 
     /// What the viewer needs to know.
     fn data(&self) -> serde_json::Value {
+        // Pictures by their classes alone: their bytes stand once in the file, in its styles.
         let views = self.gallery.views.iter().enumerate().map(|(at, view)| {
             json!({ "name": view, "photo": self.gallery.photo(at).map(|picture| picture.class()) })
         });

@@ -17,6 +17,8 @@ pub fn watched<T>(work: impl FnOnce() -> T) -> (T, Option<u64>) {
     let most = AtomicU64::new(0);
     let look = || {
         if let Some(bytes) = resident() {
+            // Both threads look, and the end of the scope orders their looks before the result is
+            // read.
             most.fetch_max(bytes, Ordering::Relaxed);
         }
     };

@@ -123,6 +123,7 @@ impl Context<'_> {
     pub fn assess(&self, at: usize, inputs: Inputs) -> Result<Assessment, StoreError> {
         let (key, found) = self.find(at, &inputs)?;
         let verdict = match found {
+            // First of all: a forced stage runs whatever was found, damage included.
             _ if self.forced.contains(&at) => Err(Reason::Forced),
             Lookup::Sound(record) => Ok(record),
             Lookup::Broken(breakage) => Err(Reason::Broken(breakage)),

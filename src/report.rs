@@ -62,6 +62,8 @@ pub fn log(store: &Store, record: &Record) -> Result<Log, StoreError> {
 /// Whether a result has tables, figures or remarks.
 pub fn tells(record: &Record) -> bool {
     let has_remarks = !record.remarks.is_empty();
+    // A run that finds all results cached reads back only those that this names: whatever it
+    // prints of a result has to count here.
     let shows = record
         .outputs
         .values()

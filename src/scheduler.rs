@@ -157,6 +157,7 @@ impl Scheduler<'_> {
     }
 
     fn stopped(&self) -> bool {
+        // The flag guards no data, so that it need not be seen at once.
         self.cancelled.load(Ordering::Relaxed)
     }
 

@@ -165,6 +165,7 @@ impl Task<'_> {
             // be used.
             cancelled: &|| self.cancelled.load(Ordering::Relaxed) || self.work.is_lost(),
         };
+        // Operators return no errors: a fault of the GPU unwinds to `attempt`.
         attempt(|| self.node.stage.run(&io))?
     }
 

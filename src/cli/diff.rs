@@ -84,6 +84,7 @@ impl Diff {
             (None, _) => ("@2", "@1"),
             (Some(a), Some(b)) => (a, b),
             (Some(a), None) if !self.changes.set.is_empty() => (a, a),
+            // The run first, so that changes read from what was to what is.
             (Some(pipeline), None) if pipeline.ends_with(".ron") => ("@1", pipeline),
             (Some(a), None) => (a, "@1"),
         }

@@ -84,6 +84,7 @@ fn choice(adapters: &Result<Vec<Report>, GpuError>) -> String {
     match adapters {
         Err(error) => format!("the CPU: {error}"),
         Ok(reports) => match reports.iter().find(fit) {
+            // Asked again: a GPU that would do may still refuse to be opened.
             Some(report) if Device::auto().is_gpu() => format!("gpu:{}, the first that is hardware", report.index),
             Some(report) => format!("the CPU: gpu:{} cannot be opened", report.index),
             None => {
@@ -201,6 +202,7 @@ fn test(index: usize) -> Result<Test, GpuError> {
     let gpu = Device::gpu(Some(index))?;
     tuning::apply(&gpu);
     let here = results(&Device::cpu());
+    // Operators return no errors: a fault of the GPU unwinds to `attempt`.
     let there = attempt(|| results(&gpu))?;
     let errors = here
         .into_iter()
@@ -215,6 +217,7 @@ fn test(index: usize) -> Result<Test, GpuError> {
 /// One operator of each family, on numbers of its own generator, and a small field.
 fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
     let rng = Rng::new(0, "doctor");
+    // A step for each array, since the same step gives the same numbers.
     let random = |step, shape: &[usize]| rng.normals(step, shape, device);
     // Sizes that no power of two divides, so that the edges of a kernel's tiles are tested as well.
     let x = random(0, &[1, 24, 33, 31]);
@@ -237,6 +240,7 @@ fn results(device: &Device) -> Vec<(&'static str, Vec<f32>)> {
         ("attention", &attended.out),
         ("its gradient", &gradients[0]),
     ];
+    // A field has kernels of its own, which none of the operators above runs.
     let field = nerf::check(device);
     let mut results = results.map(|(name, array)| (name, array.to_vec())).to_vec();
     results.extend([("field", field.image), ("its training", field.losses)]);

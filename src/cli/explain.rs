@@ -45,6 +45,7 @@ impl Explain {
         let at = session.stage(&self.stage)?;
         let store = Store::open(&changes.folders.store)?;
         let mut context = session.context(&store);
+        // Only what its key depends on: the results of other stages need not be looked up.
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let forecasts = context.forecast()?;
         let Some(account) = account(&context, &forecasts, at)? else {

@@ -93,6 +93,7 @@ impl CameraFile {
         if cameras.is_empty() {
             return Err(refuse(format!("{} has no cameras", self.images.display())));
         }
+        // Views of photos stand anywhere, and as one moving camera would jump about.
         let is_path = cameras.iter().all(|(name, _)| name.starts_with(FRAME));
         let all: Vec<_> = cameras.iter().map(|(_, camera)| *camera).collect();
         Ok(Shot {

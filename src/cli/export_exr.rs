@@ -119,6 +119,7 @@ impl Exr {
             .as_ref()
             .filter(|_| !self.no_normals)
             .map(|depth| {
+                // Where nothing covers a pixel its depth is no surface, and has no normal.
                 let coverage: Vec<f32> =
                     (0..depth.len()).map(|i| view.pixels.coverage(i)).collect();
                 splat::normals(&view.camera, depth, &coverage)
@@ -184,6 +185,7 @@ impl Exr {
 /// What the frames hold, by the names of channels in layers.
 fn layers(images: &ImageSet, normals: bool) -> Vec<&'static str> {
     let any = |has: &dyn Fn(&View) -> bool| images.views.iter().any(has);
+    // What any frame has is named: frames of one set need not hold the same.
     let depth = any(&|view| view.depth.is_some());
     let all = [
         ("RGB", true),

@@ -78,6 +78,7 @@ fn unscaled(tensor: &Tensor, scaling_factor: f64) -> Tensor {
     // In f64, so that the factor is not rounded to f32 before the division.
     let value = |value: &f32| (f64::from(*value) / scaling_factor) as f32;
     Tensor {
+        // The shape [4, H, W] becomes [1, 4, H, W].
         shape: [&[1], &tensor.shape[..]].concat(),
         values: tensor.values.iter().map(value).collect(),
     }

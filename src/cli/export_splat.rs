@@ -87,6 +87,7 @@ impl Splat {
         // Measured on views that the fit has not seen: on its own views it would look too good.
         let closeness = scene.closeness(&cloud);
         whole::file(&self.output, |mut out| {
+            // A field does not know which way is up, and some formats say so: the cameras tell.
             format.write(&cloud, up(&scene.cameras), &mut out)
         })?;
         self.report(&scene, &cloud, &closeness, json);

@@ -44,6 +44,8 @@ impl TensorBoard {
             };
             let log = report::log(&store, &record)?;
             let scores = report::scores(&store, name, &record)?;
+            // A stage with neither log nor scores gets no folder, which TensorBoard would list as a
+            // run.
             if let Some(events) = events(&log, &scores) {
                 write(&self.output.join(name), events.bytes())?;
                 written.push(name);
@@ -80,6 +82,7 @@ fn events(log: &Log, scores: &[Scores]) -> Option<Events> {
         let tagged: Vec<(String, f64)> = tagged
             .map(|(metric, value)| (format!("{row}/{metric}"), *value))
             .collect();
+        // Scores belong to no step of a training.
         events.step(0, tagged.iter().map(|(tag, value)| (tag.as_str(), *value)));
         any = true;
     }

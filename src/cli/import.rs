@@ -75,6 +75,7 @@ impl Import {
             output: Some(pipeline),
             judge: self.judge,
         };
+        // From here on the folder is a scene like any other.
         init.run(json)
     }
 

@@ -45,6 +45,7 @@ impl Inspect {
         let at = session.stage(&self.what)?;
         let store = Store::open(&changes.folders.store)?;
         let mut context = session.context(&store);
+        // Only what its key depends on: the results of other stages need not be looked up.
         context.needed = session.graph.needed(&BTreeSet::from([at]));
         let mut forecasts = context.forecast()?;
         let name = &session.graph.nodes[at].name;

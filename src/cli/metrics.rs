@@ -79,6 +79,7 @@ fn print_plain(all: &[Scores], run: &Run, format: Format) -> Result<(), Error> {
 fn scores(store: &Store, run: &Run) -> Result<Vec<Scores>, Error> {
     let mut all = Vec::new();
     for (name, stage) in &run.stages {
+        // A result may be gone or damaged since that run. The others still have their scores.
         if let Some(key) = stage.key
             && let Lookup::Sound(record) = store.results.lookup(&key)?
         {

@@ -160,6 +160,7 @@ impl Cli {
 /// run have said it already.
 fn report(error: Error, json: bool) {
     if json && !error.is_of_a_whole_run() {
+        // Places and advice apart from the message, which programs need not take apart then.
         let (place, help) = match &error {
             Error::Pipeline(problem) => {
                 (Some(problem.place()), problem.advice().map(str::to_owned))
@@ -167,6 +168,7 @@ fn report(error: Error, json: bool) {
             _ => (None, None),
         };
         let message = error.to_string();
+        // On one line: those who read the events of a run read line by line.
         print(
             &serde_json::json!({"event": "error", "message": message, "place": place, "help": help, "code": error.code()}),
         );

@@ -60,6 +60,7 @@ impl Check {
             digests.push((
                 file.name().to_owned(),
                 file.len() as u64,
+                // The digest that the hub lists for large files, so that both can be compared.
                 hex(&Sha256::digest(&file[..])),
             ));
         }

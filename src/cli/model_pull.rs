@@ -137,6 +137,7 @@ impl Pull {
 
 /// What `path` leads to without the `name` at its end.
 fn folder_of(path: &Path, name: &str) -> Option<PathBuf> {
+    // A file's name can have folders in it, as `unet/config.json` has.
     path.ancestors()
         .nth(name.split('/').count())
         .map(Path::to_owned)

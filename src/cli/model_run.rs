@@ -162,6 +162,7 @@ impl Run {
             .build();
         let pool = pool.map_err(|error| Error::usage(error.to_string(), "try fewer --threads"))?;
         tuning::apply(&device);
+        // Operators return no errors: a fault of the GPU unwinds to `attempt`.
         let computed = pool.install(|| attempt(|| self.compute(&device)));
         let answer = computed.map_err(|fault| Error::Failed(fault.to_string()))??;
         whole::file(&self.output, |out| out.write_all(&answer.bytes))?;
@@ -175,6 +176,7 @@ impl Run {
         // With gradients comes the forward pass, so it need not be asked for twice.
         let outputs = call.gradients().unwrap_or_else(|| call.forward());
         let bytes = to_safetensors(&outputs)?;
+        // Before the passes that are timed, which would be counted as well.
         let counts = device
             .counts()
             .zip(before)

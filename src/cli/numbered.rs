@@ -27,6 +27,7 @@ impl Pattern {
         let folder = path
             .parent()
             .filter(|folder| !folder.as_os_str().is_empty());
+        // All frames come into place at once, as one folder that is renamed.
         let folder = folder.ok_or_else(|| refuse("has no folder of its own"))?;
         if !name.to_ascii_lowercase().ends_with(".exr") {
             return Err(refuse("does not end in .exr"));
@@ -50,6 +51,8 @@ impl Pattern {
     /// The name of the file of this number.
     pub fn file(&self, number: u64) -> String {
         format!(
+            // A number with more digits than there are # is written in full: no frame replaces
+            // another.
             "{}{number:0width$}{}",
             self.before,
             self.after,

@@ -65,6 +65,7 @@ pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> 
 
 /// What a plan is asked, by what a run is.
 pub fn of_plan(question: &Digest) -> Digest {
+    // A question of its own: a plan looks at less than a run, which must not take its answer.
     blake3::hash(format!("plan of {question}").as_bytes()).into()
 }
 

@@ -69,6 +69,7 @@ impl View {
             ));
         }
         if self.open {
+            // The server listens by now: what a browser asks for waits until it is served.
             open(&url);
         }
         server.run(subject, device).map_err(refuse)
@@ -117,6 +118,7 @@ fn open(url: &str) {
         "windows" => "explorer",
         _ => "xdg-open",
     };
+    // Not waited for: some of these end only with the browser.
     if let Err(error) = std::process::Command::new(program).arg(url).spawn() {
         tell(&format_args!("cannot open a browser ({program}: {error})"));
     }

@@ -76,6 +76,7 @@ impl Whence {
 }
 
 fn holds(record: Record, blob: &Digest) -> Option<(Record, String)> {
+    // By its bytes, so that a copy under any name is known as well.
     let (output, file) = record.files().find(|(_, file)| file.blob == *blob)?;
     let name = format!("{output}/{}", file.path);
     Some((record, name))

@@ -43,6 +43,7 @@ impl Comparison {
         };
         let notes = self.all_notes();
         if !notes.is_empty() {
+            // As comments, so that the tables can be included in a document as they are.
             let comment = if format == Format::Latex { "% " } else { "" };
             let lines: Vec<String> = notes
                 .iter()
@@ -317,6 +318,7 @@ fn latex(rows: &Rows) -> String {
                 '±' => text.push_str("$\\pm$"),
                 '↑' => text.push_str("$\\uparrow$"),
                 '↓' => text.push_str("$\\downarrow$"),
+                // Character by character, so that the braces put in here are not escaped again.
                 '\\' => text.push_str("\\textbackslash{}"),
                 other => text.push(other),
             }

@@ -175,6 +175,7 @@ impl<'a> Reader<'a> {
 impl Cost {
     fn add(&mut self, stage: &str, record: &Record) {
         self.seconds += record.seconds;
+        // `None` is less than any number, so what is known counts.
         self.peak_memory = self.peak_memory.max(record.peak_memory);
         let of_stage = self.stages.entry(stage.to_owned()).or_default();
         of_stage.seconds += record.seconds;

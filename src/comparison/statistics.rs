@@ -86,7 +86,9 @@ fn student_95(freedom: usize) -> f64 {
     const FEW: [f64; 8] = [
         12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060,
     ];
+    // The limit for many degrees of freedom.
     const NORMAL: f64 = 1.959_963_985;
+    // The series is off by 3 at one degree of freedom, and by less than 3e-4 from nine on.
     if let Some(exact) = freedom.checked_sub(1).and_then(|at| FEW.get(at)) {
         return *exact;
     }

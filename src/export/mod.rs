@@ -87,6 +87,8 @@ impl Workflow {
                         .to_owned(),
                     shards: None,
                     recipes: vec![recipe(context, at)],
+                    // What a stage reads is needed as well and stands before it, so its job is
+                    // there.
                     needs: node.wires.iter().map(|wire| job_of[&wire.from]).collect(),
                     resources: Resources::of(node),
                 });
@@ -151,6 +153,7 @@ impl Resources {
         let asked = Self {
             threads: LEAST.threads,
             memory: (estimate.memory as f64 * ROOM / f64::from(1 << 20)).ceil() as u64,
+            // Rounded up: an hour and a second must not be cut off after the hour.
             minutes: (estimate.seconds * ROOM / 60.0).ceil() as u64,
         };
         asked.most(LEAST)

@@ -52,6 +52,7 @@ impl Workflow {
              # Every result is in the store by now: shows them in the output folder, and prints the metrics.\n\
              rule all:\n    input: {}\n    shell: \"{{RUN}}\"\n{rules}",
             self.pipeline,
+            // Quoted twice: Python reads the text, and the shell what is in it.
             python(&shell(program)),
             self.pipeline,
             python(&format!(" {}", command(arguments))),
@@ -120,6 +121,7 @@ fn stamps(job: &Job) -> String {
 
 /// Names of stages as names of rules, each once: `i3ds_1_render`, `i3ds_1_render_shard`.
 fn rule_names(jobs: &[Job]) -> Vec<String> {
+    // `all` is the rule at the top of the file.
     let mut taken = BTreeSet::from(["all".to_owned()]);
     let name = |job: &Job| {
         let mut name = job.stage.replace(['.', '-', '/'], "_")

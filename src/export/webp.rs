@@ -55,6 +55,7 @@ pub fn animation(pictures: &[Picture], rate: Rate) -> Result<Vec<u8>, WebpError>
     for (i, still) in stills.into_iter().enumerate() {
         // Differences of rounded moments, so that rounding does not add up over a long film.
         let lasts = rate.milliseconds(i + 1) - rate.milliseconds(i);
+        // Every frame covers the whole canvas: no picture is cut down to what has changed.
         let place = [0; 6];
         // The format has 24 bits for it, which is more than four hours.
         let lasts = &(lasts as u32).to_le_bytes()[..3];

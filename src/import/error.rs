@@ -95,6 +95,7 @@ impl ImportError {
             Self::NoTool | Self::NotATool { .. } | Self::NoFfmpeg { .. } => USAGE,
             Self::NoPhotos { .. } | Self::File { .. } => PIPELINE,
             Self::Failed { .. } => FAILED,
+            // COLMAP has not failed: its result was checked, and is not good enough.
             Self::TooFew { .. } => FOUND,
         }
     }

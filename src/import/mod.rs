@@ -65,6 +65,7 @@ impl Import {
     fn work(&self) -> PathBuf {
         let mut name = self.folder.file_name().unwrap_or_default().to_owned();
         name.push(".part");
+        // Beside the folder, and so on one file system: at the end it is renamed.
         self.folder.with_file_name(name)
     }
 

@@ -78,6 +78,7 @@ fn link_all(folder: &Path, images: &Path) -> Result<(), ImportError> {
         false => folder,
     };
     for photo in photos_in(folder)? {
+        // With its folders: photos in several of them may have one name.
         let name = photo.strip_prefix(folder).unwrap_or(&photo);
         let link = images.join(name);
         let parent = link.parent().unwrap_or(images);

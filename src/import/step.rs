@@ -76,6 +76,7 @@ pub fn run(
     // Both outputs in one pipe, so that lines stay in their order.
     let (reader, writer) = std::io::pipe().map_err(refuse)?;
     let other = writer.try_clone().map_err(refuse)?;
+    // With nothing to read, so that a program that asks something does not wait for ever.
     command.stdin(Stdio::null()).stdout(writer).stderr(other);
     let started = command.spawn();
     // The command holds the pipe's other end; with it open there would be no end of lines.

@@ -201,6 +201,7 @@ impl<'a> Definitions<'a> {
         let choice = choices(schema).and_then(|choices| {
             choices
                 .into_iter()
+                // A variant is written as an object whose one key is its name.
                 .find(|choice| fields.contains_key(choice.name))
         });
         if let Some((choice, inner)) = choice.and_then(|choice| Some((choice.name, choice.inner?)))

@@ -52,6 +52,7 @@ impl Guard {
     /// Whether a request may come in. A page elsewhere whose name was made to lead here asks for
     /// that name, and one that knows this address says where it comes from.
     fn lets_in(&self, path: &str, headers: &HeaderMap) -> bool {
+        // Addresses are `/TOKEN/..`, and before the first slash stands nothing.
         let token = path.split('/').nth(1).unwrap_or_default();
         // In constant time, so that nobody can find the token letter by letter.
         let knows = token.as_bytes().ct_eq(self.token.as_bytes());

@@ -41,6 +41,7 @@ pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
             continue;
         };
         let arm = arm_of(name).unwrap_or_default();
+        // Without arm and seed, so that the same stage of several arms is drawn together.
         let short = name.rsplit('/').next().unwrap_or(name);
         let Lookup::Sound(record) = store.results.lookup(&key)? else {
             continue;

@@ -137,6 +137,7 @@ impl Gallery {
     pub fn arms(&self) -> usize {
         self.renders
             .keys()
+            // By the highest number and not by how many: an arm in between may have no pictures.
             .map(|(arm, _)| arm + 1)
             .max()
             .unwrap_or(0)
@@ -209,6 +210,7 @@ fn pictures(
     })?;
     let mut pictures = BTreeMap::new();
     for (view, picture) in figures.images {
+        // The file goes into the page as it is. Its pixels are for finding crops.
         let path = folder.path().join(format!("{view}.png"));
         let png = std::fs::read(&path).at("read", &path)?;
         pictures.insert(view, (picture, png));
@@ -224,6 +226,7 @@ fn base64(bytes: &[u8]) -> String {
         let part = |at: usize| u32::from(chunk.get(at).copied().unwrap_or(0));
         let bits = part(0) << 16 | part(1) << 8 | part(2);
         for digit in 0..4 {
+            // So many bytes fill one digit more. What is left of the four is padding.
             if digit <= chunk.len() {
                 let value = bits >> (18 - 6 * digit) & 63;
                 text.push(char::from(DIGITS[value as usize]));

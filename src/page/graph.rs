@@ -161,6 +161,7 @@ fn order(parents: &[Vec<usize>]) -> Vec<usize> {
     let mut begun = vec![false; parents.len()];
     // By hand and not by recursion: a chain may be as long as the graph.
     for first in 0..parents.len() {
+        // Each comes twice: first to put its parents before it, then to be put down itself.
         let mut open = vec![(first, false)];
         while let Some((at, done)) = open.pop() {
             if done {

@@ -37,6 +37,7 @@ impl Html {
 
     /// Adds an element with text.
     pub fn tag(&mut self, name: &str, text: &str) {
+        // Only texts are escaped: names of elements and classes are the program's own.
         let _ = writeln!(self.text, "<{name}>{}</{name}>", escaped(text));
     }
 

@@ -5,6 +5,7 @@ use crate::progress::figure;
 
 /// What won, by how much, how far it is from the bound, and where it does not win.
 pub fn verdict(comparison: &Comparison) -> String {
+    // In order of how much they tell, so the first that has a direction decides who won.
     let mut metrics = comparison
         .metrics
         .iter()

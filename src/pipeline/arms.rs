@@ -155,6 +155,7 @@ fn word(value: &Json) -> String {
     let text = match (variant(value), value) {
         (Some((name, content)), _) if is_plain(content) => name.to_owned(),
         (Some((name, content)), _) => format!("{name}{content}"),
+        // Without the quotes that JSON would put around it.
         (None, Json::String(text)) => text.clone(),
         (None, other) => other.to_string(),
     };

@@ -51,6 +51,7 @@ impl<'t> Reader<'t> {
     fn attributes(&mut self) -> Result<(), Garbled> {
         self.space();
         while self.rest().starts_with("#!") {
+            // What they enable is for `ron` to know. Places of values do not depend on it.
             let end = self.rest().find(']').ok_or(self.garbled("`]`"))?;
             self.at += end + 1;
             self.space();

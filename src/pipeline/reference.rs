@@ -67,6 +67,7 @@ pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
     if let Some(name) = reference.strip_prefix('@') {
         return carried(chain, name);
     }
+    // At the first dot: a loop's result has one name, and so has a stage's output.
     let (head, rest) = reference
         .split_once('.')
         .map_or((reference, None), |(head, rest)| (head, Some(rest)));

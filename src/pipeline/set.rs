@@ -125,6 +125,7 @@ impl Override {
         others: &[&str],
     ) -> Result<Place, Problem> {
         let (head, rest) = self.split(path)?;
+        // Copied, since the stages are borrowed to be changed from here on.
         let known: Vec<String> = stages
             .names()
             .chain(others.iter().copied())
@@ -179,6 +180,7 @@ impl Override {
             // serde tells the unknown name and the known ones in its message alone.
             let names = quoted(&message);
             let problem = self.source.problem(self.value_span.clone(), &message);
+            // The first of these names is the path, which was put in front of serde's words.
             match (&names[1..], &self.value) {
                 ([found, known @ ..], _) if !known.is_empty() => {
                     problem.with_names(found, known.iter().copied())

@@ -250,6 +250,7 @@ fn wires(
     stage
         .links
         .iter()
+        // The place is put together for an error alone: there may be thousands of wires.
         .map(|link| wire(link, &|| stage.place.at(link.input), all, index))
         .collect()
 }

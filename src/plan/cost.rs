@@ -131,6 +131,7 @@ impl Known {
         let told = |known: &Self| {
             let entries = known.manifest.0.clone().into_iter();
             entries
+                // Inputs and seeds are left out: they tell nothing of cost.
                 .filter(|(path, _)| path.starts_with(PARAMETERS) || path == "device")
                 .collect::<Vec<_>>()
         };

@@ -53,6 +53,7 @@ impl Json {
                 json!({"event": "warning", "stage": stage, "text": text})
             }
             Event::Said { stage, message } => return self.said(stage, message),
+            // Cached results are printed by `event`, and a tick is for bars.
             Event::Cached { .. } | Event::Tick => return None,
         })
     }

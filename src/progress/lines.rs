@@ -55,6 +55,7 @@ impl Lines {
         let keys = self.verbosity == Verbosity::Verbose;
         let detail = |text: String| if keys { text } else { String::new() };
         let (level, line) = match event {
+            // With keys all are named: who asks for them wants each.
             Event::Cached { results } if results.len() > NAMED && !keys => (
                 Verbosity::Normal,
                 format!("{} stages: cached", results.len()),

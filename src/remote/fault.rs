@@ -40,6 +40,8 @@ fn cause(error: &object_store::Error) -> String {
         Unauthenticated { .. } => "the credentials in the environment are not taken".to_owned(),
         NotFound { .. } => "there is no such bucket or folder".to_owned(),
         error => match root(error).to_string() {
+            // Known by its words, since the error has no kind of its own. Other words would be
+            // shown as they are.
             text if text.contains("scheme is not") => NO_TLS.to_owned(),
             text => first_words(&text),
         },

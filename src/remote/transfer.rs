@@ -283,6 +283,7 @@ impl Remote {
             .files()
             .map(|(output, file)| act(format!("{output}/{}", file.path), file));
         stream::iter(files)
+            // In any order: only the sum counts, and the first fault ends all.
             .buffer_unordered(AT_ONCE)
             .try_fold(0, async |sum, bytes| Ok(sum + bytes))
             .await

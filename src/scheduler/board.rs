@@ -64,6 +64,7 @@ impl<'p> Board<'p> {
 
     /// Takes the next stage whose inputs are all there.
     pub fn next(&mut self) -> Option<usize> {
+        // In the order of the pipeline, so that runs of one thread always go the same way.
         let at = self.states.all(Kind::Ready).next()?;
         self.states.set(at, State::Held);
         Some(at)

@@ -73,6 +73,7 @@ impl Scheduler<'_> {
             .stage
             .estimate(&node.wires.iter().filter_map(bytes).collect());
         Estimate {
+            // A stage whose parameters keep it off the device must not wait for it.
             device: estimate.device && node.stage.uses_device(),
             ..estimate
         }

@@ -33,6 +33,7 @@ impl Cache {
     /// Keeps what was found for later processes.
     pub(super) fn keep(&self) {
         self.index
+            // A cache that cannot be written costs time, and fails no run.
             .keep(|path, bytes| drop(self.files.put(path, bytes)));
     }
 }

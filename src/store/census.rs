@@ -25,6 +25,7 @@ impl Entry {
     pub fn wrong_type(&self) -> Option<&'static str> {
         let kind = self.data.file_type();
         match () {
+            // Of the entry itself: a link counts as a link, whatever it leads to.
             () if kind.is_file() => None,
             () if kind.is_dir() => Some("folder"),
             () if kind.is_symlink() => Some("link"),
@@ -108,6 +109,7 @@ impl Files {
 
 /// How long ago something was changed; `None` if that cannot be told.
 pub(super) fn age(data: &Metadata) -> Option<Duration> {
+    // A time in the future, by a clock that was set back, gives no age.
     SystemTime::now().duration_since(data.modified().ok()?).ok()
 }
 
@@ -119,6 +121,7 @@ fn is_fan(path: &Path) -> bool {
     name.len() == 2
         && name
             .bytes()
+            // In lower case alone, as digests are written.
             .all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
 }
 

@@ -73,6 +73,7 @@ pub fn look_through(store: &Store, out: &Path, mend: bool) -> Result<Report, Sto
     fsck.report.results = records.len();
     fsck.report
         .findings
+        // The sort is stable: damage stays in the order in which it was found.
         .sort_by_key(|finding| !finding.fault.is_damage());
     Ok(fsck.report)
 }
@@ -263,6 +264,8 @@ impl Fsck<'_> {
     /// A file that shows another sound blob is right as well: that of a run which was killed before
     /// it could tell.
     fn shown_output(&mut self, folder: &Path) {
+        // A folder that is not there gives an error, which is left out: the next run shows it
+        // again.
         for entry in WalkDir::new(folder)
             .sort_by_file_name()
             .into_iter()

@@ -143,6 +143,7 @@ impl Results {
         let (files, _) = self.files.fanned_entries("results")?;
         let read = |entry: &Entry| {
             Ok(read_json::<Record>(&entry.path)?
+                // A record that lies under another key is damage, and counts for nothing.
                 .filter(|record| Some(record.key) == entry.digest()))
         };
         files
@@ -168,6 +169,7 @@ impl Results {
             return Ok(keys);
         }
         for entry in walkdir::WalkDir::new(&folder)
+            // The first level are the folders `00` to `ff`.
             .min_depth(2)
             .sort_by_file_name()
         {

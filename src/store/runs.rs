@@ -150,12 +150,15 @@ pub fn now() -> String {
 /// The date of a day counted from 1970-01-01, in the Gregorian calendar. Years are counted from
 /// March, so that leap days come last.
 fn civil(days: u64) -> (u64, u64, u64) {
+    // After Howard Hinnant's `civil_from_days`: 719 468 days lie between 0000-03-01 and 1970-01-01,
+    // and 146 097 are 400 years.
     let days = days + 719_468;
     let era = days / 146_097;
     let day_of_era = days % 146_097;
     let year_of_era =
         (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    // From March on, any five months have 153 days: 31, 30, 31, 30, 31.
     let month = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * month + 2) / 5 + 1;
     let (month, carry) = if month < 10 {

@@ -58,6 +58,7 @@ pub(super) fn going(
     let is_folder = |entry: &Entry| entry.data.is_dir();
     for folder in store.files.entries("states")?.into_iter().filter(is_folder) {
         let (going, staying): (Vec<_>, Vec<_>) = list(&folder.path)?.into_iter().partition(goes);
+        // The folder as a whole, or it would stay behind empty.
         if staying.is_empty() {
             paths.push(folder.path);
         } else {

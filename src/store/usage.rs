@@ -125,6 +125,7 @@ fn rest(
 pub(super) fn sizes<'r>(records: impl Iterator<Item = &'r Record>) -> BTreeMap<Digest, u64> {
     records
         .flat_map(Record::files)
+        // A map, so that a blob that several files share counts once.
         .map(|(_, file)| (file.blob, file.bytes))
         .collect()
 }
@@ -133,6 +134,7 @@ pub(super) fn sizes<'r>(records: impl Iterator<Item = &'r Record>) -> BTreeMap<D
 pub(super) fn holders<'r>(records: impl Iterator<Item = &'r Record>) -> BTreeMap<Digest, usize> {
     let mut holders = BTreeMap::new();
     for record in records {
+        // By way of `sizes`: two equal files of one result are one holder.
         for blob in sizes(std::iter::once(record)).into_keys() {
             *holders.entry(blob).or_default() += 1;
         }

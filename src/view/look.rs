@@ -127,6 +127,7 @@ impl Stand {
         match self {
             Self::Photo(number) => of_photo(*number).copied(),
             Self::Free { like, pose } => Ok(Camera {
+                // A matrix from outside: one that shears or mirrors is no camera's.
                 camera_to_world: scene::rigid(pose).map_err(|fault| format!("the pose {fault}"))?,
                 near: subject.range[0],
                 far: subject.range[1],

@@ -35,6 +35,7 @@ impl<T> Newest<T> {
         if !matches!(*place, Place::Closed) {
             *place = Place::Waiting(thing);
         }
+        // Only the painter takes, so waking one is enough.
         self.changed.notify_one();
     }
 
@@ -65,6 +66,7 @@ impl<T> Newest<T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Place<T>> {
+        // Every change is one assignment, so a thread that panicked has left the place whole.
         self.place.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -147,6 +147,8 @@ impl<'s> Painter<'s> {
             // more.
             order.reply.try_send(frame).map_err(|_| Overtaken)?;
         }
+        // A clock that is too coarse for a small picture must not give an infinite speed, which no
+        // average would get rid of.
         let speed = level.count(order) / begun.elapsed().as_secs_f64().max(1e-6);
         // A moving average: how fast rays are depends on where the camera looks.
         self.rays_per_second += NEWS * (speed - self.rays_per_second);

@@ -36,6 +36,7 @@ impl Subject {
         if cameras.is_empty() {
             cameras.push(camera_of_box(first.1.bounds()));
         }
+        // There is a camera in any case by now, so that neither end stays infinite.
         let near = cameras.iter().map(|camera| camera.near);
         let far = cameras.iter().map(|camera| camera.far);
         let range = [
@@ -84,6 +85,7 @@ fn camera_card(camera: &Camera) -> Value {
     json!({
         "w": camera.width, "h": camera.height,
         "fl_x": camera.fl_x, "fl_y": camera.fl_y, "cx": camera.cx, "cy": camera.cy,
+        // The last row of a pose is 0 0 0 1 for every camera.
         "near": camera.near, "pose": rows::of(&camera.camera_to_world)[..3],
     })
 }

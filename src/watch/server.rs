@@ -102,6 +102,7 @@ async fn changes(
         };
         Some((Ok(Event::default().data(text)), (None, changes, site)))
     };
+    // That a page was closed shows only when something is sent to it.
     Sse::new(stream::unfold(state, next)).keep_alive(KeepAlive::new().interval(PULSE))
 }
 

@@ -187,6 +187,7 @@ impl Pages {
 
     /// How many bytes the last entries of all names have.
     fn needed(&self) -> usize {
+        // Before each entry stand 37 bytes: its kind, the 32 of its name, and 4 of its length.
         self.places.iter().map(|place| place.range.len() + 37).sum()
     }
 }

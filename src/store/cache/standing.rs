@@ -74,6 +74,7 @@ impl Standings {
             // Settled before the looking began: what changed during the run may have done so after
             // it was looked at.
             let signature = Signature::at(&path).filter(|signature| signature.is_settled(since))?;
+            // A path that is not text cannot be written down, and then nothing is kept.
             Some((path.into_os_string().into_string().ok()?, signature))
         };
         if let Some(looked) = files.into_par_iter().map(look).collect() {

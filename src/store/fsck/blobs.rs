@@ -130,6 +130,7 @@ impl Fsck<'_> {
                 bytes,
                 expected: *expected,
             },
+            // A name that is no digest says nothing of which bytes were there.
             _ if entry.digest().is_none() => Fault::Misnamed { blob: found },
             _ => Fault::Changed,
         };

@@ -35,6 +35,7 @@ impl Survey {
         let mut runs = Vec::new();
         // Names of runs begin with the moment when they began, so the last name is the newest run.
         for entry in store.files.entries("runs")?.into_iter().rev() {
+            // A record of a run that is garbled names nothing to keep, as in `Run::past`.
             if let Some(run) = read_json::<Run>(&entry.path)? {
                 runs.push((entry, run));
             }
