@@ -35,7 +35,6 @@ pub fn files(a: &Path, b: &Path) -> Comparison {
     let (Ok(a), Ok(b)) = (content::values(a), content::values(b)) else {
         return Comparison::Unlike;
     };
-    // Arrays are compared by name, which makes sense only where both files have the same.
     if !a.keys().eq(b.keys()) {
         return Comparison::Unlike;
     }

@@ -47,7 +47,6 @@ impl Experiment {
     pub fn size(&self, arms: usize) -> String {
         let arms = format!("{arms} {}", if arms == 1 { "arm" } else { "arms" });
         match self.seeds.len() {
-            // One seed is no comparison of seeds, and needs no words.
             0 | 1 => arms,
             seeds => format!("{arms} x {seeds} seeds"),
         }

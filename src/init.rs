@@ -52,7 +52,7 @@ impl Photos<'_> {
             Purpose::Enlarge => LONGEST / FACTOR,
             Purpose::Judge => LONGEST / 2,
         };
-        // Photos are never enlarged here.
+        // Photos that are small enough are read as they are.
         let shrink = (f64::from(longest) / f64::from(width.max(height))).min(1.0);
         // Every size that is read can be made four times smaller without a rest.
         let side = |pixels: u32| {

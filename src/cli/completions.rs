@@ -20,7 +20,6 @@ pub struct Completions {
 impl Completions {
     /// Prints a script for the shell.
     pub fn run(self, mut command: Command) {
-        // Taken out first, since `generate` borrows the command to change it.
         let name = command.get_name().to_owned();
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command, name, &mut script);

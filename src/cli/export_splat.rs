@@ -151,6 +151,7 @@ impl Splat {
             .iter()
             .map(|view| view.camera.scaled_by(self.scale));
         let all: Vec<Camera> = scaled.collect();
+        // The pictures of all cameras are in memory at once while splats are fitted.
         let cameras = splats::affordable(&all);
         if cameras.len() < all.len() {
             tell(&format_args!(

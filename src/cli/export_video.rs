@@ -132,7 +132,6 @@ impl Video {
             return Err(refuse(format!("no image has any {}", show.name())));
         };
         let size = |picture: &Picture| (picture.width, picture.height);
-        // A film has one size, and enlarging some frames here would hide what they are.
         if let Some((name, other)) = pictures.find(|(_, other)| size(other) != size(first)) {
             return Err(refuse(format!(
                 "{name} is {}x{}, and the first image {}x{}",

@@ -160,7 +160,7 @@ impl Cli {
 /// run have said it already.
 fn report(error: Error, json: bool) {
     if json && !error.is_of_a_whole_run() {
-        // Places and advice apart from the message, which programs need not take apart then.
+        // Apart from the message, so that programs need not take it to pieces.
         let (place, help) = match &error {
             Error::Pipeline(problem) => {
                 (Some(problem.place()), problem.advice().map(str::to_owned))

@@ -31,7 +31,6 @@ fn apply_in(folder: &Path, device: &Device) {
     let path = file(folder, device);
     // Tiles that do not fit this device are measured anew, and the file is replaced.
     let known = fs::read_to_string(&path).is_ok_and(|text| device.tune(&text));
-    // Drivers of software are not measured: a GPU's tiles are what pays (docs/gpu.md).
     if !known && device.is_hardware() && device.measure().is_ok() {
         let _ = keep(&path, device);
     }

@@ -77,7 +77,7 @@ impl Workflow {
 
     fn line(&self, at: usize, needs: &BTreeSet<usize>, file: &str) -> String {
         // `afterok`, since a job whose inputs failed could only fail. `kill-on-invalid-dep` removes
-        // it then, which would wait for ever otherwise.
+        // such a job, which would otherwise wait for ever.
         let needs: String = needs.iter().map(|need| format!(":$job_{need}")).collect();
         let after = if needs.is_empty() {
             String::new()

@@ -226,7 +226,7 @@ fn base64(bytes: &[u8]) -> String {
         let part = |at: usize| u32::from(chunk.get(at).copied().unwrap_or(0));
         let bits = part(0) << 16 | part(1) << 8 | part(2);
         for digit in 0..4 {
-            // So many bytes fill one digit more. What is left of the four is padding.
+            // A chunk of n bytes fills n + 1 of its four digits. The rest is padding.
             if digit <= chunk.len() {
                 let value = bits >> (18 - 6 * digit) & 63;
                 text.push(char::from(DIGITS[value as usize]));

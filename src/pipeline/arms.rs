@@ -197,7 +197,6 @@ pub fn experiment(arms: &[Variant], layers: &[Layer]) -> Result<Experiment, Prob
     };
     Ok(Experiment {
         arms: arms.iter().map(told).collect(),
-        // Where none is named, the first arm of the file is what others are compared with.
         baseline: baseline.unwrap_or_else(|| names.first().map_or(String::new(), |n| (*n).into())),
         bound,
         seeds: seeds(layers)?,

@@ -201,6 +201,7 @@ impl<'t> Reader<'t> {
         let mut items = Vec::new();
         while !self.eat(close) {
             items.push(item(self)?);
+            // A comma may stand behind the last item too, where the loop finds the end.
             if !self.eat(',') {
                 self.need(close, expected)?;
                 break;

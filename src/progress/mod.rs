@@ -119,7 +119,7 @@ pub enum Verbosity {
 pub fn choose(json: bool, verbosity: Verbosity, bars: bool) -> Box<dyn Progress> {
     if json {
         Box::new(json::Json::default())
-    // In a file, bars that redraw themselves would leave a line for each time.
+    // Bars need a terminal, which can go back over what it shows.
     } else if bars && verbosity > Verbosity::Quiet && std::io::stderr().is_terminal() {
         Box::new(bars::Bars::new(verbosity))
     } else {

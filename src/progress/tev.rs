@@ -120,7 +120,8 @@ fn push_all(address: &str, queue: &Receiver<Push>) -> std::io::Result<()> {
 
 fn connect(address: &str) -> std::io::Result<TevClient> {
     let nowhere = || std::io::Error::other("it is no address");
-    // `connect` by itself tries for minutes where nothing answers.
+    // `connect_timeout` takes one address. `connect` by itself tries for minutes where nothing
+    // answers.
     let address = address.to_socket_addrs()?.next().ok_or_else(nowhere)?;
     let socket = TcpStream::connect_timeout(&address, PATIENCE)?;
     // A tev that hangs must not keep the program from ending.

@@ -152,6 +152,7 @@ impl Leases {
 
     /// Whether a lease's holder is dead: the system says so, or nobody has touched it for too long.
     fn is_stale(&self, path: &Path) -> Result<bool, StoreError> {
+        // A lease that is garbled names nobody, and then only its silence counts.
         let holder: Holder = read_json(path)?.unwrap_or_default();
         let touched = match fs::metadata(path).and_then(|data| data.modified()) {
             Ok(touched) => touched,

@@ -102,8 +102,7 @@ impl Look {
 /// The size of a camera's picture of so many pixels in a row.
 fn sized(camera: &Camera, width: u32) -> Result<[u32; 2], String> {
     let ratio = f64::from(camera.height) / f64::from(camera.width);
-    // As a float until it is checked: a narrow picture of a long camera can exceed any whole
-    // number.
+    // As a float until it is checked: with a tall camera it can exceed 32 bits.
     let height = (f64::from(width) * ratio).round().max(1.0);
     let pixels = u64::from(width) * height as u64;
     if width == 0 || width > LONGEST || height > f64::from(LONGEST) || pixels > MOST_PIXELS {

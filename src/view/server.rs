@@ -119,7 +119,7 @@ impl Site {
     fn painter(&self, device: Device) -> (JoinHandle<()>, oneshot::Receiver<Infallible>) {
         let subject = self.subject.clone();
         let orders = self.orders.clone();
-        // Nothing is ever sent. The channel ends with the thread, also where that panics.
+        // Nothing is ever sent. The channel ends with the thread, also if that panics.
         let (at_work, over) = oneshot::channel();
         let painter = std::thread::spawn(move || {
             Painter::new(&subject, &device).work(&orders);

@@ -121,6 +121,7 @@ fn started(stat: &str) -> Option<String> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     // A process that nobody has waited for is still listed, and runs no more.
     let over = matches!(*fields.first()?, "Z" | "X");
+    // The third field is the first here, so the 22nd has the index 19.
     (!over).then(|| fields.get(19).map(ToString::to_string))?
 }
 
