@@ -143,7 +143,7 @@ fn read_safetensors(path: &Path) -> Result<Content, String> {
     let mut content = Content::default();
     for name in file.names() {
         let entry = file.entry(name).map_err(|error| error.to_string())?;
-        // Tensors of whole numbers cannot be read as floats. They are listed without a range.
+        // Only F32 can be read as such. Halves and whole numbers are listed without a range.
         let values = file.tensor(name).ok();
         content.arrays.push(Array {
             name: name.to_owned(),
