@@ -14,6 +14,7 @@ use crate::source::ModelSource;
 use crate::unet::{Input, Unet};
 
 /// Timesteps beyond this are taken for a mistake.
+// Up to here each whole number has an `f32` of its own, which the time embedding computes with.
 const MAX_TIMESTEP: u32 = 1 << 24;
 
 /// The UNet and what it is asked.

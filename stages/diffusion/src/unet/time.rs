@@ -121,6 +121,8 @@ impl TimeEmbedding {
 
 /// 10000^(-i / (count - shift)).
 fn frequencies(count: usize, shift: f32) -> Vec<f32> {
+    // Multiplied before it is divided, all in f32: the roundings of diffusers'
+    // `get_timestep_embedding`.
     let exponent = |i| -(10000f64.ln() as f32) * i as f32 / (count as f32 - shift);
     (0..count).map(|i| exponent(i).exp()).collect()
 }
