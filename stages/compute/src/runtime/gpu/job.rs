@@ -88,6 +88,7 @@ impl Gpu {
     }
 
     fn record(&self, command: &Command) {
+        // Whoever goes on after a fault is stopped at the next command.
         self.check();
         assert!(
             command.groups.iter().all(|&count| count <= GROUPS),
