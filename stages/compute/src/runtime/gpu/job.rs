@@ -127,6 +127,7 @@ impl Gpu {
 
     /// The pipeline of a command whose arrays lie in so many pieces in all.
     fn pipeline(&self, known: &mut Pipelines, command: &Command, pieces: usize) -> Pipeline {
+        // Each piece takes a binding, of which an adapter has few.
         let pipeline = if pieces > self.bindings {
             None
         } else {
