@@ -111,6 +111,7 @@ impl UnetCall {
                 .sample
                 .map(|gradient| ("grad.sample".to_owned(), gradient)),
         );
+        // Under the names of the LoRA's own file, whose spelling depends on the tool that wrote it.
         let names = self.lora.as_ref().map(|lora| &lora.names);
         let stored = |name: &str| {
             names

@@ -47,6 +47,7 @@ impl TimeTape {
 impl TimeEmbedding {
     pub fn read(root: &Scope, config: &UnetConfig) -> Result<Self, ModelError> {
         let first = config.block_out_channels[0];
+        // Four times the first block's width is fixed in diffusers' UNet.
         let width = 4 * config.block_out_channels[0];
         let linear_1 = Linear::read(&root.at("time_embedding.linear_1"), first, width)?;
         let class = |count| root.weight("class_embedding.weight", &[count, width]);
