@@ -233,7 +233,7 @@ pub fn crop(x: &Array, top: usize, left: usize, height: usize, width: usize) -> 
 pub fn gather_rows(table: impl Into<Weight>, ids: &[u32]) -> Array {
     let table = table.into();
     let [rows, depth] = matrix("gather_rows", &table);
-    // Here, since a kernel on a GPU would read beyond the table without a word.
+    // Here, since a kernel on a GPU has no way to tell.
     assert!(
         ids.iter().all(|&id| (id as usize) < rows),
         "gather_rows: an id is beyond the {rows} rows"
