@@ -32,6 +32,7 @@ pub fn back_project(
         clamp(
             &add(
                 &image,
+                // PyTorch's bicubic, as everywhere else where the program enlarges.
                 &resize(&missing, size[2], size[3], Filter::BicubicTorch, false),
             ),
             range[0],

@@ -105,6 +105,7 @@ impl Blend {
     fn sum(&self, detail: &Detail, shares: Shares, low: &Low) -> Array {
         let Detail { base, images, own } = detail;
         let terms = [
+            // The base is in line with the photo already, so that only details have shares.
             (1.0, base),
             (shares.images as f32, images),
             (shares.own as f32, own),
@@ -162,6 +163,8 @@ impl Views<'_> {
     /// Which pixels of the large images count: those that count in both photos.
     fn mask(&self) -> Option<Vec<bool>> {
         let Camera { width, height, .. } = self.images.camera;
+        // Back-projection has no say where the photo is masked, so that the sum is not bound to it
+        // there.
         let low = masks::at_size(self.low, width, height);
         masks::both(self.images.mask.clone(), low)
     }
@@ -191,6 +194,7 @@ impl Stage for Blend {
     }
 
     fn check(&self) -> Result<(), StageError> {
+        // NaN fails both comparisons, so that it is refused as well.
         if !(self.own_gain >= 0.0 && self.own_gain <= 10.0) {
             return Err(StageError::parameter(
                 "own_gain",
@@ -225,6 +229,7 @@ impl Stage for Blend {
         let low: ImageSet = io.read("low")?;
         let mut sets = Vec::new();
         for images in &images.views {
+            // By name and not by place: the sets may hold views that the others lack.
             let own = convert::view_named(&own, &images.name)?;
             let low = convert::view_named(&low, &images.name)?;
             check_sizes(images, own)?;

@@ -46,6 +46,7 @@ impl Checkpoint {
         file.write_all(MAGIC)?;
         file.write_all(blake3::hash(&body).as_bytes())?;
         file.write_all(&body)?;
+        // Before the rename: a power cut must not leave the name on a file without its content.
         file.as_file().sync_all()?;
         file.persist(path)?;
         // A rename is safe from a power cut only once its folder is flushed too.
@@ -68,6 +69,7 @@ impl Checkpoint {
         // The header was made of the same map, so the order is the same.
         for (_, values) in self.tensors.values() {
             let bytes: Vec<[u8; 4]> = values.iter().map(|value| value.to_le_bytes()).collect();
+            // As bits, so that minus zero and the last digit come back.
             body.extend_from_slice(bytes.as_flattened());
         }
         Ok(body)
@@ -86,6 +88,7 @@ impl Checkpoint {
 
     fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (digest, body) = bytes.strip_prefix(MAGIC)?.split_first_chunk::<32>()?;
+        // Damage ends here. The checks below are for files that were made to mislead.
         if blake3::hash(body) != *digest {
             return None;
         }

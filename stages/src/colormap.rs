@@ -13,6 +13,7 @@ const CHROMA: f32 = 0.13;
 
 /// The colour of a value from 0 to 1, sRGB-encoded; values beyond have the colours of the ends.
 pub fn color(value: f32) -> [f32; 3] {
+    // `clamp` lets NaN pass.
     let value = if value.is_nan() {
         0.0
     } else {
@@ -36,6 +37,7 @@ fn oklab_to_srgb([l, a, b]: [f32; 3]) -> [f32; 3] {
         -1.268_438 * l + 2.609_757_4 * m - 0.341_319_4 * s,
         -0.004_196_086_3 * l - 0.703_418_6 * m + 1.707_614_7 * s,
     ];
+    // Bright yellow and dark blue at this chroma may lie outside sRGB.
     linear.map(|value| linear_to_srgb(value.clamp(0.0, 1.0)))
 }
 

@@ -54,6 +54,7 @@ fn undone(view: View, exposure: &Exposure) -> View {
     let colors = shown
         .iter()
         .flat_map(undone)
+        // Photos are from 0 to 1, and undoing an exposure may lead out of that.
         .map(|color| color.clamp(0.0, 1.0));
     let pixels: Pixels<Srgb> = Pixels::new(colors.collect(), alpha);
     View {

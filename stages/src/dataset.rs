@@ -43,6 +43,7 @@ pub fn export(
             .map(convert::view_photo)
             .collect()
     };
+    // Owned here, since the parts that are written borrow them.
     let [trained, held_out]: [Vec<Photo>; 2] =
         [Some(train), test].map(|source| source.map(photos).unwrap_or_default());
     let points: Vec<Point> = surface.vertices.iter().map(point).collect();
@@ -87,6 +88,8 @@ fn write_points(path: &Path, surface: &Surface) -> std::io::Result<()> {
 /// # Errors
 /// If the file system says no.
 pub fn write(folder: &Path, train: &ImageSet, test: Option<&ImageSet>) -> Result<(), StageError> {
+    // Both sets go back by the training set's shift, so that they stay in one system of
+    // coordinates.
     let back = train.to_source.and_then(shift);
     let photos = |images: &ImageSet| {
         let photos = images.views.iter().map(convert::view_photo);
@@ -127,6 +130,7 @@ fn moved(mut photo: Photo, offset: DVec3, scale: f64) -> Photo {
     let camera = &mut photo.camera;
     let position = camera.position() * scale + offset;
     camera.camera_to_world.w_axis = position.extend(1.0);
+    // Depths are lengths, and scale with the scene.
     camera.near *= scale;
     camera.far *= scale;
     photo

@@ -91,6 +91,8 @@ impl Decode {
             &refined,
             &convert::latent_array(&residual.tensor, io.device),
         );
+        // By the same tiles, so that what the autoencoder loses is nearly the same in both and
+        // cancels.
         let base = prior.vae.decode_latent(&encoded, size, self.tile as usize);
         clamp(
             &add(

@@ -96,6 +96,7 @@ impl Evaluate {
             supersample: self.supersample,
             background,
         };
+        // On the CPU whatever the device, so that figures of fields from different devices compare.
         nerf::render(field, &view.camera, &options)
     }
 
@@ -212,6 +213,7 @@ impl Stage for Evaluate {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
+        // Before anything is rendered: the files may have changed since the run was planned.
         let networks = Networks::open(&self.lpips)?;
         let field = convert::field(io.read("field")?)?;
         let baseline = convert::field(io.read("baseline")?)?;
@@ -230,6 +232,7 @@ impl Stage for Evaluate {
             (LR, self.show(&baseline, &truths, &mut tell)?),
         ];
         let mut scores = Scores::default();
+        // In the order of the outputs' names below.
         let mut sets: [BTreeMap<_, _>; 4] = Default::default();
         for (at, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
@@ -257,6 +260,7 @@ impl Stage for Evaluate {
                 scores.add(row, &view.name, warped(shown, at));
             }
             let no_depth = || Err("an enlarged picture has no depth".to_owned());
+            // Said and not left out, so that an empty place in the table has its reason.
             scores.add(BICUBIC, &view.name, [("psnr_warped", no_depth())]);
             let mut put = |set: usize, picture| sets[set].insert(view.name.clone(), picture);
             // Comparisons are large, and the first few views tell as much as all.

@@ -14,6 +14,7 @@ pub fn tree(folder: &Path) -> Option<Vec<PathBuf>> {
         // A link to a folder further up would never end; one to a file is followed by whoever reads
         // it.
         let is_folder =
+            // The folder that was named may be a link itself, and what it leads to was meant.
             std::fs::symlink_metadata(&path).ok()?.is_dir() || (next == 1 && path.is_dir());
         if is_folder {
             for entry in std::fs::read_dir(&path).ok()? {

@@ -72,6 +72,8 @@ impl Show {
 
     /// Pictures of the images that have it, in front of a grey, sRGB from 0 to 1.
     pub fn pictures(self, images: &ImageSet, background: f32) -> Figures {
+        // Before the pictures, from all of them: a range for each would change the colours from
+        // frame to frame.
         let range = match self {
             Self::Depth => depth_range(images),
             _ => None,
@@ -125,6 +127,7 @@ impl Film {
                 .encode_frame(Frame::from_parts(image, 0, 0, delay))
                 .map_err(failed)?;
         }
+        // The last byte of a GIF is written when its encoder is dropped.
         drop(encoder);
         Ok(bytes)
     }
@@ -166,9 +169,11 @@ fn depth_range(images: &ImageSet) -> Option<[f32; 2]> {
             .collect()
     };
     let mut depths: Vec<f32> = images.views.iter().flat_map(of_view).collect();
+    // Only finite ones are left, so that percentiles have one answer.
     depths.sort_by(f32::total_cmp);
     let at = |part: f64| {
         depths
+            // Without any depth there is no entry 0, and so no range.
             .get((part * depths.len().saturating_sub(1) as f64) as usize)
             .copied()
     };
@@ -187,6 +192,7 @@ impl Stage for Film {
     }
 
     fn check(&self) -> Result<(), StageError> {
+        // GIF counts in hundredths of a second, so that it has no higher rate.
         if !(0.1..=100.0).contains(&self.rate) {
             return Err(StageError::parameter(
                 "rate",

@@ -167,8 +167,11 @@ impl Stage for Fit {
                 "is Perspective, but the cameras do not look the same way",
             )
         })?;
+        // `Auto` settings become numbers here: the field's file must not depend on cameras that it
+        // does not hold.
         let config = self.field.for_cameras(&space, &cameras);
         let field = Field::in_space(&config, space, io.seed);
+        // Writes the field and the log; what follows is written only where photos were corrected.
         let trained = training::train(field, views, &self.options(), io)?;
         if self.corrects_photos() {
             let photos = corrected::photos(&images, &trained);

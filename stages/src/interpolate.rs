@@ -81,6 +81,7 @@ impl Interpolate {
         let size = [camera.height as usize, camera.width as usize];
         let alpha = convert::alpha_array(view, device)
             .map(|alpha| self.alpha(&alpha, size, network).to_vec());
+        // [1, 3, h, w]: what a photo masks must not be projected back.
         let counts = masks::factors(view, 3, device);
         let pixels = match self.values {
             Values::Srgb => {
@@ -139,6 +140,7 @@ impl Interpolate {
         if values.iter().all(|value| *value == values[0]) {
             return alpha.device().full(&[1, 1, size[0], size[1]], values[0]);
         }
+        // Bicubic overshoots, and a coverage must not.
         if network.is_none() {
             return clamp(&self.filtered(alpha, size), 0.0, 1.0);
         }
@@ -173,6 +175,7 @@ impl Stage for Interpolate {
     }
 
     fn check(&self) -> Result<(), StageError> {
+        // NaN fails both comparisons, so that it is refused as well.
         if !(self.factor > 0.0 && self.factor <= 64.0) {
             return Err(StageError::parameter(
                 "factor",
@@ -183,6 +186,7 @@ impl Stage for Interpolate {
         let Some(learned) = self.learned() else {
             return Ok(());
         };
+        // Networks were trained on display-encoded values.
         if self.values == Values::Linear {
             return Err(StageError::parameter(
                 "values",

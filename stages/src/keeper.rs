@@ -60,6 +60,8 @@ impl<'a> Keeper<'a> {
             match self.try_resume(path, &mut rebuild) {
                 Ok(None) => {}
                 Ok(Some((step, state))) => {
+                    // Steps that are on disk already need not be kept again when the run is stopped
+                    // at once.
                     self.kept = step;
                     (self.io.messages)(Message::Resumed {
                         step,
@@ -81,6 +83,8 @@ impl<'a> Keeper<'a> {
             .into_iter()
             .flatten()
             .flatten();
+        // Nobody else writes here: the scratch folder is that of one key, whose lease this process
+        // holds.
         for entry in
             entries.filter(|entry| entry.file_name() != FILE && entry.file_name() != DAMAGED)
         {
@@ -114,6 +118,7 @@ impl<'a> Keeper<'a> {
             path: path.to_owned(),
             problem: error.to_string(),
         };
+        // Renamed and not removed, so that it can be looked into.
         fs::rename(path, path.with_file_name(DAMAGED)).map_err(file)
     }
 
@@ -125,6 +130,7 @@ impl<'a> Keeper<'a> {
         values: &[(&'static str, f64)],
         state: impl FnOnce() -> Checkpoint,
     ) -> Result<(), StageError> {
+        // A stop is asked about first, so that the checkpoint below can be of this step.
         let stopped = self.io.progress(step as usize, self.total as usize, values);
         // When the run is stopped, the last steps are kept even if it is not time yet.
         if self.since.elapsed() >= self.pause || (stopped.is_err() && self.kept < step) {
@@ -150,6 +156,7 @@ impl<'a> Keeper<'a> {
         // From the end of the writing: the pause is time that was computed.
         self.since = Instant::now();
         let every = self.io.checkpoint_every;
+        // Zero asks for one after every step, whatever it costs.
         self.pause = if every.is_zero() {
             every
         } else {

@@ -73,6 +73,7 @@ impl Learned {
         };
         // Networks overshoot, and the next pass was trained on 0 to 1.
         let enlarge = |image: &Array| clamp(&network.enlarge(image, options), 0.0, 1.0);
+        // Once in any case: to a size that is there already, too, the network has something to add.
         let mut image = enlarge(image);
         // A network for x1 enlarges nothing, and would loop for ever.
         while network.scale() > 1 && (image.shape()[2] < height || image.shape()[3] < width) {
@@ -112,6 +113,8 @@ impl Learned {
     /// roughly.
     pub fn cost(&self, images: u64) -> (u64, f64) {
         let weights = |path: &PathBuf| path.metadata().map_or(0, |file| file.len());
+        // The embedded network has no file, and files may be gone by now: an estimate must not be
+        // 0.
         let bytes = self.files().iter().map(weights).sum::<u64>().max(1 << 20);
         // Large files are of networks that double their images before the last layers.
         let each = if bytes > 8 << 20 { LARGE } else { SMALL };

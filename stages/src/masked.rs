@@ -20,6 +20,7 @@ pub fn counted(scores: Vec<Scored>, mask: Option<&[bool]>) -> Vec<Scored> {
             _ if open == 0 => Err("every pixel is masked".to_owned()),
             // The squared error of those that count is that of all over `part`.
             name if name.starts_with("psnr") => Ok(value + 10.0 * part.log10()),
+            // 1 - SSIM is what is 0 at masked pixels, so that it is what is divided.
             name if name.starts_with("ssim_") => Ok(1.0 - (1.0 - value) / part),
             name if name.starts_with("flip") => Ok(value / part),
             _ => Err("parts of the photo are masked, and it is no mean over pixels".to_owned()),

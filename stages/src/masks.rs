@@ -12,6 +12,7 @@ pub fn at_size(view: &View, width: u32, height: u32) -> Option<Vec<bool>> {
     let columns = spans(w, width as usize);
     let rows = spans(h, height as usize);
     let counts = |row: &Span, column: &Span| {
+        // One masked pixel is enough: what was mixed of it is not to be trusted.
         (row[0]..=row[1]).all(|y| (column[0]..=column[1]).all(|x| mask[y * w + x]))
     };
     let pixels = rows

@@ -50,6 +50,7 @@ impl Merge {
     }
 
     fn join<A: Joined>(&self, output: &'static str, io: &Io) -> Result<(), StageError> {
+        // Shard by shard, so that a log's lines have one order whichever shard was done first.
         let parts = (0..self.shards)
             .map(|shard| io.read(input(output, shard)))
             .collect::<Result<Vec<A>, _>>()?;
@@ -64,6 +65,7 @@ fn input(output: &str, shard: usize) -> &'static str {
     let name = format!("{output}.{}", shard + 1);
     let mut names = NAMES
         .lock()
+        // A set of names is sound whatever another thread panicked over.
         .unwrap_or_else(|poisoned| poisoned.into_inner());
     if let Some(known) = names.get(name.as_str()) {
         return known;
@@ -103,6 +105,7 @@ impl Stage for Merge {
     }
 
     fn determinism(&self) -> Determinism {
+        // Nothing is computed: parts are put into one order.
         Determinism::Exact
     }
 
@@ -171,6 +174,7 @@ impl Joined for Log {
     fn join(parts: Vec<Self>) -> Result<Self, StageError> {
         let marked = |(shard, log): (usize, Self)| {
             let mark = move |mut line: Value| {
+                // Steps are counted from 0 in every shard, so that lines alone would be ambiguous.
                 line["shard"] = json!(shard + 1);
                 line
             };

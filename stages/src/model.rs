@@ -36,9 +36,11 @@ pub fn memory(model: &ModelSource) -> u64 {
 /// The files of weights in a folder.
 fn weights(folder: &Path) -> Vec<PathBuf> {
     let parts = ["unet", "vae", "text_encoder"].map(|part| folder.join(part));
+    // An estimate passes over what cannot be read; loading the model says what is wrong.
     let files = parts.iter().flat_map(std::fs::read_dir).flatten().flatten();
     files
         .map(|file| file.path())
+        // All variants count, though one is read: an estimate had better be too high.
         .filter(|path| path.extension().is_some_and(|end| end == "safetensors"))
         .collect()
 }

@@ -201,6 +201,7 @@ impl Stage for Optimize {
         let low: ImageSet = io.read("low")?;
         let mut options = self.options();
         let all = latents.views.len();
+        // Before the model is loaded, so that a shard without views fails at once.
         latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
         // A part has fewer views, so it needs fewer steps to move each as often.
         options.steps = share(&options, all, latents.views.len());
@@ -211,6 +212,7 @@ impl Stage for Optimize {
             .map(|v| view(v, &low, io.device))
             .collect::<Result<_, _>>()?;
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
+        // A closure, since each checkpoint that is tried needs an optimisation of its own.
         let begin = || Optimization::new(&denoiser, &views, &options, io.seed).map_err(refused);
         let mut keeper = Keeper::new(io, u64::from(options.steps) + u64::from(options.warm_up()));
         let resumed = keeper.resume(|checkpoint| {
@@ -246,8 +248,10 @@ impl Stage for Optimize {
 /// The steps that move each of `part` views as often as those of the options move each of `all`
 /// views.
 fn share(options: &Options, all: usize, part: usize) -> u32 {
+    // A batch never has more views than there are, so that a part's batches may be smaller.
     let batch = |views: usize| u64::from(options.batch).min(views as u64).max(1);
     let moves = u64::from(options.steps) * batch(all) * part as u64;
+    // Rounded up: no view of a part moves less often than it would in the whole.
     moves.div_ceil(all.max(1) as u64 * batch(part)) as u32
 }
 

@@ -138,6 +138,7 @@ impl Origin {
     pub fn at(path: &Path) -> Option<Self> {
         let has = |names: &[&str]| names.iter().any(|name| path.join(name).exists());
         let path = path.to_owned();
+        // `Transforms` takes a file's path, too, and any name will do for it.
         let is_file = path
             .extension()
             .is_some_and(|end| end.eq_ignore_ascii_case("json"));

@@ -40,6 +40,7 @@ pub fn write(surface: &Surface, points: bool, out: &mut impl Write) -> io::Resul
         out.write_all(&vertex.bytes())?;
     }
     for triangle in triangles {
+        // A list begins with its length.
         out.write_all(&[3])?;
         triangle
             .iter()

@@ -124,6 +124,7 @@ impl Stage for Render {
     }
 
     fn check(&self) -> Result<(), StageError> {
+        // NaN fails both comparisons, so that it is refused as well.
         if !(self.scale > 0.0 && self.scale <= 64.0) {
             return Err(StageError::parameter(
                 "scale",
@@ -193,6 +194,7 @@ impl Stage for Render {
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read::<Field>("field")?)?;
+        // Cameras alone, since the images' pixels would be read for nothing.
         let cameras = Cameras::read(io.input("cameras")?)?;
         let options = nerf::RenderOptions {
             supersample: self.supersample,
@@ -201,6 +203,7 @@ impl Stage for Render {
         // Renders of an opaque scene's own views are opaque; a path may lead the camera past what
         // the scene has.
         let alpha = self.path.is_some() || cameras.alpha;
+        // Frames are numbered before they are dealt out, so that names do not depend on the shards.
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         // Once for all views: on a GPU the field moves there only once.
         let renderer = nerf::Renderer::new(io.device, &field);

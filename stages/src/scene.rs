@@ -68,6 +68,7 @@ impl Scene {
     fn check_counts(&self, train: usize, test: usize) -> Result<(), StageError> {
         let every = self.holdout as usize;
         let held_out = match test {
+            // Numbers 0, 8, 16.. are held out: an incomplete row begins with one as well.
             0 => train.div_ceil(every),
             _ => test,
         };
@@ -179,6 +180,7 @@ impl Stage for Scene {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
+        // Only drawn worlds make use of the seed.
         let data = self.read(io.seed)?;
         io.progress(1, 2, &[])?;
         data.notes.iter().for_each(|note| io.remark(note));

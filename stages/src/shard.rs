@@ -35,6 +35,8 @@ impl Shard {
         let all = views.len();
         let taken: Vec<V> = views
             .into_iter()
+            // Neighbours in the list are often neighbours in space; strides deal them out to all
+            // parts.
             .skip(self.index)
             .step_by(self.of)
             .collect();

@@ -54,6 +54,7 @@ struct Sight {
 
 impl Sight {
     fn new(field: &Field, camera: &Camera) -> Self {
+        // Splats are drawn without a lens, so that the field they are fitted to must be, too.
         let camera = splat::pinhole(camera);
         let rendered = nerf::render(field, &camera, &RenderOptions::default());
         Self {
@@ -68,6 +69,7 @@ impl Sight {
 pub fn affordable(cameras: &[Camera]) -> Vec<Camera> {
     let pixels = |camera: &Camera| u64::from(camera.width) * u64::from(camera.height);
     let all: u64 = cameras.iter().map(pixels).sum();
+    // Every so many and not the first ones, so that all sides of the scene stay.
     let step = all.div_ceil(MOST_PIXELS).max(1) as usize;
     cameras.iter().step_by(step).map(splat::pinhole).collect()
 }

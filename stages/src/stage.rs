@@ -284,6 +284,7 @@ impl Io<'_> {
             total: total as u64,
             values: values.to_vec(),
         });
+        // Every step that is reported is a place to stop, so that no stage has to ask for itself.
         self.check_cancelled()
     }
 

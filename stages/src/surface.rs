@@ -88,6 +88,7 @@ impl Grid {
 
 /// The density at which half of the light is lost within a hundredth of the box's longest side.
 pub fn usual_level(field: &Field) -> f32 {
+    // From exp(-level x) = 1/2 at x = 0.01 of that side.
     LN_2 / (0.01 * longest_side(field))
 }
 
@@ -113,6 +114,7 @@ pub fn surface(field: &Field, resolution: u32, level: f32) -> Surface {
                 .iter()
                 .map(|(_, normal)| normal.map(|part| -part))
                 .collect();
+            // A camera that looks at a surface looks against its normal.
             field.colors(&points, &inwards)
         })
         .collect();
@@ -167,6 +169,8 @@ type Vertices = (Vec<([f32; 3], [f32; 3])>, Vec<u32>);
 fn vertices(grid: &Grid) -> Vertices {
     let mut owners = vec![u32::MAX; grid.values.len()];
     let mut found = Vec::new();
+    // In one thread and in the grid's order: vertices have the same numbers however many threads
+    // there are.
     for (index, owner) in owners.iter_mut().enumerate() {
         let place = grid.place(index);
         // The last points of an axis begin no cell.

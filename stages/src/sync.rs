@@ -71,6 +71,7 @@ impl Stage for Sync {
     }
 
     fn check(&self) -> Result<(), StageError> {
+        // NaN fails both comparisons, so that it is refused as well.
         if !(self.low_weight >= 0.0 && self.low_weight <= 1000.0) {
             return Err(StageError::parameter(
                 "low_weight",
@@ -125,6 +126,7 @@ impl Stage for Sync {
         let mut views: Vec<_> = images
             .views
             .iter()
+            // The weights of photos are relative to this 1.
             .map(|view| convert::train_view(view, 1.0, 1))
             .collect();
         if self.low_weight > 0.0 {

@@ -47,6 +47,7 @@ pub struct Trained {
 /// Whether more steps may go on from fewer: only where the learning rate does not fall over all of
 /// them.
 pub fn extension(final_rate: f64) -> Extension {
+    // Exactly, since the number is as the pipeline writes it.
     if final_rate == 1.0 {
         return Extension::Possible("steps");
     }
@@ -72,6 +73,7 @@ pub fn train(
     options: &TrainOptions,
     io: &Io,
 ) -> Result<Trained, StageError> {
+    // The sampler would have no pixel to draw.
     let is_closed = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
     if views.iter().all(is_closed) {
         return Err(StageError::Mismatch(
@@ -88,6 +90,7 @@ pub fn train(
             io.device,
             &config,
             bounds,
+            // Cloned, since a second checkpoint may be tried after the first.
             views.clone(),
             options,
             io.seed,
@@ -121,7 +124,9 @@ pub fn train(
         keeper.keep(options.steps.into(), || checkpoint(&mut training, &diary));
     }
     io.metric("training psnr (running mean)", diary.psnr);
+    // No checkpoint of more steps is gone on from, so that this does not wrap.
     tell_counts(io, before, options.steps - begun);
+    // Before the field is taken out of the training, which ends it.
     let trained = Trained {
         cameras: training.cameras(),
         exposures: training.exposures(),

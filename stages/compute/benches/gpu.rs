@@ -40,6 +40,7 @@ impl Bench {
     /// One row of the table.
     fn row<T>(&self, name: &str, work: impl Fn() -> T) {
         let before = self.counts();
+        // Compiles the kernels as well, so that the timing below does not.
         work();
         let done = self.counts() - before;
         let operations = done.operations as f64 * 1e-9;
@@ -69,6 +70,7 @@ impl Bench {
             let begin = Instant::now();
             (0..10).for_each(|_| drop(work()));
             self.device.finish();
+            // Milliseconds of one of the ten.
             begin.elapsed().as_secs_f64() * 1e2
         };
         (0..5).map(|_| once()).fold(f64::INFINITY, f64::min)

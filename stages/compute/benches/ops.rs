@@ -41,6 +41,7 @@ impl Bench {
 
     /// Notes the least time of `work`, over at least three runs and a quarter of a second.
     fn time<T>(&mut self, name: &str, mut work: impl FnMut() -> T) {
+        // Once before the clock runs: caches and pools are filled then.
         black_box(work());
         let start = Instant::now();
         let mut times = Vec::new();

@@ -114,6 +114,8 @@ impl Trial {
                 psnr(&shrink(x), &self.low)
             )
         };
+        // Back-projection as `Decode` has it: what the reduction lacks beside the low-resolution
+        // photo is enlarged and added.
         let projected = (0..3).fold(image.clone(), |x, _| {
             clamp(&add(&x, &enlarge(&sub(&self.low, &shrink(&x)))), -1.0, 1.0)
         });
@@ -169,6 +171,8 @@ fn enlarge(x: &Array) -> Array {
 
 /// In decibels, over all pixels and channels.
 fn psnr(x: &Array, y: &Array) -> f64 {
+    // PSNR refers to a peak of 1. The range [-1, 1] is twice as wide, so squares are four times too
+    // large.
     let error = f64::from(reduce::mean_square(&sub(&clamp(x, -1.0, 1.0), y))) / 4.0;
     -10.0 * error.log10()
 }

@@ -31,6 +31,8 @@ pub struct PartReport {
 /// Reads a model whole, every weight of it. The error names the file, and the field or tensor in
 /// it, that cannot be used.
 pub fn inspect(source: &ModelSource, device: &Device) -> Result<Vec<PartReport>, ModelError> {
+    // Shapes, and whether numbers are finite, show only where a tensor is read: all of them are, as
+    // for a run.
     let prior = Prior::load(source, device)?;
     let unet = prior.unet.config();
     let vae = prior.vae.config();

@@ -29,6 +29,8 @@ impl Layers {
     pub fn new<'a>(layers: impl Iterator<Item = &'a str>) -> Self {
         Self(
             layers
+                // Names of layers have underscores of their own, so a flat name is looked up and
+                // not taken apart.
                 .map(|layer| (flat(layer), layer.to_owned()))
                 .collect(),
         )
@@ -60,6 +62,7 @@ pub fn tensors(lora: &BTreeMap<String, Tensor>, alpha: f64) -> BTreeMap<String, 
             continue;
         };
         if let Some(layer) = rest.strip_suffix(".lora_A.weight") {
+            // A scalar has no axes, as `torch.tensor(alpha)` in sd-scripts.
             let scale = Tensor {
                 shape: Vec::new(),
                 values: vec![alpha as f32],

@@ -125,6 +125,8 @@ impl LoraNetwork {
         width: usize,
         file: &str,
     ) -> Result<(), ModelError> {
+        // Files are foreign: a tensor under a wrong name would take no part, and nobody would
+        // notice.
         let by_name: BTreeMap<&str, &AdapterSite> = sites
             .iter()
             .flat_map(|site| [(site.down.as_str(), site), (site.up.as_str(), site)])

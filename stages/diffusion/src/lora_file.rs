@@ -29,10 +29,13 @@ const PREFIXES: [&str; 4] = ["base_model.model.unet.", "base_model.model.", "une
 const MATRICES: [(&str, &str, &str); 8] = [
     (".lora_A.weight", "", "A"),
     (".lora_B.weight", "", "B"),
+    // `default` is the adapter's name, which stays in where a model's whole state was saved.
     (".lora_A.default.weight", "", "A"),
     (".lora_B.default.weight", "", "B"),
     (".lora.down.weight", "", "A"),
     (".lora.up.weight", "", "B"),
+    // Before diffusers had PEFT, an attention's processor held the LoRA:
+    // `attn1.processor.to_q_lora.down`.
     ("_lora.down.weight", ".processor", "A"),
     ("_lora.up.weight", ".processor", "B"),
 ];
@@ -53,6 +56,7 @@ impl LoraFile {
         let mut names = BTreeMap::new();
         let mut adapters = BTreeMap::new();
         let mut alphas = BTreeMap::new();
+        // Kohya's names are ambiguous without the network's own: underscores stand for dots.
         let layers = kohya::Layers::new(unet.adapted_layers());
         for stored in file.names() {
             let name = match layers.part(stored) {
@@ -80,6 +84,7 @@ impl LoraFile {
             }
         }
         let network = LoraNetwork {
+            // Never used: `scales` has an entry for each matrix A.
             scale: 1.0,
             scales,
             adapters,
@@ -103,6 +108,7 @@ fn canonical(stored: &str) -> Option<String> {
     let layer = PREFIXES
         .iter()
         .find_map(|prefix| stored.strip_prefix(prefix))?;
+    // The last prefix is empty, so its layers would be taken for the UNet's.
     if layer.starts_with("text_encoder") {
         return None;
     }
@@ -138,6 +144,8 @@ impl Options {
             .into_iter()
             .map(|(name, value)| (name.trim_start_matches("unet.").to_owned(), value));
         let options = Self(plain.collect());
+        // Passed over, each of these would give other numbers than where the file came from,
+        // without an error.
         let refused = ["use_dora", "lora_bias", "fan_in_fan_out"]
             .into_iter()
             .find(|name| options.flag(name));
@@ -183,6 +191,7 @@ impl Options {
             .and_then(Value::as_object)
             .into_iter()
             .flatten();
+        // PEFT lets a pattern match a whole name, or its end behind a dot.
         let ends = |pattern: &str| layer == pattern || layer.ends_with(&format!(".{pattern}"));
         own.filter(|(pattern, _)| ends(pattern))
             .find_map(|(_, alpha)| alpha.as_f64())

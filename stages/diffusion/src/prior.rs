@@ -60,6 +60,8 @@ impl Prior {
         let vae_config = VaeConfig::read(&source.file("vae/config.json")?)?;
         let text_config = TextConfig::read(&source.file("text_encoder/config.json")?)?;
         let unet_config = UnetConfig::read(&unet_file)?;
+        // Before any weights: parts of two models are told apart in a moment, not after gigabytes
+        // were read.
         check_widths(&unet_file, &unet_config, &vae_config, &text_config)?;
         let schedule_file = source.file("scheduler/scheduler_config.json")?;
         let low_file = source.find("low_res_scheduler/scheduler_config.json")?;
@@ -86,6 +88,8 @@ impl Prior {
 }
 
 fn schedule(file: &FileBytes) -> Result<Schedule, ModelError> {
+    // Either would give other betas than the formula. Rescaled, a is 0 at the last timestep, and
+    // predicted noise is divided by a.
     let fixed = json!({ "rescale_betas_zero_snr": false, "trained_betas": null });
     let config: SchedulerConfig = config::parse(file, &fixed, &[])?;
     Schedule::new(&config, file.name())
@@ -101,6 +105,7 @@ fn max_noise_level(
     let labels = unet
         .num_class_embeds
         .map_or(u32::MAX, |labels| labels as u32);
+    // Both are at least 1, since their files were checked, so that `levels - 1` does not wrap.
     let levels = low_schedule.len().min(labels);
     let Some(file) = source.find("model_index.json")? else {
         return Ok(MAX_NOISE_LEVEL.min(levels - 1));
@@ -141,6 +146,7 @@ fn check_widths(
             "the autoencoder's latent channels",
         ),
     ];
+    // A configuration may name a width for each block, but there is one text encoder.
     for block in 0..unet.block_out_channels.len() {
         pairs.push((
             "cross_attention_dim",

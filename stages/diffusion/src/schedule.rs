@@ -65,6 +65,7 @@ impl Schedule {
             );
             return Err(ModelError::field(file, "num_train_timesteps", problem));
         }
+        // Others divide by a and s: a beta of 1 would make a = 0, a beta of 0 would make s = 0.
         for (field, beta) in [
             ("beta_start", config.beta_start),
             ("beta_end", config.beta_end),

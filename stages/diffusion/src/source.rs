@@ -92,6 +92,7 @@ impl ModelSource {
             .into_iter()
             .filter(has)
             .collect();
+        // A file that no run reads is not fetched either.
         let alone = Some(TOKENIZER.to_owned()).filter(|_| !there.contains(VOCABULARY));
         chosen.extend(alone.filter(has));
         for stem in Network::ALL.map(Network::stem) {
@@ -122,6 +123,8 @@ impl ModelSource {
     ///
     /// Fails where a weight file is missing or a file cannot be read.
     pub fn digest(&self) -> Result<[u8; 32], ModelError> {
+        // Of a single file the configurations that are written for it are hashed, too, so that a
+        // change of what is assumed of it changes the keys.
         let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag 1 model files");
         for (name, file) in self.descriptions()?.iter().chain(&self.weight_files()?) {
             absorb(&mut hasher, name, file);
@@ -133,6 +136,7 @@ impl ModelSource {
     pub fn files(&self) -> Result<Vec<FileBytes>, ModelError> {
         let mut files = self.descriptions()?;
         if let Self::File(path) = self {
+            // Configurations that are written from shapes are no files that could be listed.
             files.retain(|(name, _)| single_file::beside(path, name).is_some());
         }
         files.extend(self.weight_files()?);
@@ -210,6 +214,8 @@ impl ModelSource {
     /// The weight file whose name is `stem` and one of the endings that we read, or the shards of
     /// it.
     fn network_files(&self, stem: &str) -> Result<Vec<FileBytes>, ModelError> {
+        // The plain file counts before its 16-bit variants, the order in which `choose` fetches
+        // them.
         for ending in WHOLE {
             if let Some(file) = self.find(&format!("{stem}{ending}"))? {
                 return Ok(vec![file]);
@@ -239,6 +245,7 @@ impl ModelSource {
         let Index { weight_map } = config::parse(index, &json!({}), &[])?;
         let names: BTreeSet<&String> = weight_map.values().collect();
         let folder = stem.rsplit_once('/').map_or("", |(folder, _)| folder);
+        // An index is foreign: a name with a path in it could lead out of the model's folder.
         let plain = |name: &str| name.ends_with(".safetensors") && !name.contains(['/', '\\']);
         if let Some(name) = names.iter().find(|name| !plain(name)) {
             let problem =
@@ -260,6 +267,8 @@ impl ModelSource {
 }
 
 fn absorb(hasher: &mut blake3::Hasher, name: &str, bytes: &[u8]) {
+    // With lengths, no two lists of files give the same stream: a byte cannot pass from one part to
+    // the next.
     for part in [name.as_bytes(), bytes] {
         hasher.update(&(part.len() as u64).to_le_bytes());
         hasher.update_rayon(part);
@@ -270,6 +279,8 @@ fn absorb(hasher: &mut blake3::Hasher, name: &str, bytes: &[u8]) {
 pub(crate) fn map(path: &Path) -> Result<Option<FileBytes>, ModelError> {
     match FileBytes::map(path) {
         Ok(file) => Ok(Some(file)),
+        // Only absence is `None`. A file that is there and cannot be read must not pass for a model
+        // without it.
         Err(FileError::Missing { .. }) => Ok(None),
         Err(error) => Err(error.into()),
     }

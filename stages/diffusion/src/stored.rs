@@ -41,6 +41,7 @@ impl Stored {
         let all = entry.bytes();
         match self.third {
             Some(third) => {
+                // Rows lie one behind the other, so a third of the rows is a third of the bytes.
                 let length = all.len() / 3;
                 let start = all.start + third * length;
                 start..start + length

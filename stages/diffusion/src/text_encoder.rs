@@ -50,6 +50,7 @@ impl TextEncoder {
     fn read(config: TextConfig, weights: Weights) -> Result<Self, ModelError> {
         let root = weights.root();
         let nested = root.at("text_model");
+        // Some files lack the name that `CLIPTextModel` puts before all others.
         let root = if nested.has("final_layer_norm.weight") {
             nested
         } else {
@@ -73,6 +74,8 @@ impl TextEncoder {
             norm: LayerNorm::read(&root.at("final_layer_norm"), width, eps)?,
             config,
         };
+        // A list of 0, 1, 2.. that older versions of transformers saved, and CLIP's way to the
+        // space of images: neither has a say in the states.
         weights.finish(&["position_ids", "text_projection.weight"])?;
         Ok(encoder)
     }
@@ -85,6 +88,7 @@ impl TextEncoder {
     /// The last hidden states `[N, T, D]` of N texts of T ids each.
     pub fn forward(&self, texts: &[Vec<u32>]) -> Array {
         let length = texts.first().map_or(0, Vec::len);
+        // [N T] rows of the table, one text behind the other, as the ids are.
         let positions: Vec<u32> = texts.iter().flat_map(|_| 0..length as u32).collect();
         let x = add(
             &gather_rows(&self.tokens, &texts.concat()),

@@ -17,6 +17,8 @@ use crate::source::ModelSource;
 use crate::tokenizer_json::{self, Tables};
 
 /// Contractions, words, single digits and runs of other signs.
+// The pattern of OpenAI's `simple_tokenizer.py` but for its special tokens, which `encode` cuts out
+// before.
 const WORDS: &str = r"'s|'t|'re|'ve|'m|'ll|'d|\p{L}+|\p{N}|[^\s\p{L}\p{N}]+";
 
 /// What marks the end of a word in the vocabulary.
@@ -41,6 +43,7 @@ pub struct Tokenizer {
 #[serde(default)]
 struct TokenizerConfig {
     added_tokens_decoder: Option<serde_json::Value>,
+    // A float, since transformers writes 1e30 where there is no limit, which 64 bits do not hold.
     model_max_length: Option<f64>,
     #[serde(flatten)]
     specials: Specials,
@@ -136,6 +139,7 @@ impl Tokenizer {
         let merges = source.file("tokenizer/merges.txt")?;
         let merges = String::from_utf8_lossy(&merges)
             .lines()
+            // The first line is a version, and a line without a space is no pair.
             .filter(|line| !line.starts_with("#version") && line.contains(' '))
             .map(|pair| pair.trim_end().to_owned())
             .collect();
@@ -157,6 +161,8 @@ impl Tokenizer {
             id(&names[3])?,
         ];
         let mut longest_first = names.clone().map(|name| regex::escape(&name));
+        // An alternation takes the first that fits: a token must stand before one that it begins
+        // with.
         longest_first.sort_by_key(|name| std::cmp::Reverse(name.len()));
         let regex = |pattern: &str| Regex::new(pattern).map_err(|e| e.to_string());
         let ranked = merges.into_iter().enumerate();
@@ -198,11 +204,14 @@ impl Tokenizer {
     }
 
     fn encode_plain(&self, text: &str, ids: &mut Vec<u32>) {
+        // In the order of CLIPTokenizerFast's normaliser: NFC, then spaces, then lower case.
         let composed: String = text.nfc().collect();
         let lower: String = self
             .spaces
             .replace_all(&composed, " ")
             .chars()
+            // Letter by letter, as the tokenizers library does. `str::to_lowercase` treats a final
+            // sigma otherwise.
             .flat_map(char::to_lowercase)
             .collect();
         for word in self.words.find_iter(&lower) {
@@ -221,6 +230,7 @@ impl Tokenizer {
     /// A word's symbols: its bytes, merged pair by pair in the order of `merges`.
     fn merge(&self, word: &str) -> Vec<String> {
         let mut symbols: Vec<String> = word.bytes().map(|byte| letter(byte).to_string()).collect();
+        // Part of the last symbol and not one of its own: merges count it so.
         if let Some(last) = symbols.last_mut() {
             last.push_str(END);
         }
@@ -250,6 +260,8 @@ impl Tokenizer {
 /// The printable letter that stands for a byte: itself where it is one, else one from U+0100 on, in
 /// order.
 fn letter(byte: u8) -> char {
+    // The letters of GPT-2's `bytes_to_unicode`: in files of merges a space parts symbols, so that
+    // no symbol may hold one.
     let printable = |b: &u8| matches!(b, 33..=126 | 161..=172 | 174..=255);
     if printable(&byte) {
         return char::from(byte);

@@ -58,6 +58,7 @@ pub(crate) fn read(file: &FileBytes) -> Result<Tables, ModelError> {
         return Err(ModelError::file(file.name(), problem));
     }
     let mut vocabulary = page.model.vocab;
+    // The marks of begin and end may stand among the added tokens only.
     vocabulary.extend(
         page.added_tokens
             .into_iter()

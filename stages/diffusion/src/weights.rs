@@ -23,6 +23,7 @@ pub(crate) struct Weights {
     places: BTreeMap<String, (usize, String)>,
     /// How those names follow from diffusers'; `None` where they are the same.
     names: Option<Names>,
+    // Shared behind `&self`, since many scopes borrow the weights at once.
     unread: RefCell<BTreeSet<String>>,
     /// Whether tensors are widened once and for all.
     widen: bool,
@@ -44,6 +45,7 @@ impl Weights {
         let mut places = BTreeMap::new();
         for (i, file) in files.iter().enumerate() {
             for name in file.names() {
+                // Two shards with one tensor would make it a matter of their order which counts.
                 if let Some((other, _)) = places.insert(name.to_owned(), (i, name.to_owned())) {
                     return Err(file
                         .wrong(name, format!("is also in {}", files[other].name()))
@@ -112,6 +114,8 @@ impl Weights {
             .iter()
             .find(|name| !ignored.iter().any(|end| name.ends_with(end)))
         {
+            // A tensor that nobody asked for is part of another network than the configuration
+            // says.
             Some(name) => {
                 let (file, name) = &self.places[name];
                 Err(self.files[*file]
@@ -137,7 +141,9 @@ impl Weights {
         if extents.is_none_or(|extents| without_pixels(&extents, shape) != shape) {
             return Err(self.misshapen(name, file.name(), &stored, entry.shape(), shape));
         }
+        // After the check of extents: a 1x1 convolution's four axes become two here.
         let weight = stored.weight(file, &self.device)?.reshape(shape);
+        // Three projections may lead to one tensor: what is removed already stays so.
         self.unread.borrow_mut().remove(&place.name);
         let weight = if self.widen {
             weight.to_array().into()

@@ -73,6 +73,7 @@ fn main() {
     let mut peak = peak.split(',').filter_map(|figure| figure.parse().ok());
     let flops = peak.next().unwrap_or(82_600.0);
     let bytes = peak.next().unwrap_or(1008.0);
+    // Operations over GFLOP/s, and bytes over GB/s, are nanoseconds.
     let roof = |work: &Work| 1e-3 * (work.operations as f64 / flops).max(work.bytes as f64 / bytes);
     let Some(mut trainer) = trainer(&device) else {
         return;

@@ -59,6 +59,7 @@ fn advance<S: Simd>(
     rate: S::f32s,
 ) -> [S::f32s; 3] {
     let mean = |beta: f32, mean, fresh| {
+        // Fused at every width, also where a machine has no vectors: so bits are the same.
         simd.mul_add_f32s(
             simd.splat_f32s(beta),
             mean,
@@ -85,6 +86,7 @@ pub fn update_dense(
     step: u32,
     l2: f32,
 ) {
+    // Whole vectors at every width, of up to 16 lanes: none needs a rest of its own.
     assert!(
         parameters.len() == gradient.len() && parameters.len().is_multiple_of(16),
         "update_dense: sizes"

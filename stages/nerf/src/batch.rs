@@ -68,7 +68,9 @@ impl Sampler {
     pub fn pixel(&self, views: &[TrainView], step: u64, element: u64, count: u64) -> Pixel {
         let total = self.ends.last().copied().unwrap_or(0);
         let place = (element as f64 + f64::from(self.random(step, element, 0))) / count as f64;
+        // Rounding may reach the very end.
         let index = ((place * total as f64) as u64).min(total.saturating_sub(1));
+        // The first view that ends behind it, which passes over views without an open pixel.
         let view = self.ends.partition_point(|&end| end <= index);
         let inside = index - if view == 0 { 0 } else { self.ends[view - 1] };
         let inside = match &self.open[view] {
@@ -97,6 +99,7 @@ impl Sampler {
         (0..side * side).map(move |sub| {
             let random = |i: u64| self.random(step, pixel.element, 4 + 3 * u64::from(sub) + i);
             let place = |pixel: u32, sub: u32, i: u64| {
+                // The centre, where a render without supersampling looks as well.
                 let inside = if side == 1 { 0.5 } else { f64::from(random(i)) };
                 f64::from(pixel) + (f64::from(sub) + inside) * cell
             };

@@ -220,6 +220,7 @@ impl Block {
     ) -> f32 {
         self.d_weights.clear();
         self.d_weights.resize(self.sigma.len(), 0.0);
+        // Not cleared: the backward pass of the weights writes all of it.
         self.d_sigma.resize(self.sigma.len(), 0.0);
         // Rows of padding must not bring the gradients of the block before.
         self.activations.color.fill(0.0);
@@ -298,6 +299,7 @@ impl Block {
             .zip(t)
             .zip(ray)
         {
+            // From density to the network's raw output.
             *d_sigma *= sigma_backward(*sigma);
             // A constant pull on the raw density, before the exponential: it acts where density is
             // nearly 0, too, and ends at exp(-10), where nothing can be seen.

@@ -145,6 +145,7 @@ impl Level {
         // the table's size.
         let resolution =
             extent.map(|side| (scale * f64::from(side) - 1e-6).ceil().max(1.0) as u32 + 1);
+        // At most 2^16 a side, so that 64 bits hold the product.
         let vertices = resolution.iter().map(|&n| n as usize).product::<usize>();
         let dense = vertices <= most_entries;
         // Groups of eight, as Adam's vectors take them. A hashed level has 2^T, so that a hash is

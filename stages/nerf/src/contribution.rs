@@ -64,6 +64,7 @@ impl Batch<'_> {
             ..
         } = part;
         pixels.clear();
+        // Pixels are drawn by their number in the batch, whichever part they fall to.
         pixels.extend(elements.map(|element| self.pixel(element)));
         samples.clear();
         for &pixel in pixels.iter() {
@@ -205,9 +206,12 @@ impl Batch<'_> {
                 let beta = self.options.beta as f32;
                 loss += f64::from(view.weight * smooth_l1(residual, beta));
                 squared_error += f64::from(residual * residual);
+                // The loss is a mean over channels and over the whole batch, of which this part
+                // knows the size.
                 d_shown[c] = view.weight * share * smooth_l1_backward(residual, beta)
                     / (3.0 * self.pixels as f32);
                 d.rgb[c] = gain[c] * d_shown[c];
+                // The derivative by T of gain rgb + (1 - T) lift + T background.
                 d.transmittance += d_shown[c] * (pixel.background[c] - lift[c]);
             }
             if let Some(exposure) = exposure {
@@ -215,6 +219,7 @@ impl Batch<'_> {
                 let sums = pulls.exposures[pixel.view].iter_mut();
                 sums.zip(pull).for_each(|(sum, d)| *sum += d);
             }
+            // All rays of a pixel have one gradient, as the pixel is their mean.
             d_seen.extend(std::iter::repeat_n(d, rays.len()));
         }
         (d_seen, loss, squared_error)

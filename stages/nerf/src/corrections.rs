@@ -84,6 +84,8 @@ impl Corrections {
             let share = options.rate_after(steps) / options.rate;
             exposures.descend(parts.clone().map(|part| &part.exposures), share, steps + 1);
         }
+        // Nothing before `start`, not even in the moments: what a raw field says of cameras is not
+        // remembered.
         if let Some(poses) = self.poses.as_mut().filter(|poses| poses.move_after(steps)) {
             poses.descend(parts.map(|part| &part.poses), steps, options.steps);
             self.place(views);
@@ -164,6 +166,7 @@ fn samples_backward(field: &Field, samples: &Samples, gradient: &FieldGradient) 
     let mut d_samples = vec![[0.0; 3]; samples.t.len()];
     for (level, d_features) in field.levels.iter().zip(&gradient.levels) {
         let table = &field.table[level.offset..level.offset + level.entries];
+        // With padding, whose gradients are zero.
         let places = gradient.positions.since(0);
         positions_backward(level, table, places, d_features, &mut d_samples);
     }

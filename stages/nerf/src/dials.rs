@@ -36,6 +36,7 @@ impl Dials {
     /// Step number `n`, from 1.
     pub fn step(&mut self, gradient: &[Dial], rate: f64, n: u32) {
         let n = i32::try_from(n).unwrap_or(i32::MAX);
+        // In f64: 1 - 0.999^n has few digits in f32 while n is small.
         let correction = (1.0 - f64::from(BETA2).powi(n)).sqrt() / (1.0 - f64::from(BETA1).powi(n));
         let rate = (rate * correction) as f32;
         let values = self.values.as_flattened_mut().iter_mut();

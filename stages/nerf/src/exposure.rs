@@ -98,6 +98,7 @@ impl Exposure {
 /// A residual, of what a photo would show less what it does. Of a value that its range cut off a
 /// photo says only on which side it lies.
 pub fn told(residual: f32, shown: f32) -> f32 {
+    // A residual towards more of what was cut off is no error.
     let is_silent = shown >= WHITE && residual > 0.0 || shown <= 0.0 && residual < 0.0;
     if is_silent { 0.0 } else { residual }
 }
@@ -140,6 +141,7 @@ impl Exposures {
         let pulled = gradient.as_flattened_mut().iter_mut().zip(values);
         pulled.for_each(|(d, value)| *d += pull * value);
         self.dials.step(&gradient, share * self.options.rate, n);
+        // After Adam, whose steps differ by view and so move the mean.
         self.center();
     }
 

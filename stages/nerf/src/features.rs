@@ -74,6 +74,7 @@ impl Features {
         rows: &mut Vec<f32>,
     ) {
         rows.resize(positions.len().next_multiple_of(ROWS) * width, 0.0);
+        // The buffer is used again and again, so that its end may hold other rows.
         rows[positions.len() * width..].fill(0.0);
         for (row, position) in rows.chunks_exact_mut(width).zip(positions) {
             for (out, level) in row

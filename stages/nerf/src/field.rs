@@ -94,6 +94,7 @@ impl Field {
     pub(crate) fn look_up(&self, points: impl Iterator<Item = [f32; 3]>, features: &mut Features) {
         features.clear(self);
         points.for_each(|point| features.positions.push(point));
+        // Kernels take whole groups.
         features.positions.pad();
         features.look_ups(self).for_each(LookUp::run);
     }

@@ -59,6 +59,7 @@ impl Look {
         self.rows.clear();
         self.rows.resize(samples.t.len(), NONE);
         self.looked = 0;
+        // Training leaves nothing faint out; `along` sets a bound of its own.
         self.least = 0.0;
         self.next_wave(samples);
     }
@@ -72,6 +73,7 @@ impl Look {
                 .map(|sample| sample as u32),
         );
         self.positions.clear();
+        // Made ahead, in the threads of the parts: `ask` runs in one thread and only copies.
         self.positions.gather(&samples.positions, &self.wave);
         self.positions.pad();
     }

@@ -94,6 +94,7 @@ impl Network {
         for (l, layer) in network.layers.iter().enumerate() {
             // Glorot and Bengio 2010, by the counts without padding.
             let limit = (6.0 / (layer.used[0] + layer.used[1]) as f32).sqrt();
+            // Padding stays zero, so that it adds nothing whatever lies in a row's end.
             for row in 0..layer.used[0] {
                 for column in 0..layer.used[1] {
                     let at = row * layer.outputs + column;
@@ -243,6 +244,7 @@ impl Network {
             d_input,
             d_output,
             turned,
+            // Outputs of padding have no gradient, so that their rows of weights are passed over.
             [layer.used[1], columns],
             Prologue::Zero,
             epilogue,
@@ -339,6 +341,7 @@ impl Network {
 /// The gradient to the weights of the last layer. It has so few outputs that vectors run along its
 /// inputs: it is summed as [outputs, inputs].
 fn add_narrow_gradient(d_weights: &mut [f32], input: Matrix<'_>, d_output: Matrix<'_>) {
+    // Three, filled up to the 4 rows of the product's tiles; the fourth's gradient is zero.
     const OUTPUTS: usize = 4;
     let mut turned = [0.0; OUTPUTS * HIDDEN];
     for (i, d) in turned.iter_mut().enumerate() {

@@ -150,7 +150,7 @@ fn members(values: &[f32], threshold: f32) -> Vec<u64> {
         values
             .iter()
             .rev()
-            // bits|
+            // Backwards, so that the first cell ends up in the lowest bit.
             .fold(0, |bits, &v| bits << 1 | u64::from(v >= threshold))
     };
     let words = |values: &[f32]| values.chunks(64).map(word).collect::<Vec<u64>>();

@@ -50,6 +50,7 @@ impl Field {
         let visible = |point: &[f32; 3]| {
             let unit = self.space.to_unit(*point);
             let inside = (0..3).all(|axis| (0.0..=self.space.extent[axis]).contains(&unit[axis]));
+            // Without this, haze would be seen that no ray meets, since it skips empty cells.
             inside && self.occupancy.occupied(self.occupancy.cell(unit))
         };
         let mask: Vec<bool> = points.iter().map(visible).collect();

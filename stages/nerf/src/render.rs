@@ -175,6 +175,7 @@ impl Glance {
     ) -> Vec<Pixel> {
         self.samples.clear();
         rays.into_iter()
+            // Without jitter, so that an image is the same each time.
             .for_each(|segment| self.samples.march(field, segment, 0.0));
         averages(&self.seen(field), &self.samples.segments, camera, options)
     }
@@ -187,6 +188,7 @@ impl Glance {
             features,
             block,
         } = self;
+        // The block's activations are free until its forward pass, and serve as scratch space.
         look.along(field, samples, features, &mut block.activations, FAINT);
         let count = samples.rays.len();
         let mut seen = Vec::with_capacity(count);

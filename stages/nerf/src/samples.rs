@@ -73,7 +73,8 @@ impl Samples {
         for values in [x, y, z, &mut self.t, &mut self.dt] {
             kept.iter()
                 .enumerate()
-                // (to|
+                // Indices ascend, so that `from` is never before `to`: all is read before it is
+                // written.
                 .for_each(|(to, &from)| values[to] = values[from as usize]);
             values.truncate(kept.len());
         }

@@ -37,6 +37,7 @@ pub fn harmonics_backward([x, y, z]: [f32; 3], d: &[f32]) -> [f32; 3] {
     let xx = x * x;
     let yy = y * y;
     let zz = z * z;
+    // By the coefficients' own terms: d[i] is the gradient to coefficient i. Band 0 is constant.
     let band1 = [
         -0.488_602_52 * d[3],
         -0.488_602_52 * d[1],

@@ -33,6 +33,7 @@ impl Trainer {
             &[entries],
             moments.steps.iter().map(|&n| f32::from(n)).collect(),
         );
+        // At most 10 million by the stages' checks, which f32 holds exactly.
         put("trainer.step", &[1], vec![self.step as f32]);
         // The batch's size follows from the samples before, so it is a part of the state.
         put("trainer.pixels", &[1], vec![self.pixels as f32]);

@@ -86,6 +86,7 @@ pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
     let cells = cells_to_look_at(field, rng, round);
     let shortest = field.stride().shortest;
     let fresh: Vec<f32> = cells
+        // Fixed chunks, joined in their order: threads change nothing.
         .par_chunks(CHUNK)
         .map(|cells| scratch.lend(|scratch| densities(field, cells, scratch, rng, round)))
         .collect::<Vec<_>>()

@@ -96,6 +96,7 @@ impl Field {
             return Err(FieldError::Bounds(bounds));
         }
         let space = read_space(bounds, tensors)?;
+        // After the space, whose extent decides how many vertices a level has.
         let levels = config.levels(space.extent);
         let entries = levels.iter().map(|level| level.entries).sum();
         let table = halves(take(tensors, "hash_table", &[entries, FEATURES])?);
@@ -163,6 +164,7 @@ pub(crate) fn take<'a>(
             expected: shape.to_vec(),
         });
     }
+    // One NaN would spread through every ray that meets it, and through training to all weights.
     if values.iter().any(|x| !x.is_finite()) {
         return Err(FieldError::NotFinite(name.into()));
     }

@@ -268,6 +268,8 @@ impl Trainer {
             .with_max_len(1)
             .for_each(|(l, ((level, table), moments))| {
                 d_tables.lend(|d_table| {
+                    // Never shrunk: what lies beyond this level's entries stays zero for a larger
+                    // level.
                     d_table.resize(d_table.len().max(level.entries), [0.0; FEATURES]);
                     let d_table = &mut d_table[..level.entries];
                     for part in parts {

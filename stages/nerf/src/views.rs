@@ -60,6 +60,7 @@ impl Views {
         // What each direction added is used up, so its place takes the sums.
         self.hidden.fill(0.0);
         for (view, rows) in self.hidden.chunks_exact_mut(HIDDEN).zip(&self.rows) {
+            // In the rows' order, so that sums have one order.
             for row in d_hidden[rows.start * HIDDEN..rows.end * HIDDEN].chunks_exact(HIDDEN) {
                 view.iter_mut().zip(row).for_each(|(sum, d)| *sum += d);
             }

@@ -25,6 +25,7 @@ impl Moments {
     pub fn add(&mut self, images: &Array, own: &Array, counts: Option<&[bool]>) {
         let values = images.to_vec();
         let pairs = values.iter().zip(own.to_vec()).enumerate();
+        // Planes of channels lie one behind the other, and all have the same mask.
         let is_open = |i: usize| counts.is_none_or(|counts| counts[i % counts.len()]);
         for (_, (&n, o)) in pairs.filter(|(i, _)| is_open(*i)) {
             // In f64: a scene has more products than f32 could add up.
@@ -61,6 +62,7 @@ impl Moments {
                 }
             };
         }
+        // Cramer's rule, with nt = nn and ot = gain oo.
         let images = oo * (nn - gain * no) / determinant;
         let own = (gain * nn * oo - no * nn) / determinant;
         // A negative share would take away what an image knows. Then the other one alone is best.

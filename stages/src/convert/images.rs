@@ -42,6 +42,7 @@ pub fn linear_array(view: &View, device: &Device) -> Array {
 
 /// [1, 3, H, W], sRGB-encoded, -1 to 1: what the prior's networks take.
 pub fn signed_array(view: &View, device: &Device) -> Array {
+    // The range that the autoencoder was trained on.
     let values: Vec<f32> = srgb(view).iter().map(|x| 2.0 * x - 1.0).collect();
     array(&values, view, device)
 }

@@ -50,6 +50,7 @@ pub fn optimization_checkpoint(state: &State, log: &[StepLog]) -> Checkpoint {
             (moments.v.shape().to_vec(), moments.v.to_vec()),
         );
     }
+    // A note and no tensor, as f32 counts steps only up to 2^24.
     let lora_steps = state.lora.as_ref().map(|lora| lora.steps);
     Checkpoint {
         step: state.step,
@@ -72,6 +73,7 @@ pub fn optimization_state(
         .map(|(view, like)| residual(tensors, view, like));
     let steps = checkpoint.notes["lora_steps"].as_u64();
     let lora = match (&like.lora, steps) {
+        // A checkpoint of a rule without a LoRA has no steps of one.
         (None, None) => None,
         // Shapes are those of a fresh state, so that a file of other views is refused by name.
         (Some(like), Some(steps)) => Some(lora(tensors, like, steps, device)?),
@@ -86,6 +88,7 @@ pub fn optimization_state(
 
 fn residual(tensors: &Tensors, view: usize, like: &Residual) -> Result<Residual, String> {
     let values = |name, like: usize| {
+        // Lengths tell optimisers apart, too: plain descent has empty moments.
         Ok(take(tensors, &format!("residual.{view}.{name}"), &[like])?.to_vec())
     };
     let visits: Result<Vec<f32>, String> = values("visits", like.visits.len());

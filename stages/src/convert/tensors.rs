@@ -43,6 +43,8 @@ pub fn field(field: disk::Field) -> Result<Field, StageError> {
         .into_iter()
         .map(|(name, t)| (name, (t.shape, t.values)))
         .collect();
+    // Fields compute in f32; the file has f64, in which every f32 is exact, so that the way back
+    // loses nothing.
     let bounds = field.bounds.map(|corner| corner.map(|x| x as f32));
     Field::from_tensors(&config, bounds, &tensors)
         .map_err(|error| StageError::Mismatch(error.to_string()))

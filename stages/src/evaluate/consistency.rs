@@ -36,6 +36,7 @@ pub fn warped(views: &[Shown], at: usize) -> [Scored; 2] {
     };
     let [source, target] = [&views[at], &views[nearest]];
     let project = |x: f64, y: f64, depth: f64| {
+        // The field's own depth, so that only its agreement with itself is measured.
         let point = source.camera.unproject(x, y, depth);
         target.camera.project(point)
     };

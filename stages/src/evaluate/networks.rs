@@ -20,6 +20,7 @@ impl Networks {
         let open = |path: &PathBuf| Ok(Lpips::open(bytes(path)?)?);
         let networks: Vec<Lpips> = files.iter().map(open).collect::<Result<_, StageError>>()?;
         for (at, network) in networks.iter().enumerate() {
+            // Columns go by the networks' names, so that the second would overwrite the first.
             if networks[..at]
                 .iter()
                 .any(|other| other.name() == network.name())

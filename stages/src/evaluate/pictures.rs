@@ -38,6 +38,8 @@ impl Picked {
         let places = mask.into_iter().flatten().enumerate();
         for (i, _) in places.filter(|(_, counts)| !**counts) {
             let pixel = 3 * i..3 * i + 3;
+            // The truth's and not black: edges around a masked region would be errors to windowed
+            // metrics.
             self.rgb[pixel.clone()].copy_from_slice(&truth.rgb[pixel]);
         }
         self

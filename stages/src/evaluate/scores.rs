@@ -41,6 +41,8 @@ impl Scores {
                 Err(why) => {
                     let of_row = self.missing.entry(row.to_owned()).or_default();
                     let missing = of_row.entry(metric.to_owned());
+                    // The first reason stands for all views, which lack a metric for the same one
+                    // as a rule.
                     missing.or_insert(Missing { views: 0, why }).views += 1;
                 }
             }
@@ -126,6 +128,7 @@ fn definitions(rows: &BTreeMap<String, Row>, own: &[(&str, &str)]) -> BTreeMap<S
     let occurs = |name: &str| rows.values().any(|row| row.mean.contains_key(name));
     let known = metrics::DEFINITIONS.iter().chain(own);
     known
+        // A table does not explain columns that it lacks.
         .filter(|(name, _)| occurs(name))
         .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
         .collect()
@@ -135,6 +138,7 @@ fn definitions(rows: &BTreeMap<String, Row>, own: &[(&str, &str)]) -> BTreeMap<S
 fn with_means(views: BTreeMap<String, BTreeMap<String, f64>>) -> Row {
     let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
     for (name, value) in views.values().flatten() {
+        // Each metric has a count of its own, since a view may lack some.
         let (sum, count) = sums.entry(name.clone()).or_default();
         *sum += value;
         *count += 1.0;

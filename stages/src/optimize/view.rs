@@ -27,6 +27,7 @@ pub(super) fn view(
         name: latent.name.clone(),
         latent: device.array(&latent.tensor.shape, latent.tensor.values.clone()),
         low,
+        // A latent has as many pixels as the photo: each is a quarter of the picture's size.
         mask: masks::at_size(photo, photo.camera.width, photo.camera.height),
         // Row by row, as the camera embedding takes it.
         camera: std::array::from_fn(|i| rows[i / 4][i % 4] as f32),

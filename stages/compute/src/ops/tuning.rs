@@ -66,6 +66,7 @@ fn run(class: Class, gpu: &Gpu, tile: Tile, less: usize) {
     let side = more * 32 / less;
     match class {
         Class::FewDense | Class::ManyDense => {
+            // Zeros will do: products do not branch on the numbers.
             let a = fill(gpu, rows * channels, 0.0);
             let b = fill(gpu, channels * columns, 0.0);
             let strides = [channels, 1, 1, channels];

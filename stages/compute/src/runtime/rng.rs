@@ -28,6 +28,7 @@ fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
 
 /// The 64-bit FNV-1a hash, which folds a domain's name into the key.
 fn fnv1a(bytes: &[u8]) -> u64 {
+    // Offset basis and prime of FNV-1a.
     bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, &byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
     })
@@ -108,6 +109,7 @@ impl Rng {
         device.array(
             shape,
             (0..len)
+                // Each element is a function of its number, so that any thread may draw it.
                 .into_par_iter()
                 .map(|element| self.normal(step, element))
                 .collect(),

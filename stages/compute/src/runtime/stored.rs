@@ -41,6 +41,7 @@ impl Weight {
             other => return Err(StoredFault::Type(other.to_owned())),
         };
         let weight = Weight::from_bytes(device, shape, format, owner, range);
+        // Looked through once, here: NaN in a weight would spread to all that it meets.
         match weight.first_not_finite() {
             Some((index, value)) => Err(StoredFault::NotFinite { index, value }),
             None => Ok(weight),

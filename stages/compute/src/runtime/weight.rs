@@ -84,6 +84,8 @@ impl Weight {
             format,
             owner,
             range,
+            // Filled by the first kernel that asks: a weight that is not used takes no device
+            // memory.
             copy: Arc::default(),
         });
         Weight {

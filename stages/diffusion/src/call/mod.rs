@@ -68,6 +68,7 @@ impl Call {
         asked: &Asked,
         device: &Device,
     ) -> Result<Self, ModelError> {
+        // Refused rather than passed over: a result without the LoRA would look like one with it.
         if part != Part::Unet && (asked.lora.is_some() || asked.gradients) {
             return Err(ModelError::file(
                 inputs.name(),
@@ -144,6 +145,7 @@ fn whole(
     name: &str,
     limit: u32,
 ) -> Result<(Vec<usize>, Vec<u32>), TensorError> {
+    // Files are foreign: a label beyond the table of classes would be looked up out of bounds.
     let (shape, values) = inputs.whole(name)?;
     let number = |value: i64| {
         let problem = || {
@@ -167,6 +169,7 @@ fn whole(
 fn each(inputs: &TensorFile, name: &str, limit: u32, count: usize) -> Result<Vec<u32>, ModelError> {
     let (shape, values) = whole(inputs, name, limit)?;
     match values[..] {
+        // As in diffusers, where one timestep stands for a whole batch.
         [value] => Ok(vec![value; count]),
         _ if values.len() == count && shape.len() == 1 => Ok(values),
         _ => Err(inputs

@@ -34,6 +34,7 @@ impl Output {
 /// # Errors
 /// Names that safetensors keeps for itself.
 pub fn to_safetensors(outputs: &Outputs) -> Result<Vec<u8>, WriteError> {
+    // Views borrow their numbers, so what is copied from a device must outlive all of them.
     let host: Vec<Host> = outputs.values().map(Host::of).collect();
     let views = outputs.iter().zip(&host);
     let views = views.map(|((name, output), host)| (name.as_str(), host.view(output.shape())));

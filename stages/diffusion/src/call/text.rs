@@ -26,6 +26,7 @@ impl TextCall {
         let config = encoder.config();
         let (shape, ids) = whole(inputs, "input_ids", config.vocab_size as u32)?;
         match shape[..] {
+            // Each token has a row in the table of positions, so no text may be longer than it.
             [n, length] if n > 0 && (1..=config.max_position_embeddings).contains(&length) => {
                 let ids = ids.chunks(length).map(<[u32]>::to_vec).collect();
                 Ok(Self { encoder, ids })

@@ -14,6 +14,7 @@ use crate::source::ModelSource;
 use crate::unet::{Input, Unet};
 
 /// Timesteps beyond this are taken for a mistake.
+// Up to here each whole number has an `f32` of its own, which the time embedding computes with.
 const MAX_TIMESTEP: u32 = 1 << 24;
 
 /// The UNet and what it is asked.
@@ -110,6 +111,7 @@ impl UnetCall {
                 .sample
                 .map(|gradient| ("grad.sample".to_owned(), gradient)),
         );
+        // Under the names of the LoRA's own file, whose spelling depends on the tool that wrote it.
         let names = self.lora.as_ref().map(|lora| &lora.names);
         let stored = |name: &str| {
             names

@@ -28,6 +28,8 @@ impl VaeCall {
             &[None, Some(vae.config().in_channels), None, None],
             device,
         )?;
+        // Every halving rounds down, so an image smaller than this would have a latent without
+        // pixels.
         if input.shape()[2..]
             .iter()
             .any(|extent| *extent < vae.factor())

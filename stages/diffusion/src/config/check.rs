@@ -3,6 +3,7 @@
 use crate::error::ModelError;
 
 /// Sizes beyond this are taken for a damaged file.
+// Weights have two such sizes and a kernel's, whose product then fits 64 bits.
 const MAX_SIZE: usize = 1 << 16;
 
 /// Fails where a list that goes by blocks has another length than the list of blocks.
@@ -11,6 +12,7 @@ pub(super) fn check_lengths(
     blocks: usize,
     counts: &[(&str, usize)],
 ) -> Result<(), ModelError> {
+    // Everything behind this reads block 0 without asking.
     if blocks == 0 {
         return Err(ModelError::field(file, "block_out_channels", "is empty"));
     }

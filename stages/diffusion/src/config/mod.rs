@@ -64,8 +64,11 @@ pub(crate) fn parse<T: DeserializeOwned>(
 ) -> Result<T, ModelError> {
     let mut fields: Map<String, Value> = serde_json::from_slice(file)
         .map_err(|e| ModelError::file(file.name(), format!("is not a JSON object: {e}")))?;
+    // Underscores mark what diffusers notes about the file, such as `_class_name` and
+    // `_diffusers_version`.
     fields.retain(|name, _| !name.starts_with('_') && !idle.contains(&name.as_str()));
     for (name, supported) in fixed.as_object().into_iter().flatten() {
+        // Taken out, since UNet and autoencoder refuse fields that their types do not know.
         match fields.remove(name) {
             Some(value) if !same(&value, supported) => {
                 return Err(ModelError::field(
@@ -77,6 +80,7 @@ pub(crate) fn parse<T: DeserializeOwned>(
             _ => {}
         }
     }
+    // Plain serde would tell the problem without the field it is in.
     serde_path_to_error::deserialize(Value::Object(fields)).map_err(|e| {
         ModelError::field(
             file.name(),

@@ -52,6 +52,7 @@ impl TextConfig {
     /// Reads and checks a `config.json`; the error names the field.
     pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
         let config: Self = parse(file, &json!({ "model_type": "clip_text_model" }), &[])?;
+        // Vocabularies are larger than any layer is wide, so ids are counted by 256.
         let sizes = [
             ("vocab_size", config.vocab_size >> 8),
             ("hidden_size", config.hidden_size),

@@ -73,6 +73,8 @@ impl Default for UnetConfig {
 impl UnetConfig {
     /// Reads and checks a `config.json`; the error names the field.
     pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
+        // Each of these changes what is computed. Another value needs code that is not here, so it
+        // must not be passed over.
         let fixed = json!({
             "act_fn": "silu", "addition_embed_type": null, "attention_type": "default", "center_input_sample": false,
             "class_embed_type": null, "class_embeddings_concat": false, "conv_in_kernel": 3, "conv_out_kernel": 3,
@@ -118,6 +120,7 @@ impl UnetConfig {
                 self.only_cross_attention.count(blocks),
             ),
         ];
+        // First of all checks, since the others look up a list's entry by the block's number.
         check_lengths(file, blocks, &per_block)?;
         let sizes = [
             ("in_channels", &[self.in_channels][..]),
@@ -131,6 +134,7 @@ impl UnetConfig {
                 self.transformer_layers_per_block.all(),
             ),
             ("attention_head_dim", self.attention_head_dim.all()),
+            // A network without classes is fine, a table of none is not.
             ("num_class_embeds", &[self.num_class_embeds.unwrap_or(1)]),
         ];
         check_sizes(file, &sizes)?;

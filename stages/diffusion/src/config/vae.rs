@@ -24,6 +24,7 @@ pub struct VaeConfig {
     pub use_quant_conv: bool,
     pub use_post_quant_conv: bool,
     pub mid_block_add_attention: bool,
+    // Their one kind each makes serde refuse all others, such as blocks with attentions.
     down_block_types: Vec<EncoderBlock>,
     up_block_types: Vec<DecoderBlock>,
 }
@@ -62,7 +63,10 @@ impl Default for VaeConfig {
 impl VaeConfig {
     /// Reads and checks a `config.json`; the error names the field.
     pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
+        // Later models shift their latents (Stable Diffusion 3 by `shift_factor`). Passed over,
+        // that would give other latents without an error.
         let fixed = json!({ "act_fn": "silu", "latents_mean": null, "latents_std": null, "shift_factor": null });
+        // `force_upcast` asks for f32, in which the autoencoder always computes here.
         let config: Self = parse(file, &fixed, &["force_upcast", "sample_size"])?;
         config.check(file.name())?;
         Ok(config)

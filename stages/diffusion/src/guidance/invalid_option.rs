@@ -16,6 +16,7 @@ fn ask(
     field: &'static str,
     problem: impl FnOnce() -> String,
 ) -> Result<(), InvalidOption> {
+    // Conditions say what must hold, never what must not: NaN fails each of them.
     if holds {
         Ok(())
     } else {

@@ -39,6 +39,7 @@ impl Rule for Sds {
             &schedule.noise(estimate.noisy, estimate.velocity, estimate.t),
             estimate.noise,
         );
+        // DreamFusion's weight w(t) is the noise's variance.
         scale(&surplus, estimate.t, |t| 1.0 - schedule.alpha_bar(t))
     }
 

@@ -63,6 +63,8 @@ impl Timesteps {
                 vec![timestep(to + left * (from - to)); views]
             }
             Self::Uniform { min, max } => {
+                // Ends become whole numbers before one is drawn between them, so that both can be
+                // drawn.
                 let low = timestep(min);
                 let high = timestep(max);
                 (0..views as u64)

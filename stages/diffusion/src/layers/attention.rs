@@ -57,6 +57,7 @@ impl Attention {
         let source = text.unwrap_or(channels);
         Ok(Self {
             name: scope.path().to_owned(),
+            // Diffusers' attentions have a bias in the last projection alone.
             query: Projection::without_bias(&scope.at("to_q"), channels, channels)?,
             key: Projection::without_bias(&scope.at("to_k"), source, channels)?,
             value: Projection::without_bias(&scope.at("to_v"), source, channels)?,
@@ -103,6 +104,7 @@ impl Attention {
             // Only attentions to the text are in `projected`; the others look at the image.
             None => [self.key.forward(x, lora), self.value.forward(x, lora)],
         };
+        // [P, S, C] with P = 1 or N; the operator wants as many keys as queries have samples.
         let [k, v] = [k, v].map(|projected| for_all(&projected, x.shape()[0]));
         let attended = attention(&q, &k, &v, self.heads, false);
         let (y, out) = self.out.forward(&attended.out, lora);
@@ -162,6 +164,7 @@ fn over_all(d: &Array, texts: usize) -> Array {
     if texts == n {
         return d.clone();
     }
+    // One after the other in the samples' order, so that the sum has the same bits every time.
     let parts: Vec<Array> = (0..n).map(|i| slice(d, 0, i, 1)).collect();
     scaled_sum(&parts.iter().map(|part| (1.0, part)).collect::<Vec<_>>())
 }

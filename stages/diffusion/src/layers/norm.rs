@@ -51,6 +51,7 @@ impl GroupNorm {
 
     /// What it would normalise `x [1, C, ..]` by.
     pub fn moments(&self, x: &Array) -> Moments {
+        // With one sample, a group's channels lie side by side in memory, so that it is one row.
         let rows = x.reshape(&[self.groups, x.len() / self.groups]);
         let group = |i| {
             let row = slice(&rows, 0, i, 1);
@@ -68,6 +69,8 @@ impl GroupNorm {
     /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those
     /// only change the scale and the shift of what its own give.
     pub fn forward_by(&self, x: &Array, moments: &Moments) -> Array {
+        // The operator normalises by the input's own moments and no others: the difference goes
+        // into gamma and beta.
         let own = self.moments(x);
         let eps = f64::from(self.eps);
         let mut gamma = self.gamma.to_vec();

@@ -106,6 +106,7 @@ impl Projection {
         lora: Option<&LoraNetwork>,
         gradients: &mut LoraGradients,
     ) -> Array {
+        // The input went two ways, through W and through A and B: both gradients add up.
         let dx = self.linear.backward(dy);
         let reduced = self.backward_adapter(tape, dy, lora, gradients);
         match reduced.zip(lora.and_then(|lora| lora.adapter(&self.site))) {
@@ -123,6 +124,7 @@ impl Projection {
         gradients: &mut LoraGradients,
     ) -> Option<Array> {
         let lora = lora?;
+        // No entry means that the forward pass had no adapter here, and nothing to learn.
         let reduced = tape.reduced.as_ref()?;
         let (_, up) = lora.adapter(&self.site)?;
         let factor = lora.scale(&self.site);

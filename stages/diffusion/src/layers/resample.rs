@@ -57,6 +57,8 @@ impl Upsample {
     /// rounded up. There, nearest interpolation to that size is doubling without the last row or
     /// column.
     pub fn forward(&self, x: &Array, to: [usize; 2]) -> Array {
+        // Cropped before the convolution, as in diffusers: its zeros must stand at the border that
+        // stays.
         let doubled = upsample_nearest(x, 2);
         match size(&doubled) == to {
             true => self.0.forward(&doubled),

@@ -73,6 +73,7 @@ impl Resnet {
             .time
             .map(|width| Linear::read(&scope.at("time_emb_proj"), width, outputs))
             .transpose()?;
+        // Diffusers has this convolution in just those blocks that change the number of channels.
         let shortcut = (inputs != outputs)
             .then(|| Conv2d::pointwise(&scope.at("conv_shortcut"), inputs, outputs));
         Ok(Self {
@@ -97,6 +98,7 @@ impl Resnet {
         time: Option<&Array>,
         mut normalise: impl FnMut(&GroupNorm, &Array) -> Array,
     ) -> (Array, ResnetTape) {
+        // [N, C', H, W]; norm1 and norm2 hold the SiLU that comes before each convolution.
         let mut hidden = self.conv1.forward(&normalise(&self.norm1, x));
         if let (Some(layer), Some(time)) = (&self.time, time) {
             hidden = add_channels(&hidden, &layer.forward(time));

@@ -119,6 +119,7 @@ impl Transformer {
         text: &TextContext,
         lora: Option<&LoraNetwork>,
     ) -> (Array, TransformerTape) {
+        // [N, H W, C]: each pixel is a token.
         let mut tokens = self.proj_in.forward(&nchw_to_tokens(&self.norm.forward(x)));
         let mut blocks = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
@@ -149,6 +150,8 @@ impl Transformer {
         gradients: &mut LoraGradients,
         input: bool,
     ) -> Option<Array> {
+        // The frozen layers need nothing but their weights here, so that no input of theirs is
+        // kept.
         let mut d = self.proj_out.backward(&nchw_to_tokens(dy));
         for (block, tape) in self.blocks.iter().zip(tape.blocks).rev() {
             d = block.backward(&tape, &d, lora, gradients);
@@ -188,6 +191,7 @@ impl Block {
         let [norm1, norm2, norm3] = &self.norms;
         let [attention1, attention2] = &self.attentions;
         let (y, tape1) = attention1.forward(&norm1.forward(x), text, lora);
+        // The two sums are inputs of the next normalisations, whose backward passes need them.
         let x2 = add(x, &y);
         let (y, tape2) = attention2.forward(&norm2.forward(&x2), text, lora);
         let x3 = add(&x2, &y);
@@ -215,6 +219,7 @@ impl Block {
             dy,
             &self.norms[2].backward(&tape.inputs[2], &self.expand.backward(&expanded)),
         );
+        // Each attention stands beside a shortcut, whose gradient is `d` itself.
         for i in [1, 0] {
             let normalised = self.attentions[i].backward(&tape.attentions[i], &d, lora, gradients);
             d = add(&d, &self.norms[i].backward(&tape.inputs[i], &normalised));

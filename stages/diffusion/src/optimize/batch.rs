@@ -134,6 +134,7 @@ impl Batch {
 
     /// The cameras, with zeros in place of those that `keep` drops.
     pub fn cameras_kept(&self, keep: impl Fn(u64) -> bool) -> Array {
+        // The last number of a camera-to-world matrix is 1, so that zeros can stand for no camera.
         let mut cameras = self.cameras.to_vec();
         for (_, camera) in (0..).zip(cameras.chunks_mut(16)).filter(|(i, _)| !keep(*i)) {
             camera.fill(0.0);

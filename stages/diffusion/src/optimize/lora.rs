@@ -49,6 +49,7 @@ impl LoraState {
         // One factor for all parameters keeps the gradient's direction.
         // A norm of 0 makes the factor infinite, and the minimum makes it 1 again.
         let clip = (MAX_NORM / norm).min(1.0) as f32;
+        // Both maps have the same names, so that they are walked in step.
         for ((name, values), moments) in self.parameters.iter_mut().zip(self.moments.values_mut()) {
             let gradient = elementwise::scale(&gradients[name], clip);
             update(&lora_adam(rate), values, &gradient, moments, self.steps);

@@ -97,6 +97,7 @@ impl<'a> Optimization<'a> {
         let step = self.state.step;
         let device = self.prior.device();
         let low = (self.prior.low_schedule(), self.options.noise_level);
+        // Guidance and the LoRA share the batch, so that its images are noised once a step.
         let batch = self.batches.at(step, self.views, low, device);
         // During the warm-up the LoRA alone learns: until it has, the networks' difference is
         // guidance between prompts and nothing else, which drifts.
@@ -214,6 +215,7 @@ impl<'a> Optimization<'a> {
         let step = self.state.step;
         let schedule = self.prior.schedule();
         let lora = self.state.lora.as_mut()?;
+        // After guidance has moved them: the LoRA learns what the latents look like now.
         let latent = batch.current(&self.state.residuals);
         // Timesteps of the whole schedule, whatever the guidance looks at: the annealing must not
         // find the LoRA untrained where it goes next.
@@ -236,6 +238,8 @@ impl<'a> Optimization<'a> {
         let target = schedule.velocity_target(&latent, &noise, &t);
         // Without a camera now and then, the LoRA learns what all views share, too.
         let cameras = batch.cameras_kept(|i| {
+            // Uniform numbers are below 1, so a share of 1 drops all cameras, and a share of 0
+            // none.
             self.streams.camera_drop.uniform(step, i) >= training.camera_drop as f32
         });
         let (loss, gradients) =

@@ -71,6 +71,7 @@ impl Residual {
                     gradient.into(),
                     optimizer,
                 );
+                // Rounded once, here: the step itself is computed in f64.
                 self.values[element + x] -= (rate * step) as f32;
             }
         }
@@ -83,6 +84,7 @@ impl Residual {
             return gradient;
         };
         let decayed = |old: f32, beta: f64, new: f64| beta * f64::from(old) + (1.0 - beta) * new;
+        // `descend` has counted this visit and beta is below 1, so nothing is divided by 0.
         let unbiased = |moment: f64, beta: f64| moment / (1.0 - beta.powi(visits as i32));
         let mean = decayed(self.mean[element], moments.beta1, gradient);
         let square = decayed(self.square[element], moments.beta2, gradient * gradient);

@@ -76,6 +76,7 @@ fn check(view: &ViewLatents, first: &ViewLatents) -> Result<(), String> {
             first.latent.shape()
         ));
     }
+    // Windows would have no pixels, and means over them would be 0 / 0.
     if view.latent.is_empty() {
         return Err(format!("has an empty latent, of shape {latent:?}"));
     }

@@ -26,6 +26,8 @@ impl Window {
         draw: impl Fn(u64, u32) -> u32,
     ) -> Self {
         let start = |axis: usize| {
+            // A window is no larger than the smallest view, so that the subtraction below cannot
+            // wrap.
             let centre = draw(axis as u64, view[axis] as u32) as usize;
             centre
                 .saturating_sub(size[axis] / 2)

@@ -35,6 +35,7 @@ pub(super) fn check(file: &TensorFile) -> Result<(), SingleFileError> {
         Err(SingleFileError::OtherModel { file, model, why })
     };
     let begins = |start: &str| file.names().any(|name| name.starts_with(start));
+    // Asked first, since Stable Diffusion 1 and XL put the same prefix before their UNets' names.
     if let Some((_, model, why)) = OTHERS.iter().find(|(start, ..)| begins(start)) {
         return other(model, (*why).to_owned());
     }
@@ -49,6 +50,7 @@ pub(super) fn check(file: &TensorFile) -> Result<(), SingleFileError> {
         let why = format!("it has no `model.diffusion_model.*`, its first tensor is `{first}`");
         return other("no model of latent diffusion", why);
     }
+    // Models of Stable Diffusion 2 have the upscaler's prefixes. This shape tells them apart.
     match channels(file) {
         Some((taken, latent)) if taken != latent + 3 => {
             let wanted = latent + 3;

@@ -49,6 +49,7 @@ impl SingleFile {
         }
         let bytes = FileBytes::map(path)?;
         let ending = path.extension().unwrap_or_default().to_string_lossy();
+        // By content and by ending: pickles from before PyTorch 1.6 are no zip archives.
         if bytes.starts_with(ZIP) || PICKLES.contains(&&*ending.to_ascii_lowercase()) {
             return Err(SingleFileError::Pickle { file: name }.into());
         }
@@ -72,6 +73,7 @@ impl SingleFile {
             "tokenizer/special_tokens_map.json" => known::special_tokens(),
             _ => return beside(&self.path, name).map_or(Ok(None), |path| map(&path)),
         };
+        // Messages name the real file, since nothing on disk is called as diffusers calls it.
         let shown = format!("{}, as {name}", self.tensors.name());
         let text = written.to_string().into_bytes();
         Ok(Some(FileBytes::in_memory(shown, text)))
@@ -88,6 +90,8 @@ impl SingleFile {
     /// Fails where the vocabulary is missing, or a part of it.
     pub fn check_vocabulary(&self) -> Result<(), ModelError> {
         let there = |table| self.path.with_file_name(table).is_file();
+        // The same choice as the tokenizer's: `tokenizer.json` counts only where there is no
+        // `vocab.json`.
         match VOCABULARY.map(there) {
             [true, _, true] | [_, true, false] => Ok(()),
             [false, _, true] => Err(self.missing("tokenizer/merges.txt")),

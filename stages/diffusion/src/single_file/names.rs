@@ -69,6 +69,8 @@ pub(super) fn prefix(network: Network) -> &'static str {
 /// The UNet counts through all blocks: first an image's convolution, then for each block its layers
 /// and the change of size behind them.
 fn unet(parts: &[&str], resnets: usize) -> Option<String> {
+    // Each block takes `resnets` + 1 places: the last of them halves on the way down, and is one
+    // ResNet layer more on the way up.
     let at = |block: &str, layer: usize| Some(number(block)? * (resnets + 1) + layer);
     let place = match *parts {
         ["conv_in", end] => format!("input_blocks.0.0.{end}"),
@@ -78,11 +80,16 @@ fn unet(parts: &[&str], resnets: usize) -> Option<String> {
         ["conv_norm_out", end] => format!("out.0.{end}"),
         ["conv_out", end] => format!("out.2.{end}"),
         ["down_blocks", block, "downsamplers", "0", "conv", end] => {
+            // Place 0 is the image's convolution, so that all places on the way down are one
+            // further on.
             format!("input_blocks.{}.0.op.{end}", at(block, resnets + 1)?)
         }
         ["up_blocks", block, "upsamplers", "0", "conv", end] => {
+            // 2, behind a ResNet layer and a transformer: the upscaler's only up block without
+            // transformers is the last, which does not enlarge.
             format!("output_blocks.{}.2.conv.{end}", at(block, resnets)?)
         }
+        // Behind the arm of `downsamplers`, which this pattern fits as well.
         ["down_blocks", block, kind, i, ref rest @ ..] => {
             let place = at(block, 1 + number(i)?)?;
             format!("input_blocks.{place}.{}", unet_layer(kind, rest)?)
@@ -183,6 +190,7 @@ fn text(parts: &[&str]) -> Option<String> {
                 ["mlp", "fc1", end] => format!("mlp.c_fc.{end}"),
                 ["mlp", "fc2", end] => format!("mlp.c_proj.{end}"),
                 ["self_attn", "out_proj", end] => format!("attn.out_proj.{end}"),
+                // All three projections lead here; `third` says which part of the rows is meant.
                 ["self_attn", _, end] => format!("attn.in_proj_{end}"),
                 _ => return None,
             };

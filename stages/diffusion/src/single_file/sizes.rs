@@ -55,6 +55,7 @@ pub(super) fn config(file: &TensorFile, network: Network) -> Result<Value, Singl
 /// Whether a network has tensors at a place. One is enough: another that is missing there is named
 /// when it is asked for.
 fn is_there(file: &TensorFile, network: Network, place: &str) -> bool {
+    // With the dot at its end, so that place 1 is not found in place 10.
     let place = format!("{}{place}.", prefix(network));
     file.names().any(|name| name.starts_with(&place))
 }
@@ -176,6 +177,8 @@ impl<'a> Blocks<'a> {
         let keys =
             format!("down_blocks.{block}.attentions.0.transformer_blocks.0.attn1.to_k.weight");
         let seen = self.shapes.extent(&keys, 1)?;
+        // Where image and text are equally wide, the keys' shape fits both, and only what is known
+        // decides.
         let only_one_fits = seen != self.channels(block)?;
         Ok(seen == self.text && (only_one_fits || known::looks_at_text(block, self.count)))
     }

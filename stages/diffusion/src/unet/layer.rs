@@ -120,6 +120,7 @@ impl Layer {
                 return LayerTape::Push;
             }
             Self::Pop => {
+                // Backwards the joined gradient is cut here again: [N, C + skip, H, W].
                 let tape = LayerTape::Pop(x.shape()[1]);
                 // The plan puts on the stack what it takes off, so there is always one.
                 let skip = walk.skips.pop();
@@ -155,6 +156,8 @@ impl Layer {
                     },
                     pass,
                 );
+                // The same operators on the same input give the same bits, so the gradient does not
+                // depend on what was kept.
                 return self.backward(tape, walk, pass, gathered, input);
             }
             (Self::Resnet(resnet), LayerTape::Resnet(tape)) => {

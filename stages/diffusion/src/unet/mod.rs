@@ -135,6 +135,8 @@ impl Unet {
             .layers
             .iter()
             .position(|layer| matches!(layer, Layer::Transformer(_)));
+        // Without an attention no layer knows the text. Then nothing is shared, and each text walks
+        // all of it.
         let (shared, rest) = self.layers.split_at(shared.unwrap_or(0));
         let mut walk = self.enter(input);
         if let Some(text) = texts.first() {
@@ -143,6 +145,7 @@ impl Unet {
                 .for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
         }
         let finish = |text: &&TextContext| {
+            // Arrays are shared and not copied, so that a clone of the stack costs little.
             let mut walk = walk.clone();
             rest.iter()
                 .for_each(|layer| drop(layer.forward(&mut walk, &Pass::new(&time, text, input))));
@@ -217,6 +220,8 @@ impl Unet {
             lora: LoraGradients::default(),
             time,
         };
+        // Tapes are handed over one by one and dropped when they are used: memory falls along the
+        // way.
         for (i, (layer, kept)) in self.layers.iter().zip(tape.layers).enumerate().rev() {
             if first.is_some_and(|first| i >= first) {
                 layer.backward(
@@ -233,6 +238,7 @@ impl Unet {
         if let (Some(lora), Some(time)) = (input.lora, &gathered.time) {
             gradients.camera = self.time.backward(&tape.time, time, lora);
         }
+        // [N, C, h, w], with the channels of the low-resolution image.
         gradients.sample = sample.then(|| self.conv_in.backward(&walk.x, tape.size));
         gradients
     }

@@ -46,6 +46,7 @@ impl Kept {
                 return;
             };
             self.bytes -= largest.bytes();
+            // A reduced tape counts no bytes, so that the loop ends.
             largest.reduce();
         }
     }

@@ -47,6 +47,7 @@ impl TimeTape {
 impl TimeEmbedding {
     pub fn read(root: &Scope, config: &UnetConfig) -> Result<Self, ModelError> {
         let first = config.block_out_channels[0];
+        // Four times the first block's width is fixed in diffusers' UNet.
         let width = 4 * config.block_out_channels[0];
         let linear_1 = Linear::read(&root.at("time_embedding.linear_1"), first, width)?;
         let class = |count| root.weight("class_embedding.weight", &[count, width]);
@@ -121,6 +122,8 @@ impl TimeEmbedding {
 
 /// 10000^(-i / (count - shift)).
 fn frequencies(count: usize, shift: f32) -> Vec<f32> {
+    // Multiplied before it is divided, all in f32: the roundings of diffusers'
+    // `get_timestep_embedding`.
     let exponent = |i| -(10000f64.ln() as f32) * i as f32 / (count as f32 - shift);
     (0..count).map(|i| exponent(i).exp()).collect()
 }

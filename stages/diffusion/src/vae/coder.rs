@@ -63,6 +63,7 @@ impl Coder {
         stack.close(
             scope,
             config.in_channels,
+            // Means, and behind them the logarithms of variances.
             2 * config.latent_channels,
             widths[0],
         )
@@ -118,6 +119,8 @@ impl Layer {
             }
             Self::Attention(attention) => attention.forward(x, walk),
             Self::Downsample(downsample) => downsample.forward(x),
+            // A decoder knows no size that was halved, so it doubles; what is too much is cropped
+            // by `decode_latent`.
             Self::Upsample(upsample) => upsample.forward(x, [2 * x.shape()[2], 2 * x.shape()[3]]),
         }
     }

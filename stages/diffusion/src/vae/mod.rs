@@ -53,6 +53,7 @@ impl Vae {
     /// Reads the autoencoder. Fails if the file does not hold exactly the tensors that the
     /// configuration asks for.
     fn read(config: VaeConfig, mut weights: Weights) -> Result<Self, ModelError> {
+        // Before anything is read: the layers ask by today's names.
         weights.rename(current_name);
         let root = weights.root();
         let latent = config.latent_channels;
@@ -134,6 +135,7 @@ impl Vae {
             image,
             [height, width].map(|extent| extent.next_multiple_of(factor)),
         );
+        // In latent pixels, so that a tile's border never cuts one in two.
         let tiling = Tiling::new(
             [height.div_ceil(factor), width.div_ceil(factor)],
             self.tile(tile),
@@ -159,6 +161,7 @@ impl Vae {
                 self.decode_by(&crop(latent, top, left, h, w), statistics)
             })
         });
+        // What `encode_image` added by reflection goes.
         crop(&image, 0, 0, size[0], size[1])
     }
 
@@ -198,6 +201,7 @@ fn continued(image: &Array, to: [usize; 2]) -> Array {
 
 /// Attention layers of files from before diffusers 0.18 have other names.
 fn current_name(name: &str) -> String {
+    // The autoencoder has such parts of names in its attentions only.
     let renamed = [
         (".query.", ".to_q."),
         (".key.", ".to_k."),

@@ -87,6 +87,7 @@ impl Tiling {
     ) -> Array {
         let [rows, columns] = &self.axes;
         let tile = [rows.tile, columns.tile];
+        // One tile sees the whole image: its own statistics are right, and one pass will do.
         if rows.starts.len() * columns.starts.len() == 1 {
             return compute([0, 0], tile, &mut Statistics::Own);
         }
@@ -139,6 +140,7 @@ impl Canvas {
         let (sums, _) = self
             .sums
             .get_or_insert_with(|| (vec![0.0; planes * height * width], tile.clone()));
+        // [N, C, h, w]: rows come one behind the other, then planes.
         for (row, values) in tile.to_vec().chunks_exact(column_share.len()).enumerate() {
             let plane = row / row_share.len();
             let y = row % row_share.len();

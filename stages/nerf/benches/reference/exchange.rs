@@ -25,6 +25,7 @@ pub fn reference(python: &OsStr, task: &Task) -> Result<Outcome, Box<dyn Error>>
         .stdout(Stdio::piped())
         .spawn()?;
     let output = BufReader::new(child.stdout.take().ok_or("the reference has no output")?);
+    // Read to its end before the child is waited for: one whose pipe is full would never end.
     let marks = output
         .lines()
         .map(|line| Ok(serde_json::from_str(&line?)?))

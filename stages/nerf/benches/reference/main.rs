@@ -102,6 +102,7 @@ fn train(task: &Task) -> Outcome {
             images = looks.into_iter().map(|look| look.rgb).collect();
             let rays_a_second = rays as f64 / rendering;
             let samples_a_second = rendered as f64 / rendering;
+            // Outside the clocks of training and of rendering.
             let psnr = psnr(task, &images);
             marks.push(Mark {
                 step,

@@ -82,6 +82,7 @@ impl Task {
             .map(|photo| before(photo, background))
             .collect();
         let marks = (1..=looks)
+            // Squares: early steps change most, and looks at them show how fast.
             .map(|i| options.steps * i * i / (looks * looks))
             .collect();
         let bounds = scene.bounds.map(|corner| corner.map(|x| x as f32));
@@ -169,6 +170,8 @@ fn object_folder() -> Result<PathBuf, Box<dyn Error>> {
         let scene = object(views, (side, side), 2, 0);
         let fresh = tempfile::tempdir_in(parent)?;
         write_transforms(fresh.path(), &scene.photos, &scene.test, scene.bounds)?;
+        // In place by one rename, so that a run that was killed leaves no half of it under this
+        // name.
         std::fs::rename(fresh.keep(), &folder)?;
     }
     Ok(folder)

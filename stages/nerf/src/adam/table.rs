@@ -95,6 +95,7 @@ pub fn update_sparse(
         "update_sparse: sizes differ"
     );
     assert!(
+        // Eight entries of two features are the 16 lanes of the widest vector.
         table.len().is_multiple_of(8),
         "update_sparse: a group is not whole"
     );
@@ -144,6 +145,7 @@ impl WithSimd for UpdateSparse<'_> {
             .chunks_mut(CHUNK)
             .zip(self.gradient.chunks_mut(CHUNK));
         for (mut part, (table, gradient)) in state.zip(tables) {
+            // First of all, since it reads which gradients there are, and `descend` clears them.
             let rates = rates(gradient, part.steps, self.rate);
             part.descend(simd, gradient, &rates);
             pack_halves(part.values.as_flattened(), table.as_flattened_mut());
@@ -159,6 +161,7 @@ fn rates(gradient: &[[f32; FEATURES]], steps: &mut [u16], rate: f32) -> [[f32; F
     // Both bits are shifted out of their signs, since -0 is no gradient either.
     let moves = |[a, b]: &[f32; FEATURES]| u16::from((a.to_bits() | b.to_bits()) << 1 != 0);
     for (steps, gradient) in steps.iter_mut().zip(gradient) {
+        // It stops where corrections end, so that 16 bits are enough for any number of steps.
         *steps = (*steps + moves(gradient)).min(CORRECTED as u16);
     }
     for ((rates, steps), gradient) in rates.iter_mut().zip(steps).zip(gradient) {

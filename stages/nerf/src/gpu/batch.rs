@@ -33,6 +33,7 @@ impl Batch {
         let gpu = &resident.gpu;
         let count = trainer.pixels as usize;
         let drawn: Vec<(Vec<[f32; RAY]>, [f32; PIXEL])> = (0..count)
+            // In the pixels' order whatever the threads, since a parallel collection keeps it.
             .into_par_iter()
             .map(|element| pixel(trainer, element))
             .collect();

@@ -61,6 +61,8 @@ impl Moments {
         let rate = host.options.rate_after(host.step);
         let step = NetworkStep {
             parts: PARTS,
+            // All weights have taken the same number of steps, so that one correction does for
+            // them.
             rate: (rate * correction(host.step as i32 + 1)) as f32,
             l2: host.options.l2 as f32,
         };
@@ -98,6 +100,7 @@ impl Moments {
     pub fn fetch(&self, gpu: &Gpu, host: &mut Trainer) {
         let entries = host.field.table.len();
         let weights = host.field.network.weights.len();
+        // Arrays come back as f32; here only their bits count.
         let words = |buffer: &Buffer| gpu.read(buffer, entries).into_iter().map(f32::to_bits);
         let packed = |buffer: &Buffer| {
             words(buffer)

@@ -6,8 +6,10 @@ use crate::network::{Layer, Network};
 use compute::kernels::Kernel;
 
 /// Quads of samples that a workgroup works on together.
+// 64 samples of 64 rows of 4 bytes are 16 KiB of a workgroup's memory.
 const QUADS: u32 = 16;
 /// The same where all activations of a sample stay in the workgroup.
+// 16 samples of 272 rows are 17 KiB; 32 would be more than the 25 KiB that are asked of adapters.
 const QUADS_BACKWARD: u32 = 4;
 /// Rows of features of the widest layer.
 const WIDEST: u32 = 64;
@@ -138,6 +140,7 @@ fn backward(shape: &[(&'static str, u32)], encoding: u32) -> Vec<(&'static str, 
         ("SECOND", 64),
         ("OUT", 16),
     ] {
+        // One layer behind the other: nothing is overwritten before its gradient is known.
         constants.push((name, end));
         end += rows;
     }

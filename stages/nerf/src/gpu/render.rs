@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use std::convert::Infallible;
 
 /// Rays that come back from the device together.
+// What they see takes 32 bytes each, so that 8 MiB come back together.
 const ROUND: usize = 1 << 18;
 
 /// Renders a field on a device, one image after the other.
@@ -65,6 +66,7 @@ impl<'f> Renderer<'f> {
 fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
     let numbers: Vec<[f32; RAY]> = segments
         .par_iter()
+        // Without jitter, so that an image is the same each time.
         .map(|segment| ray(segment, 0.0, 0, 0))
         .collect();
     let gpu = &resident.gpu;

@@ -51,6 +51,7 @@ impl Resident {
             gpu: gpu.clone(),
             cells,
         };
+        // The bits follow from the values that were just moved.
         resident.refresh();
         resident
     }
@@ -72,6 +73,7 @@ impl Resident {
             operations: 0,
         });
         let arrays = [&self.values, &threshold, &self.bits];
+        // An invocation writes a word of 32 cells by itself, so that no atomics are needed.
         let groups = folded(self.cells.div_ceil(32 * 256));
         gpu.run(&Job {
             kernel: &programs.occupy,
@@ -152,5 +154,6 @@ fn most_steps(field: &Field) -> usize {
         .map(|side| side * side)
         .sum::<f32>()
         .sqrt();
+    // No step is shorter than the shortest, and no ray longer than the diagonal.
     (diagonal / field.stride().shortest).ceil() as usize + 2
 }

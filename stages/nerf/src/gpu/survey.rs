@@ -62,6 +62,7 @@ impl Survey {
     fn draw(&self, resident: &Resident, rng: &Rng, round: u32) -> Buffer {
         let gpu = &*resident.gpu;
         let [low, high] = rng.key();
+        // A set, so that a cell that is drawn twice is looked at once.
         let marked = zeros(gpu, self.words);
         let occupied = scan(resident, &resident.bits, self.words);
         for (part, set) in [
@@ -70,6 +71,8 @@ impl Survey {
         ] {
             let draw = Draw {
                 words: self.words as u32,
+                // As on the CPU: an update has four steps of the stream, the first for points and
+                // the last for draws.
                 step: 4 * round + 3,
                 part,
                 key_low: low,

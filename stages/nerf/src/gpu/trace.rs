@@ -63,6 +63,7 @@ pub fn ray(segment: &Segment, jitter: f32, pixel: usize, within: usize) -> [f32;
         z,
         end,
         jitter,
+        // Exact: batches have at most 2^16 rays.
         pixel as f32,
         within as f32,
         0.0,
@@ -80,6 +81,8 @@ pub fn start<P: Params>(gpu: &Gpu, kernel: &Kernel<P>, arrays: &[&Buffer], param
         arrays,
         params,
         groups: [groups, 1, 1],
+        // Work depends on samples, of which the host does not know the number: `work` accounts for
+        // it afterwards.
         operations: 0,
     });
 }
@@ -143,6 +146,8 @@ impl Resident {
         // One vector more, in front: it holds how many samples there are.
         let samples = gpu.buffer(4 * (1 + room));
         let raw = gpu.buffer(4 * room);
+        // Samples are marched a second time instead of kept: only now is it known where each ray's
+        // begin.
         let gather = [
             &rays.buffer,
             &self.bits,

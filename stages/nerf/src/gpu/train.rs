@@ -96,6 +96,7 @@ impl GpuTrainer {
                 &self.host.survey_rng,
                 round,
             );
+            // The host counts, since the step of the random numbers follows from it.
             self.host.field.occupancy.updates += 1;
         }
         // Now, so that the device works while the host waits for the loss.
@@ -141,6 +142,7 @@ impl GpuTrainer {
             ];
             start(gpu, &programs.backward, &arrays, traced.pass, PARTS);
         }
+        // Without a pass nothing was asked for yet.
         let asked = asked.unwrap_or_else(|| gpu.request(&stats, 4));
         (stats, asked)
     }
@@ -224,6 +226,7 @@ impl GpuTrainer {
         host.field.table = entries(table.into_iter().map(f32::to_bits));
         host.field.network.weights = gpu.read(&resident.weights, weights);
         host.field.occupancy.values = gpu.read(&resident.values, resident.cells);
+        // What follows from the values is not read back but made anew.
         host.field.occupancy.refresh();
     }
 }

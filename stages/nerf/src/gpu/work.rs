@@ -50,6 +50,7 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
         .sum();
     let entries: usize = levels.iter().map(|level| level.entries).sum();
     let parts = PARTS as usize * weights * 4;
+    // Bytes: a ray has 64, what it sees 32, a sample 16, its raw numbers 16, a pixel 32, a count 4.
     let works = [
         ("look", looked * look, looked * corners + rays * 68),
         ("scan", 0, rays * 8),
@@ -76,6 +77,8 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
             PARTS as usize * weights,
             parts + weights * 28,
         ),
+        // All gradients are read. Of entries that have one, values, moments, counts and halves
+        // change too.
         ("Adam, table", 0, entries * 16 + touched * 60),
     ];
     let work = |(name, operations, bytes)| {

@@ -196,6 +196,7 @@ fn add_dot<'a, S: Simd, const R: usize, const V: usize>(
     first: usize,
 ) {
     assert!(a.len() == R * a_width, "product: a tile of a");
+    // `b` ends with the inner extent: what rows of `a` have beyond it is not looked at.
     for (k, b) in (0..a_width).zip(b) {
         // sum[R][V] += a[R][k] b[k][V]: R broadcasts and V loads for R V fused multiply-adds.
         let b: [S::f32s; V] = std::array::from_fn(|v| b[first + v]);

@@ -25,6 +25,7 @@ pub fn positions_backward(
 /// The gradient of one position. Within a cell a feature is linear along each axis; on its faces
 /// the slope is that of the cell that the look-up takes.
 fn slope(level: &Level, table: &[Entry], position: [f32; 3], d: [f32; FEATURES]) -> [f32; 3] {
+    // The look-up's own shift, so that both take the same cell.
     let place = position.map(|x| x * level.scale + 0.5);
     let cell = place.map(|x| x as i32 as u32);
     let fraction = place.map(|x| x - (x as i32) as f32);

@@ -20,6 +20,7 @@ fn main(
         let v = p.beta2 * square[i] + (1.0 - p.beta2) * g * g;
         new_mean[i] = m;
         new_square[i] = v;
+        // Bias corrections are in `rate` and `root`, as on the CPU.
         new_parameter[i] = parameter[i] * p.keep - p.rate * m / (sqrt(v) * p.root + p.eps);
     }
 }

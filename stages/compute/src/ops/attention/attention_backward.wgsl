@@ -16,11 +16,13 @@ fn weight(which: u32, query: u32, key: u32, score: f32) -> f32 {
     if (!sees(query, key)) {
         return 0.0;
     }
+    // `lse` is the logarithm of the row's sum: this is the softmax without another walk.
     return exp(score * p.scale - lse[place(which, query)]);
 }
 
 // The gradient to a score, by the gradient to the key's weight.
 fn score_gradient(which: u32, query: u32, weight: f32, gradient: f32) -> f32 {
+    // Also for places beyond the last query, which have no delta.
     if (weight == 0.0) {
         return 0.0;
     }

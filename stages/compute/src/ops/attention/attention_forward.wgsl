@@ -69,6 +69,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
     }
     for (var i = 0u; i < 4u; i++) {
         let row = row0 + ty * 4u + i;
+        // All slices and all invocations of a row have the same sums: one of them writes.
         if (row < p.queries && tx == 0u && group.z == 0u) {
             let token = group.y / p.heads * p.queries + row;
             lse[token * p.heads + group.y % p.heads] = most[i] + log(total[i]);

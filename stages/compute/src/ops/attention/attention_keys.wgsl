@@ -12,6 +12,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
     var value_${j}_${i} = vec4f();
 #end
 #end
+    // Earlier queries see none of these keys.
     let first = select(0u, row0, p.causal == 1u);
     for (var column0 = first; column0 < p.queries; column0 += 64u) {
 #for i 4
@@ -33,6 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
 #for j ${SLICES}
 #use gathered X=dout SUM=value SLICE=${j}
 #end
+        // The tile of weights is still being read.
         workgroupBarrier();
 #for i 4
         {

@@ -10,6 +10,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t:
     var sum_${j}_${i} = vec4f();
 #end
 #end
+    // No row of the tile sees a key beyond its own last one.
     let end = select(p.keys, min(p.keys, row0 + 64u), p.causal == 1u);
     for (var column0 = 0u; column0 < end; column0 += 64u) {
 #for i 4

@@ -72,6 +72,7 @@ fn operations(e: Extents) -> u64 {
 
 /// The attended values, and the logarithm of the sum of the exponentials of each query's scores.
 pub fn forward(gpu: &Gpu, [q, k, v]: [&Buffer; 3], e: Extents) -> [Buffer; 2] {
+    // Four slices are 64 sums in each invocation's registers.
     let (slices, groups) = shape(e, e.queries, 4);
     let kernel = Kernel::new(
         "attention",

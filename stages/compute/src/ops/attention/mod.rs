@@ -41,6 +41,7 @@ fn extents(op: &str, q: &Array, k: &Array, v: &Array, heads: usize, causal: bool
         heads > 0 && width % heads == 0,
         "{op}: {width} features do not divide into {heads} heads"
     );
+    // A softmax over no keys has no value.
     assert!(
         keys > 0 && (!causal || queries == keys),
         "{op}: {queries} queries, {keys} keys, causal: {causal}"

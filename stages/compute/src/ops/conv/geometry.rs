@@ -64,6 +64,7 @@ impl Geometry {
             padded_height >= kernel[0] && padded_width >= kernel[1],
             "{op}: the kernel {kernel:?} exceeds the padded input {padded_height}x{padded_width}"
         );
+        // Rounded down, as in PyTorch: pixels behind the last whole step are not seen.
         let out_height = (padded_height - kernel[0]) / conv.stride + 1;
         let out_width = (padded_width - kernel[1]) / conv.stride + 1;
         Geometry {

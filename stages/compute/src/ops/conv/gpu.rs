@@ -62,6 +62,7 @@ pub fn forward_product<'a>(
     Product {
         bias: bias.map(|bias| (bias, Along::Rows)),
         extents: [g.outputs, depth, g.batch * pixels],
+        // Weights lie along the depth; images along their pixels, which are the columns.
         depth_first: [true, false],
         pixels,
         strides: [depth, 1, 0, 0],

@@ -81,6 +81,7 @@ pub fn conv2d_backward_input(
     let weight = weight.into();
     let [n, _, _, _] = nchw(op, dy);
     let [o, c, kh, kw] = kernels(op, &weight);
+    // With a stride, inputs of several sizes have outputs of one size, so `dy` does not tell it.
     let geometry = Geometry::new(op, [n, c, size[0], size[1]], o, [kh, kw], conv);
     geometry.expect_output(op, dy.shape());
     match dy.device().backend() {

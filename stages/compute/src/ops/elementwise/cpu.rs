@@ -85,8 +85,10 @@ pub fn binary(function: Binary, x: &[f32], y: &[f32]) -> Buffer {
 /// A number from all elements: chunk by chunk, then over the chunks in their order.
 pub fn reduce(reduction: Reduction, x: &[f32]) -> f64 {
     match reduction {
+        // In f64, since a long sum in f32 loses the last digits of what it adds.
         Reduction::Sum => fold(x, f64::from, |a, b| a + b),
         Reduction::SumOfSquares => fold(x, |x| f64::from(x) * f64::from(x), |a, b| a + b),
+        // `f64::max` passes over NaN.
         Reduction::MaxAbs => fold(x, |x| f64::from(x.abs()), f64::max),
     }
 }

@@ -13,6 +13,7 @@ fn main(
 ) {
     let block = group.y * groups.x + group.x;
     var value = 0.0;
+    // Neighbours read neighbouring numbers, 256 apart from one round to the next.
 #for step 16
     if (block * 4096u + ${step}u * 256u + local < p.len) {
         value = join(value, term(x[block * 4096u + ${step}u * 256u + local]));

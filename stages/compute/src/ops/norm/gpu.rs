@@ -72,6 +72,7 @@ impl Launch {
             groups: g.groups as u32,
             eps: g.eps,
         };
+        // A kernel of its own: a group takes many workgroups, which cannot wait for each other.
         let moments = one(
             gpu,
             &kernel,
@@ -143,6 +144,7 @@ pub fn group_backward(
     );
     let reads = [x, gamma, beta, &launch.moments, dy];
     let kernel = kernel.having(launch.head.clone());
+    // For the same reason: each element's gradient needs sums over its whole group.
     let sums = one(
         gpu,
         &kernel,

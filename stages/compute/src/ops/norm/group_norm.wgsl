@@ -17,6 +17,7 @@ fn moments(which: u32, local: u32) -> vec2f {
     for (var c = local; c < p.chunks; c += 256u) {
         let m = chunk_moments[which * p.chunks + c];
         let d = m.x - mean;
+        // Chan et al.: squares about the chunk's own mean, and what moves them to the common one.
         square += fma(d * d, f32(min(4096u, p.size - c * 4096u)), m.y);
     }
     let variance = sum_all(local, vec2f(square, 0.0)).x / f32(p.size);

@@ -90,6 +90,7 @@ impl Filter {
 /// Every pixel that the output pixel touches, with equal weights.
 fn area(i: usize, from: usize, to: usize) -> Window {
     let first = i * from / to;
+    // A pixel that is touched in part counts in full, as PyTorch has it.
     let end = ((i + 1) * from).div_ceil(to);
     Window {
         first,
@@ -105,6 +106,7 @@ fn repeated(
     reach: isize,
     kernel: impl Fn(f64) -> f64,
 ) -> Window {
+    // Centres lie at half-integers in both images; indices count from the first centre.
     let centre = (i as f64 + 0.5) * scale - 0.5;
     let base = centre.floor() as isize - reach + 1;
     let clamped = |k: isize| (base + k).clamp(0, from as isize - 1) as usize;

@@ -38,6 +38,7 @@ fn along(gpu: &Gpu, x: &Buffer, [outer, from, inner]: [usize; 3], taps: &Taps) -
     let mut weights = Vec::new();
     let mut windows = Vec::new();
     for window in &taps.windows {
+        // First pixel, first weight, how many: three words a window.
         windows.extend([
             window.first as u32,
             weights.len() as u32,

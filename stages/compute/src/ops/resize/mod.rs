@@ -58,6 +58,7 @@ pub fn resize_backward(
         "resize_backward: {:?} from {h_in}x{w_in}",
         dy.shape()
     );
+    // Resampling is linear in the pixels, so its gradient is the transpose.
     let [vertical, horizontal] =
         [(h_in, h), (w_in, w)].map(|(from, to)| filter.taps(from, to, antialias).transposed(from));
     match dy.device().backend() {

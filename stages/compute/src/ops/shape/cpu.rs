@@ -14,6 +14,7 @@ const BLOCK: usize = 32;
 pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> Buffer {
     let row: usize = parts.iter().map(|(_, len)| len).sum();
     let mut out = Buffer::stale(outer * row);
+    // `chunks_mut` refuses 0, which the length of an empty array's rows is.
     for (i, mut out) in out.chunks_mut(row.max(1)).enumerate() {
         for (values, len) in parts {
             let (part, rest) = out.split_at_mut(*len);
@@ -34,6 +35,7 @@ pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Buffer
 }
 
 fn copy(from: &[f32], to: &mut [f32]) {
+    // By chunks, since a single image is often a single row: all threads share it.
     fill(to, CHUNK, |i, to| {
         to.copy_from_slice(&from[i * CHUNK..][..to.len()])
     });

@@ -239,6 +239,7 @@ pub fn pad_reflect(gpu: &Gpu, x: &Buffer, [planes, h, w]: [usize; 3], pad: [usiz
         height: height as u32,
         width: width as u32,
     };
+    // Unsigned numbers have no negative difference, so the larger is told first.
     let functions = "fn mirrored(i: u32, before: u32, len: u32) -> u32 {
     let distance = max(i, before) - min(i, before);
     return select(2u * (len - 1u) - distance, distance, i < before || distance < len);

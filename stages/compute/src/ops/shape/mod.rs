@@ -207,6 +207,7 @@ pub fn pixel_unshuffle(x: &Array, factor: usize) -> Array {
 pub fn pad_reflect(x: &Array, pad: [usize; 4]) -> Array {
     let [n, c, h, w] = nchw("pad_reflect", x);
     let [top, bottom, left, right] = pad;
+    // Mirrored once only: beyond that an index would leave the image.
     let fits = top.max(bottom) < h && left.max(right) < w;
     assert!(fits, "pad_reflect: {pad:?} around {:?}", x.shape());
     match x.device().backend() {
@@ -232,6 +233,7 @@ pub fn crop(x: &Array, top: usize, left: usize, height: usize, width: usize) -> 
 pub fn gather_rows(table: impl Into<Weight>, ids: &[u32]) -> Array {
     let table = table.into();
     let [rows, depth] = matrix("gather_rows", &table);
+    // Here, since a kernel on a GPU has no way to tell.
     assert!(
         ids.iter().all(|&id| (id as usize) < rows),
         "gather_rows: an id is beyond the {rows} rows"

@@ -93,6 +93,7 @@ impl Buffer {
 
     /// `len` zeros.
     pub fn zeros(len: usize) -> Buffer {
+        // `vec!` asks for zeroed memory, so that nothing is filled twice.
         if len < SMALLEST {
             return Buffer::aligned(vec![0.0; len + ALIGNMENT - 1], len);
         }

@@ -52,6 +52,7 @@ pub fn erf(x: f32) -> f32 {
         square; -9.673_59e-6, 1.126_825_4e-4, -8.484_396e-4, 5.221_053_5e-3, -2.686_543_8e-2, 0.112_837_83,
         -0.376_126_38, FRAC_2_SQRT_PI,
     );
+    // Maps 0 to infinity onto 1 to 0, where a polynomial can follow.
     let t = 2.0 / (2.0 + magnitude);
     let outer = polynomial!(
         t; -1.133_854e-2, -2.819_593_4e-2, 0.268_488_6, -0.524_538_76, 0.347_045_87, -7.931_277e-2, 0.225_032_69,
@@ -60,6 +61,7 @@ pub fn erf(x: f32) -> f32 {
     let near = magnitude * inner;
     // Both branches are computed and one is taken: a jump would end the vectors.
     let far = 1.0 - exp(-square) * t * outer;
+    // Odd: the fits are for positive numbers.
     (if magnitude < 1.0 { near } else { far }).copysign(x)
 }
 
@@ -85,6 +87,7 @@ pub fn silu(x: f32) -> f32 {
 #[inline(always)]
 pub fn silu_slope(x: f32) -> f32 {
     let s = sigmoid(x);
+    // The derivative of s is s (1 - s).
     s * (1.0 + x * (1.0 - s))
 }
 

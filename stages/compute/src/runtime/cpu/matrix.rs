@@ -160,6 +160,7 @@ impl<'a> MatrixMut<'a> {
             self.rows,
             self.columns
         );
+        // Of no rows at all the start may lie beyond the end.
         let offset = if rows.is_empty() {
             0
         } else {

@@ -57,6 +57,7 @@ impl Cut {
             self.matrices * self.rows * self.columns,
             "matrix: the stack does not fill its values"
         );
+        // An extent of 0 would be divided by.
         if out.is_empty() {
             0
         } else {

@@ -26,6 +26,7 @@ impl Level {
     /// The level that all kernels of this process use: the widest that the processor has and
     /// `COMPUTE_SIMD` permits.
     pub fn current() -> Level {
+        // Asked once: all kernels of a process use one level, or their bits would not go together.
         static CURRENT: OnceLock<Level> = OnceLock::new();
         *CURRENT.get_or_init(|| match std::env::var(LIMIT).as_deref() {
             Ok("portable") => Level::Portable,

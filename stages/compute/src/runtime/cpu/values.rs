@@ -23,6 +23,7 @@ pub enum Values<'a> {
 impl<'a> Values<'a> {
     pub fn new(format: Format, bytes: &'a [u8]) -> Self {
         match format {
+            // As bytes, since a mapped tensor may lie at any address.
             Format::F32 => Values::Bytes(bytes.as_chunks().0),
             Format::F16 => Values::F16(bytes.as_chunks().0),
             Format::Bf16 => Values::Bf16(bytes.as_chunks().0),

@@ -80,6 +80,7 @@ pub fn find() -> Result<Vec<Found>, GpuError> {
 
 /// Why no adapter was found: whether the loader of the drivers is missing, or drivers are.
 fn absence(instance: &wgpu::Instance) -> String {
+    // A list that is empty gives no reason, and this call's error gives it as text only.
     match pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())) {
         Err(error) if error.to_string().contains("vulkan drivers/libraries could not be loaded") => {
             "the Vulkan loader cannot be loaded; on Linux it is libvulkan.so.1, which Debian and Ubuntu have in libvulkan1".into()

@@ -175,6 +175,8 @@ impl Gpu {
     pub(super) fn hand_over(&self, work: &mut Work) -> Option<wgpu::SubmissionIndex> {
         let submission = work.recorder.submit(&self.queue)?;
         work.counts.submissions += 1;
+        // From here on the host may write into what this batch used: its writes come behind it in
+        // the queue.
         self.pool.next_batch();
         Some(submission)
     }
@@ -197,6 +199,7 @@ impl Gpu {
         }) {
             self.fail(GpuError::Lost(error.to_string()));
         }
+        // A fault may have been told of while waiting.
         self.check();
     }
 }

@@ -38,6 +38,7 @@ impl<P: Params> Each<'_, P> {
         let out = gpu.buffer(len);
         let reads = self.reads.iter().map(|(_, buffer)| *buffer);
         let arrays: Vec<&Buffer> = reads.chain([&out]).collect();
+        // Before the other parameters, as `knowing_length` declares it.
         let length = (len as u32).to_ne_bytes();
         gpu.run_command(&Command {
             source: kernel.source(),

@@ -16,6 +16,7 @@ pub type Fault = Arc<Mutex<Option<GpuError>>>;
 pub fn attempt<T>(run: impl FnOnce() -> T) -> Result<T, GpuError> {
     catch_unwind(AssertUnwindSafe(run)).map_err(|load| match load.downcast::<GpuError>() {
         Ok(error) => *error,
+        // Any other panic is a bug, and goes on as one.
         Err(panic) => resume_unwind(panic),
     })
 }

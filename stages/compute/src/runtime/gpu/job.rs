@@ -88,6 +88,7 @@ impl Gpu {
     }
 
     fn record(&self, command: &Command) {
+        // Whoever goes on after a fault is stopped at the next command.
         self.check();
         assert!(
             command.groups.iter().all(|&count| count <= GROUPS),
@@ -126,6 +127,7 @@ impl Gpu {
 
     /// The pipeline of a command whose arrays lie in so many pieces in all.
     fn pipeline(&self, known: &mut Pipelines, command: &Command, pieces: usize) -> Pipeline {
+        // Each piece takes a binding, of which an adapter has few.
         let pipeline = if pieces > self.bindings {
             None
         } else {

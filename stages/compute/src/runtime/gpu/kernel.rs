@@ -104,6 +104,7 @@ impl Source {
             split(&text, &pieces.counts, pieces.window)?
         };
         Some(if self.halves {
+            // WGSL wants it before all declarations.
             format!("enable f16;\n{text}")
         } else {
             text

@@ -33,6 +33,7 @@ pub fn one<P: Params>(
         kernel,
         arrays: &arrays,
         params,
+        // Nothing to write, though the buffer has room for one number.
         groups: if len == 0 { [0; 3] } else { groups },
         operations,
     });

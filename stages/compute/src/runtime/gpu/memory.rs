@@ -104,6 +104,7 @@ impl Gpu {
         let submission = self.hand_over(&mut work);
         work.counts.read_backs += 1;
         drop(work);
+        // Answered once the commands are done, which `receive` waits for.
         staging.map_async(wgpu::MapMode::Read, .., |_| ());
         Requested {
             staging,

@@ -37,6 +37,7 @@ impl Pipelines {
         source: &Source,
         pieces: &Pieces,
     ) -> Option<Pipeline> {
+        // The counts alone tell pieces apart: a device has one window.
         let known = self.pipelines.get(source);
         if let Some(pipeline) = known.and_then(|known| known.get(&pieces.counts)) {
             return Some(pipeline.clone());

@@ -34,6 +34,7 @@ impl Drop for Buffer {
         idle.in_use -= self.raw.size();
         let waiting = Waiting {
             raw: self.raw.clone(),
+            // Commands recorded up to now may use it.
             batch: idle.batch,
         };
         idle.buffers

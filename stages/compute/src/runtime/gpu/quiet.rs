@@ -34,6 +34,7 @@ impl Aside {
     fn begin() -> std::io::Result<Self> {
         use std::os::fd::AsFd;
         let stderr = std::io::stderr().as_fd().try_clone_to_owned()?;
+        // A file and no pipe, which would block a talkative driver once it is full.
         let file = tempfile::tempfile()?;
         rustix::stdio::dup2_stderr(&file)?;
         Ok(Self { stderr, file })

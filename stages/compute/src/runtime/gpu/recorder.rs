@@ -84,6 +84,7 @@ impl Recorder {
             "a kernel's parameters have at most {SLOT} bytes"
         );
         self.slots.extend_from_slice(params);
+        // Slots are apart by the alignment, whatever the parameters' length.
         self.slots.resize(offset + SLOT, 0);
         let group = bind(device, pipeline, &self.parameters, pieces);
         let encoder = self
@@ -138,6 +139,7 @@ fn bind(
     let parameters = Piece {
         buffer: parameters,
         offset: 0,
+        // One slot: the dynamic offset says which.
         bytes: SLOT as u64,
     };
     let entries: Vec<_> = std::iter::once(&parameters)

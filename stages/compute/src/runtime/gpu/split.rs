@@ -37,6 +37,7 @@ pub fn split(text: &str, pieces: &[u32], window: u64) -> Option<String> {
     // Declarations are written anew, each piece with a binding; all else is text to rewrite.
     let (mut declared, rest): (Vec<&str>, Vec<&str>) =
         text.lines().partition(|line| is_declaration(line));
+    // Pieces are counted in the order of bindings, in which a text need not declare them.
     declared.sort_by_key(|line| binding(line));
     for (line, &pieces) in declared.into_iter().zip(pieces) {
         arrays.push(Array::read(line, pieces)?);
@@ -112,6 +113,7 @@ impl<'t> Array<'t> {
             Use::Put(part) if part.is_empty() => {
                 (format!("i: u32, value: {}", self.element), String::new())
             }
+            // One component: the last letter of the vector's type tells `f32` from `u32`.
             Use::Put(_) => (
                 format!("i: u32, value: {}32", self.element.chars().last()?),
                 String::new(),

@@ -67,6 +67,7 @@ fn expand_lines<'t>(
                 let pairs = arguments
                     .iter()
                     .filter_map(|argument| argument.split_once('='));
+                // Arguments hold within the block only.
                 let names = pairs.fold(names.clone(), |names, (name, value)| {
                     with(&names, name, value)
                 });

@@ -13,5 +13,7 @@ fn descend(old: Moments, gradient: f32, rate: f32) -> Moments {
 
 // Whether the loss, by its bits, is a number: if not, nothing is learnt from it.
 fn is_finite(loss: u32) -> bool {
+    // WGSL lets compilers assume that no number is NaN or infinite, so that a comparison may be
+    // dropped.
     return (loss & 0x7f800000u) != 0x7f800000u;
 }

@@ -34,12 +34,14 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     var gradient = 0.0;
+    // In one order, so that the sum has the same bits every time.
     for (var part = 0u; part < p.parts; part++) {
         gradient += parts[part * WEIGHTS + i];
     }
     gradient += p.l2 * weights[i];
     let new_one = descend(Moments(weights[i], moments[i], moments[WEIGHTS + i]), gradient, p.rate);
     weights[i] = new_one.value;
+    // Behind all straight matrices: no two invocations write to one place.
     weights[place_turned(i)] = new_one.value;
     moments[i] = new_one.first;
     moments[WEIGHTS + i] = new_one.second;

@@ -15,6 +15,7 @@ fn number(words: vec2u) -> f32 {
     let negative = words.y > 0x7fffffffu;
     let low = select(words.x, 0u - words.x, negative);
     let high = select(words.y, ~words.y + select(0u, 1u, words.x == 0u), negative);
+    // 2^-20 and 2^-52.
     let size = f32(high) * 9.536743e-7 + f32(low) * 2.220446e-16;
     return select(size, -size, negative);
 }
@@ -23,6 +24,7 @@ fn number(words: vec2u) -> f32 {
 fn narrow(x: f32) -> u32 {
     let size = min(abs(x), 65504.0);
     let bits = bitcast<u32>(size);
+    // The biases of the exponents differ by 112, and a fraction loses 13 bits.
     let normal = ((bits + 0xfffu + (bits >> 13u & 1u)) >> 13u) - 0x1c000u;
     // Below 2^-14 a half's unit is 2^-24.
     let half = select(normal, u32(round(size * 16777216.0)), size < 6.1035156e-5);
@@ -64,10 +66,12 @@ fn main(
     if (!is_finite(stats[0])) {
         return;
     }
+    // Corrections are 1 from there on, and the CPU keeps the count in 16 bits.
     let count = min(steps[i] + 1u, p.corrected);
     steps[i] = count;
     let rate = p.rate * corrections[count - 1u];
     let mean = unpack(first[i], 16u);
+    // A square has no sign, whose bit serves as one more of its fraction.
     let square = unpack(second[i], 15u);
     let x = descend(Moments(values[i].x, mean.x, square.x), number(words.xy), rate);
     let y = descend(Moments(values[i].y, mean.y, square.y), number(words.zw), rate);

@@ -159,6 +159,7 @@ fn main(
             let l = e / 16u;
             let row = s / 4u * ROWS + 2u * l;
             let by_feature = vec2f(tile[row][s % 4u], tile[row + 1u][s % 4u]);
+            // Samples that only fill the tile have nothing to add.
             if (first + s < end) {
                 let level = levels[l];
                 let place = place_of(level, places[s].xyz);

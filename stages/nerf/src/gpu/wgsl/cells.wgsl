@@ -7,6 +7,7 @@ fn member(rank: u32) -> u32 {
     var high = p.words;
     while (high - low > 1u) {
         let middle = (low + high) / 2u;
+        // The last word with no more than `rank` members before it.
         if (before[middle] <= rank) {
             low = middle;
         } else {
@@ -15,6 +16,7 @@ fn member(rank: u32) -> u32 {
     }
     var word = members[low];
     for (var skip = rank - before[low]; skip > 0u; skip--) {
+        // Clears the lowest member.
         word &= word - 1u;
     }
     return 32u * low + firstTrailingBit(word);

@@ -14,10 +14,12 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     var rgb = vec3f();
     var distance = 0.0;
     var transmittance = 1.0;
+    // `before` and the samples begin anew with each pass, rays and views go on through the batch.
     for (var i = before[id.x]; i < before[id.x + 1u]; i++) {
         let sample = samples[1u + i];
         let x = raw[i];
         let next = transmittance * exponential(-density_of(x.x) * bitcast<f32>(sample.y));
+        // As on the CPU: weights and the rest add up to 1 but for rounding.
         let weight = transmittance - next;
         transmittance = next;
         distance += weight * bitcast<f32>(sample.x);

@@ -35,6 +35,7 @@ fn compare(ray: u32, pixel: u32, at: u32) -> Gradient {
         sum += view.xyz + view.w * background;
     }
     let residual = share * sum - wanted.xyz;
+    // The first ray of a pixel speaks for it.
     if (at == 0u) {
         let size = abs(residual);
         let loss = select(size - 0.5 * p.beta, 0.5 * size * size / p.beta, size < vec3f(p.beta));
@@ -42,6 +43,7 @@ fn compare(ray: u32, pixel: u32, at: u32) -> Gradient {
     }
     let slope = clamp(residual / p.beta, vec3f(-1.0), vec3f(1.0));
     let d = wanted.w * share * slope / (3.0 * f32(p.pixels));
+    // A pixel shows rgb + T background.
     return Gradient(d, sum_of(d * background));
 }
 
@@ -76,6 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         let weight = bitcast<f32>(sample.w);
         let s = (bitcast<f32>(sample.x) - start) / range;
         let ds = bitcast<f32>(sample.y) / range;
+        // Running sums make the double sum over pairs linear, as on the CPU.
         let behind = total - total_before - weight;
         let moment_behind = moment - moment_before - weight * s;
         let distance = s * (total_before - behind) - (moment_before - moment_behind);

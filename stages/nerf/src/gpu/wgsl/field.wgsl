@@ -37,6 +37,8 @@ fn weight_of(place: Place, corner: vec3u) -> f32 {
 
 // The entry of a vertex among those of all levels.
 fn entry_of(level: Level, v: vec3u) -> u32 {
+    // The spatial hash of Müller et al. 2022, equation 4; a hashed level has a power of two of
+    // entries.
     let hash = (v.x ^ v.y * 2654435761u ^ v.z * 805459861u) & (level.entries - 1u);
     // On the box's far side a corner can lie beyond the last entry and begins at the first again; elsewhere `i - level.entries`
     // is below zero, which as an unsigned number is the larger of the two.
@@ -48,6 +50,8 @@ fn entry_of(level: Level, v: vec3u) -> u32 {
 // A finite half as a float. By hand, since drivers may take denormal halves for zero.
 fn widen(half: u32) -> f32 {
     let size = half & 0x7fffu;
+    // 0x38000000 moves the exponent by the 112 that the biases differ by; 2^-24 is a denormal's
+    // unit.
     let value = select(bitcast<f32>((size << 13u) + 0x38000000u), f32(size) * 5.9604645e-8, size < 0x400u);
     return select(value, -value, half > 0x7fffu);
 }
@@ -103,6 +107,7 @@ workgroupBarrier();
     var s${j} = vec4f();
 #end
     if (q < QUADS) {
+        // One weight for EACH quads: it is read once and multiplied with four samples of each.
         for (var k = 0u; k < ${INPUTS}u; k++) {
             let w = vec4f(weights[${AT}u + k * ${OUTPUTS}u + n]);
 #for j ${EACH}

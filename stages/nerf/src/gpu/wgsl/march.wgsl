@@ -15,6 +15,7 @@ fn is_occupied(cell: vec3u) -> bool {
 // The distance at which a ray leaves a cell.
 fn exit_of(origin: vec3f, direction: vec3f, cell: vec3u) -> f32 {
     let face = (vec3f(cell) + select(vec3f(), vec3f(1.0), direction > vec3f())) / p.resolution;
+    // Along a face a ray leaves by another one; 3e38 stands for infinity, which WGSL cannot write.
     let leave = select((face - origin) / direction, vec3f(3e38), direction == vec3f());
     return min(leave.x, min(leave.y, leave.z));
 }
@@ -29,6 +30,7 @@ fn step_from(ray: u32, from_t: f32) -> Step {
     while (t < end) {
         let length = stride(t);
         let middle = t + 0.5 * length;
+        // Rounding may put the middle just outside of the box, where the grid has no cells.
         let cell = min(vec3u(max((origin + middle * direction) * p.resolution, vec3f())), last);
         t += length;
         if (is_occupied(cell)) {

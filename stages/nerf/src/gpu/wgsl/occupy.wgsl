@@ -14,6 +14,7 @@ fn main(
         return;
     }
     var found = 0u;
+    // The last word may have fewer cells: what is behind them stays empty.
     for (var i = 0u; i < min(32u, p.cells - 32u * word); i++) {
         found |= u32(values[32u * word + i] >= threshold[0]) << i;
     }

@@ -1,6 +1,7 @@
 // Rays; no kernel by itself. Needs `rays`, of which each has four vectors: origin and start,
 // direction and end, jitter and more, direction in the world.
 fn stride(t: f32) -> f32 {
+    // Far from the origin a step must still be more than rounding, or the march would stand still.
     return max(max(t * p.cone, p.shortest), t * 1e-6);
 }
 

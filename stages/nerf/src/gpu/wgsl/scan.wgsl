@@ -7,6 +7,7 @@ var<workgroup> sums: array<u32, 256>;
 
 @compute @workgroup_size(256)
 fn main(@builtin(local_invocation_index) t: u32) {
+    // Workgroups cannot wait for each other within a kernel, so that one does it all.
     let stretch = (p.len + 255u) / 256u;
     let first = min(t * stretch, p.len);
     let end = min(first + stretch, p.len);

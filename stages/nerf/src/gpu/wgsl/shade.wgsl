@@ -43,6 +43,7 @@ fn main(
         var density = 0.0;
         if (t < 64u) {
             density = tile[t / 4u * ROWS][t % 4u];
+            // Columns without a sample take ray 0's; nothing of them is written.
             let direction = harmonics(rays[4u * ray + 3u].xyz);
 #for h 16
             tile[t / 4u * ROWS + 16u + ${h}u][t % 4u] = direction[${h}];

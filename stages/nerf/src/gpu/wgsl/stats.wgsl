@@ -20,6 +20,7 @@ fn main(@builtin(local_invocation_index) t: u32) {
     }
     sums[t] = sum;
     counts[t] = count;
+    // Halves onto halves: the sum has one order.
     for (var half = 128u; half > 0u; half /= 2u) {
         workgroupBarrier();
         if (t < half) {
@@ -28,6 +29,7 @@ fn main(@builtin(local_invocation_index) t: u32) {
         }
     }
     if (t == 0u) {
+        // As bits, beside counts that f32 would not hold exactly.
         stats[0] = bitcast<u32>(sums[0].x);
         stats[1] = bitcast<u32>(sums[0].y);
         stats[2] = counts[0].x;

@@ -30,6 +30,8 @@ fn main(
     for (var first = group.x * 64u; first < end; first += groups.x * 64u) {
         var cell = 0u;
         if (t < 64u) {
+            // Behind the end the last member again, whose place is a sound one; nothing is written
+            // for it.
             cell = member(min(first + t, end - 1u));
             places[t] = vec4f(point_in(cell), 0.0);
         }
@@ -39,6 +41,8 @@ fn main(
 #use layer INPUTS=64 OUTPUTS=16 AT=${W1} FROM=0 TO=0 FUNCTION=kept EACH=1
         if (t < 64u && first + t < end) {
             let fresh = density_of(tile[t / 4u * ROWS][t % 4u]) * p.shortest;
+            // Cells that no camera sees stay empty. Each member is one invocation's, so no two
+            // write to one.
             if (values[cell] >= 0.0) {
                 values[cell] = max(p.decay * values[cell], fresh);
             }

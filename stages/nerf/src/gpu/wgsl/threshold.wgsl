@@ -16,6 +16,7 @@ fn main(@builtin(local_invocation_index) t: u32) {
         }
     }
     sums[t] = vec2f(sum, f32(count));
+    // Halves onto halves: the sum has one order.
     for (var half = 128u; half > 0u; half /= 2u) {
         workgroupBarrier();
         if (t < half) {
@@ -23,6 +24,7 @@ fn main(@builtin(local_invocation_index) t: u32) {
         }
     }
     if (t == 0u) {
+        // An even haze stays occupied, however thin it is.
         threshold[0] = min(0.01, 0.5 * sums[0].x / max(sums[0].y, 1.0));
     }
 }

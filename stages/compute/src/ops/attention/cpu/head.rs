@@ -10,6 +10,7 @@ pub const QUERIES: usize = 48;
 /// Blocks of queries per task, which meet the same packed keys.
 pub const BLOCKS: usize = 8;
 /// Keys per tile.
+// With 48 queries a tile of scores takes 96 KiB.
 pub const KEYS: usize = 512;
 
 impl Extents {

@@ -37,6 +37,7 @@ pub fn convolve(task: &Task, source: &Source) -> Buffer {
     let g = task.g;
     let mut out = Buffer::stale(g.batch * g.outputs * g.pixels());
     let all = g.batch * down(g);
+    // Whole blocks, since a block's kernels are packed side by side.
     let share_rows = g.outputs.div_ceil(TASKS).next_multiple_of(BLOCK);
     let cut = cut(g, share_rows.min(OUTPUTS), all);
     // So few tiles at a time that their transforms stay small beside the image.

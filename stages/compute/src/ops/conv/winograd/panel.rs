@@ -120,6 +120,7 @@ impl<'a> Panel<'a> {
         let [_, _, left, _] = self.g.conv.pad;
         let seen = SIDE * tiles.count + SIGHT - SIDE;
         let first = SIDE * tiles.tile;
+        // Tiles may lie wholly in the padding: then no column is left.
         let begin = first.saturating_sub(left).min(self.g.width);
         let end = (first + seen)
             .saturating_sub(left)
@@ -150,6 +151,7 @@ impl<'a> Panel<'a> {
     pub fn prefetch_outputs(&self, (share, row): (&mut Share, usize), finish: Finish<&[f32]>) {
         let g = self.g;
         for tiles in self.runs() {
+            // The last tile of a row may reach beyond the image.
             let x = SIDE * tiles.tile..g.out_width.min(SIDE * (tiles.tile + tiles.count));
             let first = self.first(&tiles, share, row);
             let mut block = share.block(row..row + 1, tiles.image * down(g) + tiles.row);

@@ -127,6 +127,7 @@ impl Quads for __m512 {
             let low = [first, last].map(|lanes| _mm512_permutex2var_ps(a, lanes, b));
             let high = [first, last].map(|lanes| _mm512_permutex2var_ps(c, lanes, d));
             [
+                // 0x44 takes the lower halves of both, 0xee the upper ones.
                 _mm512_shuffle_f32x4::<0x44>(low[0], high[0]),
                 _mm512_shuffle_f32x4::<0xee>(low[0], high[0]),
                 _mm512_shuffle_f32x4::<0x44>(low[1], high[1]),

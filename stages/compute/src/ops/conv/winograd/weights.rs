@@ -80,6 +80,7 @@ impl<'a> StoredKernels<'a> {
     /// Those of a single block (S, C, R). Outputs that are missing from it are zero.
     fn transform_block(&self, outputs: Range<usize>, channels: Range<usize>, out: &mut [f32]) {
         let mut taps = [0.0; BLOCK * GROUP * 9];
+        // Zeros, for the outputs that the last block lacks.
         let mut sorted = [0.0; GROUP * 9 * BLOCK];
         for first in channels.clone().step_by(GROUP) {
             let group = first..channels.end.min(first + GROUP);

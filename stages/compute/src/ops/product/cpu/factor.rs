@@ -140,6 +140,7 @@ impl Left for Turned<'_> {
 }
 
 impl Right for Turned<'_> {
+    // Columns are rows of the weight, each of which lies in one piece along the depth.
     fn grain(&self) -> usize {
         DEPTH
     }

@@ -45,6 +45,7 @@ impl Packed {
         let mut spaces = [[0.0; TILE]; 2];
         for (i, values) in self.values.chunks(DEPTH * panels * COLUMNS).enumerate() {
             let steps = i * DEPTH..self.depth.min((i + 1) * DEPTH);
+            // Behind the first steps of depth the result holds a part of its sum.
             let old = if i == 0 { old } else { Old::Keep };
             for row in (0..rows).step_by(ROWS) {
                 let tile = row..rows.min(row + ROWS);

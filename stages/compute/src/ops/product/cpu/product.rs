@@ -83,6 +83,7 @@ pub fn begin(share: &mut Share, start: Start) -> Old {
         let mut block = share.block(0..rows.len(), panel);
         for row in 0..rows.len() {
             match start {
+                // Nothing to fill in: the first steps of depth write over whatever is there.
                 Start::Zero => return Old::Forget,
                 Start::Rows(values) => block.row(row).fill(values[rows.start + row]),
                 Start::Columns(values) => block.row(row).copy_from_slice(&values[columns.clone()]),

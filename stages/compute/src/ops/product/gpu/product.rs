@@ -185,6 +185,8 @@ impl<'a> Product<'a> {
     fn kernel(&self, tile: Tile, epilogue: &Epilogue, halves: bool) -> Kernel<Extents> {
         let reads = 2 + epilogue.reads().len();
         let halves_of = |factor: Factor| halves && factor.format == Format::F16;
+        // Bindings 1 and 2 are the factors; what the epilogue reads follows, in the order of
+        // `reads`.
         let head = [
             reader("a", 1, self.a.format, halves),
             reader("b", 2, self.b.format, halves),

@@ -14,6 +14,7 @@ pub fn reader(name: &str, binding: usize, format: Format, halves: bool) -> Strin
             "vec4f",
             format!("unpack2x16float({name}[i / 2u])[i % 2u]"),
         ),
+        // A bf16 is the upper half of an `f32`; where it lies in its word decides the shift.
         Format::Bf16 => (
             "u32",
             "vec4f",
