@@ -173,12 +173,14 @@ fn write(path: &Path, text: &str, mark: &str) -> Result<(), Error> {
         )
     };
     // An earlier export may be replaced. A Snakefile that somebody wrote by hand must not.
-    match fs::read_to_string(path) {
-        Ok(there) if !there.contains(mark) => {
-            let message = format!("{} is there already, and was not exported", path.display());
-            return Err(Error::usage(message, "choose another place: --to PATH"));
-        }
-        _ => {}
+    let exported = match fs::read(path) {
+        Ok(there) => String::from_utf8_lossy(&there).contains(mark),
+        // What cannot be read is somebody else's.
+        Err(error) => error.kind() == std::io::ErrorKind::NotFound,
+    };
+    if !exported {
+        let message = format!("{} is there already, and was not exported", path.display());
+        return Err(Error::usage(message, "choose another place: --to PATH"));
     }
     if let Some(folder) = path
         .parent()

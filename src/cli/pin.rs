@@ -43,12 +43,7 @@ impl Pin {
     }
 
     fn pin(&self, name: &str, json: bool) -> Result<(), Error> {
-        let good = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
-        // The name becomes that of a file.
-        if name.starts_with('.') || !name.chars().all(good) || !(1..=64).contains(&name.len()) {
-            let help = "names are letters, digits, `_`, `-` and `.`";
-            return Err(Error::usage(format!("`{name}` cannot name a pin"), help));
-        }
+        check(name)?;
         let store = Store::create(&self.folders.store)?;
         let runs: Vec<_> = Run::past(&store, None)?.collect();
         let Some(run) = super::diff::find_run(&runs, &self.run) else {
@@ -88,6 +83,7 @@ impl Pin {
 impl Unpin {
     /// Removes a pin.
     pub fn run(self) -> Result<(), Error> {
+        check(&self.name)?;
         if Kept::remove(&Store::create(&self.folders.store)?, &self.name)? {
             return Ok(());
         }
@@ -96,6 +92,16 @@ impl Unpin {
             "`pin` without a name lists all pins",
         ))
     }
+}
+
+/// A pin's name becomes that of a file: it must not lead out of the pins' folder.
+fn check(name: &str) -> Result<(), Error> {
+    let good = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+    if name.starts_with('.') || !name.chars().all(good) || !(1..=64).contains(&name.len()) {
+        let help = "names are letters, digits, `_`, `-` and `.`";
+        return Err(Error::usage(format!("`{name}` cannot name a pin"), help));
+    }
+    Ok(())
 }
 
 fn list(store: &Store, json: bool) -> Result<(), Error> {

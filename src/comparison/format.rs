@@ -299,7 +299,7 @@ fn markdown(rows: &Rows) -> String {
 fn csv(rows: &Rows) -> String {
     // RFC 4180: cells with commas, quotes or line breaks stand in quotes, and quotes in them are
     // doubled.
-    let cell = |text: &String| match text.contains([',', '"', '\n']) {
+    let cell = |text: &String| match text.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
         false => text.clone(),
     };
@@ -320,6 +320,8 @@ fn latex(rows: &Rows) -> String {
                 '↓' => text.push_str("$\\downarrow$"),
                 // Character by character, so that the braces put in here are not escaped again.
                 '\\' => text.push_str("\\textbackslash{}"),
+                '^' => text.push_str("\\textasciicircum{}"),
+                '~' => text.push_str("\\textasciitilde{}"),
                 other => text.push(other),
             }
         }

@@ -1,6 +1,7 @@
 //! The photos that poses are found for, in a folder of their own: links to somebody's files, or
 //! frames of a video. Changes nothing where they lie.
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -107,11 +108,17 @@ fn take_frames(
     })?;
     let mut command = Command::new("ffmpeg");
     command.args(["-nostdin", "-loglevel", "warning", "-i"]);
-    command.arg(&import.photos);
+    let photos = std::path::absolute(&import.photos);
+    let photos = photos.map_err(|error| ImportError::file(&import.photos, error))?;
+    // With a protocol, so that a colon in the name does not begin another.
+    let mut video = OsString::from("file:");
+    video.push(photos);
+    command.arg(video);
     // Of ffmpeg's qualities of a JPEG, 2 is the best that it gives by default.
     command.args(["-vf", &format!("fps={}", import.rate), "-qscale:v", "2"]);
-    // Of one width, so that the order of names is that of time.
-    command.arg(images.join("%05d.jpg"));
+    // In the folder that it writes to: a percent sign in its name would be taken for a pattern. And of
+    // one width, so that the order of names is that of time.
+    command.current_dir(images).arg("%05d.jpg");
     step::run("taking frames", &mut command, work, progress, |_| None)
 }
 

@@ -23,7 +23,7 @@ const TWO_ROUNDS: &str = r#"(
             },
             next: { "field": "sync", "images": "decode" },
         ),
-        "last": Interpolate(images: "loop.images"),
+        "last": Interpolate /* of the last round */ (images: "loop.images"),
     },
 )"#;
 

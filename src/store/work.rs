@@ -103,8 +103,11 @@ impl<'s> Work<'s> {
         let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
         // Copied, not moved: a later run on the GPU can still go on from it.
         if !to.exists() {
+            // Under another name until it is whole: one cut short would not be copied again.
+            let partial = to.with_extension("part");
+            let copied = fs::copy(from, &partial).and_then(|_| fs::rename(&partial, to));
             // Without it the stage takes longer, and comes to its result all the same.
-            let _ = fs::copy(from, to);
+            let _ = copied;
         }
     }
 

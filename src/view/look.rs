@@ -104,8 +104,8 @@ fn sized(camera: &Camera, width: u32) -> Result<[u32; 2], String> {
     let ratio = f64::from(camera.height) / f64::from(camera.width);
     // As a float until it is checked: with a tall camera it can exceed 32 bits.
     let height = (f64::from(width) * ratio).round().max(1.0);
-    let pixels = u64::from(width) * height as u64;
-    if width == 0 || width > LONGEST || height > f64::from(LONGEST) || pixels > MOST_PIXELS {
+    let sides_fit = (1..=LONGEST).contains(&width) && height <= f64::from(LONGEST);
+    if !sides_fit || u64::from(width) * height as u64 > MOST_PIXELS {
         return Err(format!(
             "a picture of {width}x{height} pixels is none, or too large: the most are {MOST_PIXELS}"
         ));

@@ -106,10 +106,12 @@ impl Render {
             Some(CameraPath::Circle { frames }) => scene::circle(&own, *frames),
             Some(CameraPath::File { path }) => scene::path_from_file(path, &own)?,
         };
+        // Of one width, so that names sort as frames follow; four digits at least.
+        let digits = path.len().saturating_sub(1).to_string().len().max(4);
         Ok(path
             .into_iter()
             .enumerate()
-            .map(|(i, camera)| (format!("frame_{i:04}"), camera))
+            .map(|(i, camera)| (format!("frame_{i:0digits$}"), camera))
             .collect())
     }
 }

@@ -87,6 +87,16 @@ fn pins_keep_results_until_they_are_taken_away() {
     assert_eq!(ran(&space, "Nearest"), json!(["again", "up"]));
     space.ok(&["unpin", "paper"]);
     assert_eq!(space.say(&["unpin", "paper"]).code, 2);
+    // No name leads to a file elsewhere in the store.
+    let run = fs::read_dir(space.path(".srnerf/runs"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    let outside = format!("../runs/{}", run.file_stem().unwrap().to_str().unwrap());
+    let said = space.say(&["unpin", &outside]);
+    assert!(said.code == 2 && run.exists(), "{}", said.err);
     assert_eq!(
         stages(&space.ok(&["gc", "--keep-last", "1", "--json"]).json()).len(),
         4

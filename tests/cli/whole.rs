@@ -79,7 +79,7 @@ fn the_method_runs_from_photos_to_metrics() {
     let space = Space::new();
     let smoke = pipeline("smoke");
     let run = ["run", smoke.as_str()];
-    assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 11);
+    assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 10);
     let metrics: Value = serde_json::from_slice(
         &space
             .files("out")

@@ -51,10 +51,12 @@ impl Cache {
 
 fn name(question: &str, files: &[PathBuf]) -> Digest {
     // The same word means another file in another folder, so whole paths make the name.
-    let whole: Vec<PathBuf> = files
-        .iter()
-        .filter_map(|path| std::path::absolute(path).ok())
-        .collect();
+    let whole = |path: &PathBuf| {
+        let path = std::path::absolute(path).ok()?;
+        // JSON holds text alone. Other paths are escaped in quotes, where no absolute path begins.
+        Some(path.to_str().map_or(format!("{path:?}"), str::to_owned))
+    };
+    let whole: Vec<String> = files.iter().filter_map(whole).collect();
     digest(&(question, whole))
 }
 

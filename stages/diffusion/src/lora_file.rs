@@ -20,6 +20,11 @@ use crate::unet::Unet;
 const METADATA: &str = "lora_adapter_metadata";
 const PEFT_CONFIG: &str = "adapter_config.json";
 
+/// What makes a pattern of PEFT's more than a name. Dots are in names, too.
+const SPECIAL: [char; 13] = [
+    '\\', '^', '$', '*', '+', '?', '(', ')', '[', ']', '{', '}', '|',
+];
+
 /// The prefixes of a UNet's layers: in a pipeline's file, in PEFT's own, and in that of a UNet
 /// alone.
 // Longer ones first, since they end in shorter ones.
@@ -149,14 +154,28 @@ impl Options {
         let refused = ["use_dora", "lora_bias", "fan_in_fan_out"]
             .into_iter()
             .find(|name| options.flag(name));
-        match refused {
-            Some(name) => Err(ModelError::field(
+        if let Some(name) = refused {
+            return Err(ModelError::field(
                 file.name(),
                 name,
                 "is true; supported is false",
-            )),
-            None => Ok(options),
+            ));
         }
+        // A pattern is matched literally, which is what names of layers mean by themselves.
+        if let Some((pattern, _)) = options.alphas().find(|(name, _)| name.contains(SPECIAL)) {
+            return Err(ModelError::field(
+                file.name(),
+                "alpha_pattern",
+                format!("holds `{pattern}`; supported are names of layers, no regular expressions"),
+            ));
+        }
+        Ok(options)
+    }
+
+    /// The alphas of single layers, by their names or the ends of these.
+    fn alphas(&self) -> impl Iterator<Item = (&String, &Value)> {
+        let pattern = self.0.get("alpha_pattern").and_then(Value::as_object);
+        pattern.into_iter().flatten()
     }
 
     fn flag(&self, name: &str) -> bool {
@@ -185,15 +204,10 @@ impl Options {
 
     /// The layer's own alpha, or that of all.
     fn alpha(&self, layer: &str) -> Option<f64> {
-        let own = self
-            .0
-            .get("alpha_pattern")
-            .and_then(Value::as_object)
-            .into_iter()
-            .flatten();
         // PEFT lets a pattern match a whole name, or its end behind a dot.
         let ends = |pattern: &str| layer == pattern || layer.ends_with(&format!(".{pattern}"));
-        own.filter(|(pattern, _)| ends(pattern))
+        self.alphas()
+            .filter(|(pattern, _)| ends(pattern))
             .find_map(|(_, alpha)| alpha.as_f64())
             .or_else(|| self.0.get("lora_alpha")?.as_f64())
     }

@@ -116,9 +116,17 @@ impl Tokenizer {
             Special::choose([map.pad_token, own.pad_token], "<|endoftext|>"),
             Special::choose([map.unk_token, own.unk_token], "<|endoftext|>"),
         ];
+        // `as` makes 0 of what is below it or no number: a text of no tokens.
         let length = config
             .model_max_length
             .map_or(longest, |length| longest.min(length as usize));
+        if length == 0 {
+            return Err(ModelError::field(
+                &name,
+                "model_max_length",
+                "leaves no room for a token",
+            ));
+        }
         Self::new(tables, &names, length).map_err(|problem| ModelError::file(&name, problem))
     }
 

@@ -59,7 +59,6 @@ impl Lpips {
         let known = NETWORKS.iter();
         let network = known
             .into_iter()
-            // network|
             .find(|network| file.entry(network.sign).is_ok())
             .ok_or_else(|| LpipsError::Unknown {
                 file: file.name().to_owned(),
@@ -135,7 +134,6 @@ fn scales(values: &[f32], plane: usize) -> Vec<f64> {
             *sum += f64::from(*value).powi(2);
         }
     }
-    // square|
     let scale = |square: f64| 1.0 / (square.sqrt() + EPSILON);
     squares.into_iter().map(scale).collect()
 }

@@ -119,7 +119,6 @@ pub(crate) fn shrink(
     .to_vec();
     interleaved(&resized, channels)
         .into_iter()
-        // value|
         .map(|value| value.clamp(0.0, 1.0))
         .collect()
 }

@@ -8,6 +8,9 @@ use super::check::{check_divisors, check_sizes};
 use super::parse;
 use crate::error::ModelError;
 
+/// Vocabularies are larger than any layer is wide.
+const MAX_IDS: usize = 1 << 24;
+
 /// The activation of a text encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -52,9 +55,11 @@ impl TextConfig {
     /// Reads and checks a `config.json`; the error names the field.
     pub fn read(file: &FileBytes) -> Result<Self, ModelError> {
         let config: Self = parse(file, &json!({ "model_type": "clip_text_model" }), &[])?;
-        // Vocabularies are larger than any layer is wide, so ids are counted by 256.
+        if !(1..=MAX_IDS).contains(&config.vocab_size) {
+            let problem = format!("is {}; it must be from 1 to {MAX_IDS}", config.vocab_size);
+            return Err(ModelError::field(file.name(), "vocab_size", problem));
+        }
         let sizes = [
-            ("vocab_size", config.vocab_size >> 8),
             ("hidden_size", config.hidden_size),
             ("intermediate_size", config.intermediate_size),
             ("num_hidden_layers", config.num_hidden_layers),

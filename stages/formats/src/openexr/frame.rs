@@ -161,7 +161,6 @@ impl Frame<'_> {
         }));
         let depth = self
             .depth
-            // depth|
             .map(|depth| (DEPTH, vec![channel("Z", depth.to_vec(), false)]));
         let normals = self.normals.map(|normals| {
             let axis = |axis: usize| normals.iter().map(|normal| normal[axis]).collect();

@@ -101,7 +101,6 @@ fn normalized(kernel: Vec<f64>) -> Vec<f64> {
     let weight = |weight: f64| weight / if weight > 0.0 { positive } else { negative };
     kernel
         .into_iter()
-        // w|
         .map(|w| if w == 0.0 { 0.0 } else { weight(w) })
         .collect()
 }

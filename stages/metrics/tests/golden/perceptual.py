@@ -2,12 +2,11 @@
 
     python perceptual.py ssimulacra2
 
-needs numpy, scipy, Pillow and flip-evaluator; its argument is the program of that name, which libjxl 0.11 has (Debian's
+needs numpy, Pillow and flip-evaluator; its argument is the program of that name, which libjxl 0.11 has (Debian's
 libjxl-devtools). The pictures and their degraded versions are those of pictures.py.
 
-libjxl computes in single precision, and where a picture is flat its variances are mostly rounding. So the same formulas stand here
-once more in double precision (`double_precision`); the weights are read from libjxl's or the original program's source, the third
-argument (`tools/ssimulacra2.cc`).
+libjxl computes in single precision, and where a picture is flat its variances are mostly rounding. So the same formulas stand in
+double_precision.py once more.
 """
 
 import json
@@ -20,6 +19,7 @@ import flip_evaluator
 import numpy as np
 from PIL import Image
 
+import double_precision
 from pictures import degraded, pictures
 
 HERE = Path(__file__).parent
@@ -44,6 +44,7 @@ def main(program):
             # One row of the map through the middle, every tenth pixel.
             "flip_row": [float(value) for value in error[error.shape[0] // 2, ::10].reshape(-1)],
             "ssimulacra2": ssimulacra2(program, truth, image),
+            "ssimulacra2_double": double_precision.ssimulacra2(truth, image),
         }
     (HERE / "perceptual.json").write_text(json.dumps(golden, indent=2) + "\n")
 

@@ -54,7 +54,7 @@ pub fn unary(gpu: &Gpu, function: Unary, x: &Buffer, len: usize) -> Buffer {
         Unary::Scale(factor) => ("return p.a * x[i];", [factor, 0.0]),
         // WGSL leaves open what its `clamp` makes of NaN.
         Unary::Clamp { low, high } => (
-            "let v = x[i]; return select(clamp(v, p.a, p.b), v, v != v);",
+            "let v = x[i]; return select(clamp(v, p.a, p.b), v, is_nan(v));",
             [low, high],
         ),
         Unary::Offset(number) => ("return x[i] + p.a;", [number, 0.0]),
@@ -176,10 +176,10 @@ pub fn reduce(gpu: &Gpu, reduction: Reduction, x: &Buffer, len: usize) -> f64 {
         Reduction::Sum => ("v", "a + b"),
         Reduction::SumOfSquares => ("v * v", "a + b"),
         // As on the CPU, NaN is passed over.
-        Reduction::MaxAbs => ("select(0.0, abs(v), v == v)", "max(a, b)"),
+        Reduction::MaxAbs => ("select(abs(v), 0.0, is_nan(v))", "max(a, b)"),
     };
     let head = format!(
-        "fn term(v: f32) -> f32 {{ return {term}; }}\nfn join(a: f32, b: f32) -> f32 {{ return {join}; }}\n"
+        "{MATH}\nfn term(v: f32) -> f32 {{ return {term}; }}\nfn join(a: f32, b: f32) -> f32 {{ return {join}; }}\n"
     );
     let kernel = Kernel::new("reduce", &[include_str!("reduce.wgsl")], [1, 1]).having(head);
     let blocks = len.div_ceil(BLOCK);

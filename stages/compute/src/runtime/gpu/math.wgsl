@@ -1,5 +1,11 @@
-// Activations and their slopes; no kernel by itself. Exponents are kept from overflow, since a driver
+// Functions of single numbers; no kernel by itself. Exponents are kept from overflow, since a driver
 // may take it that no number is infinite.
+
+// By its bits: a driver may as well take it that each number equals itself.
+fn is_nan(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
 fn sigmoid(x: f32) -> f32 {
     return 1.0 / (1.0 + exp(min(-x, 87.0)));
 }
