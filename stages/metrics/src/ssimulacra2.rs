@@ -24,6 +24,8 @@ pub fn ssimulacra2(truth: Image, image: Image) -> Option<f64> {
     if truth.width().min(truth.height()) < LEAST_SIDE {
         return None;
     }
+    // The truth goes first: the score is not symmetric, and the crate's first picture is the
+    // source.
     compute(frame(truth)?, frame(image)?).ok()
 }
 
@@ -35,6 +37,7 @@ fn frame(image: Image) -> Option<Rgb> {
         pixels.collect(),
         width,
         height,
+        // The numbers are encoded; the crate undoes this curve before it blurs.
         TransferCharacteristic::SRGB,
         ColorPrimaries::BT709,
     )
