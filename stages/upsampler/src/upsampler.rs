@@ -65,6 +65,7 @@ impl Upsampler {
     /// be used.
     pub fn load(source: &UpsamplerSource, device: &Device) -> Result<Self, UpsamplerError> {
         let mut files = source.files()?.into_iter();
+        // `files` gives an ncnn pair as graph and weights, in this order.
         match (files.next(), files.next()) {
             (Some(graph), Some(weights)) => Self::from_ncnn(&graph, &weights, device),
             (Some(file), None) => Self::from_safetensors(file, device),
@@ -146,6 +147,7 @@ impl Upsampler {
             self.device,
             "enlarge: the image lies on another device than the network"
         );
+        // The ensemble is outside the tiles: its eight images are taken in windows of their own.
         let enlarge = |x: &Array| tiles::enlarge(&*self.network, x, options.tile);
         if options.ensemble {
             ensemble::mean(x, enlarge)

@@ -59,6 +59,7 @@ impl Operation {
         let x = inputs[0];
         let last = inputs[inputs.len() - 1];
         match self {
+            // Applied before the numbers are stored, which saves a walk through memory.
             Self::Convolution(convolution, Function::Leaky(slope)) => {
                 convolution.finished(x, Finish::Leaky(*slope))
             }
@@ -66,6 +67,7 @@ impl Operation {
             Self::Function(function) => function.apply(x),
             Self::Prelu(slopes) => prelu(x, slopes),
             Self::Sum(factors)
+                // The common case, without multiplications.
                 if factors.iter().all(|&factor| factor == 1.0) && inputs.len() == 2 =>
             {
                 add(x, last)
@@ -91,6 +93,7 @@ impl Operation {
             Self::Resize(filter, ratio) => {
                 let [height, width] =
                     [x.shape()[2], x.shape()[3]].map(|side| side * ratio.over / ratio.under);
+                // Not antialiased: ncnn's Interp never is.
                 resize(x, height, width, *filter, false)
             }
         }

@@ -35,6 +35,7 @@ impl<'a> Parameters<'a> {
     /// A whole number from 0 on.
     pub fn count(&mut self, id: u32, default: usize) -> Result<usize, UpsamplerError> {
         let value = self.number(id, default as f64)?;
+        // Checked before the cast, which would turn -1 into 0 and cut fractions.
         let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value);
         if whole {
             Ok(value as usize)
