@@ -323,6 +323,7 @@ impl Builder {
                 "is the last, and nothing takes `{names}`; supported is one result"
             )));
         };
+        // The result must be the last value, which is what `Graph::forward` returns.
         let scale = match self.blobs.get(output) {
             Some((
                 value,
@@ -331,7 +332,6 @@ impl Builder {
                     ratio: Ratio { over, under: 1 },
                     ..
                 },
-            // The result must be the last value, which is what `Graph::forward` returns.
             )) if *value == self.steps.len() && *value > 0 => *over,
             Some((
                 _,
