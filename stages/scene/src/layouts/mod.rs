@@ -116,6 +116,7 @@ impl Layout {
     /// # Errors
     /// If the layout cannot hold the scene, or the file system says no.
     pub fn write(self, folder: &Path, capture: &Capture) -> Result<Vec<String>, LayoutError> {
+        // Before any file is written.
         self.check_pictures(capture)?;
         let shots = shot::shots(capture);
         let masks = self.masks(&shots);
@@ -143,6 +144,7 @@ impl Layout {
 
     fn check_pictures(self, capture: &Capture) -> Result<(), LayoutError> {
         let is_exr = capture.train.exr.or(capture.test.exr).is_some();
+        // Of these programs only instant-ngp reads EXR files.
         if is_exr && self != Self::InstantNgp {
             return Err(LayoutError::Unheld {
                 what: "the pictures are to be EXR files".to_owned(),
