@@ -68,11 +68,11 @@ impl Shape {
         let within = |(t, _): &Touch| *t > min && *t < max;
         match *self {
             Shape::Sphere { radius } => {
+                // Nobody looks from within a solid, so the nearer root is what is seen.
                 let t = roots(
                     1.0,
                     from.dot(along),
                     from.length_squared() - radius * radius,
-                // Nobody looks from within a solid, so the nearer root is what is seen.
                 )?[0];
                 Some((t, (from + t * along) / radius)).filter(within)
             }
