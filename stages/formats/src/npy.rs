@@ -55,6 +55,7 @@ fn parse(bytes: &[u8]) -> Result<Table, String> {
         return Err("the array is in Fortran order".into());
     }
     let width = element_width(field(header, "descr")?)?;
+    // The shape is a foreign file's: the product is checked, and must be just what follows.
     let needed = rows.checked_mul(columns).and_then(|n| n.checked_mul(width));
     if needed != Some(data.len()) {
         return Err(format!(
@@ -72,6 +73,7 @@ fn parse(bytes: &[u8]) -> Result<Table, String> {
 /// The header's text and the values behind it.
 fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     let rest = bytes.strip_prefix(MAGIC).ok_or("this is not a .npy file")?;
+    // Version 1 has a length of two bytes, later ones of four (NumPy's formats 1.0 and 2.0).
     let (length, rest) = match *rest {
         [1, _, a, b, ref rest @ ..] => (u32::from(u16::from_le_bytes([a, b])), rest),
         [2 | 3, _, a, b, c, d, ref rest @ ..] => (u32::from_le_bytes([a, b, c, d]), rest),
@@ -89,6 +91,7 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
 /// The text from a field's value on. The header is a Python dictionary literal that NumPy itself
 /// writes.
 fn field<'a>(header: &'a str, name: &str) -> Result<&'a str, String> {
+    // No parser of Python: the names, as NumPy itself quotes them, are looked for in the text.
     let missing = || format!("the header has no '{name}'");
     let (_, after) = header
         .split_once(&format!("'{name}'"))
@@ -101,6 +104,7 @@ fn field<'a>(header: &'a str, name: &str) -> Result<&'a str, String> {
 }
 
 fn element_width(descr: &str) -> Result<usize, String> {
+    // Big-endian and whole numbers are refused by name: LLFF writes neither.
     match descr.get(..5) {
         Some("'<f8'") => Ok(8),
         Some("'<f4'") => Ok(4),
