@@ -48,6 +48,7 @@ pub(crate) struct MetricsFile {
 impl Metrics {
     fn check(&self) -> Result<(), SchemaError> {
         for (name, row) in &self.rows {
+            // JSON would turn what is not finite into null, which does not read back.
             check_scores(&row.mean, || format!("row {name:?}, mean"))?;
             for (view, scores) in &row.views {
                 check_scores(scores, || format!("row {name:?}, view {view:?}"))?;

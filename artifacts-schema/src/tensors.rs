@@ -33,6 +33,7 @@ pub fn by_name(tensors: &BTreeMap<String, Tensor>) -> impl Iterator<Item = (&str
 
 /// Opens a file.
 pub fn open(path: &Path) -> Result<TensorFile, SchemaError> {
+    // Read whole and not mapped: a file that is cut short under a map ends the program.
     let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
     let file = FileBytes::in_memory(path.display().to_string(), bytes);
     Ok(TensorFile::new(file)?)
