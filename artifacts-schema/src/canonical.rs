@@ -84,8 +84,7 @@ pub fn check_bounds(bounds: &Bounds) -> Result<(), SchemaError> {
 /// Refuses names that cannot be a file's stem or a tensor's key everywhere.
 pub fn check_name(name: &str) -> Result<(), SchemaError> {
     let bad = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
-    // 200 bytes and an ending stay below the 255 that file systems allow; `:` names a stream on
-    // Windows.
+    // With an ending 200 bytes stay below file systems' 255; Windows has streams behind `:`.
     if name.is_empty() || name.len() > 200 || name.starts_with('.') || name.contains(bad) {
         return Err(SchemaError::content(
             format!("name {name:?}"),

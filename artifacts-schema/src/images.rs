@@ -96,7 +96,6 @@ impl View {
 
     fn check(&self) -> Result<(), SchemaError> {
         let place = format!("view {:?}", self.name);
-        // Before anything is written: half of a set on disk would be worse than none.
         canonical::check_camera(&self.camera, &place)?;
         let pixels = self.camera.width as usize * self.camera.height as usize;
         let planes = [
