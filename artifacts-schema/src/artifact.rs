@@ -67,6 +67,7 @@ impl ArtifactKind {
 
 impl fmt::Display for ArtifactKind {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // By `pad`, so that tables can align it.
         out.pad(self.name())
     }
 }

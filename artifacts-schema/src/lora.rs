@@ -92,6 +92,7 @@ impl Lora {
 fn check_tensor(name: &str, tensor: &Tensor, rank: usize) -> Result<(), SchemaError> {
     let module = name.strip_prefix("unet.").unwrap_or_default();
     let fits = match tensor.shape[..] {
+        // Rows are outputs and columns inputs, as in PyTorch's linear layers.
         [down, _] if module.ends_with(".lora_A.weight") => down == rank,
         [_, up] if module.ends_with(".lora_B.weight") => up == rank,
         _ => false,

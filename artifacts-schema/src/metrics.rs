@@ -116,6 +116,7 @@ impl Artifact for Metrics {
                 hasher.scores(scores);
             }
         }
+        // Definitions belong to the content: by another one the same number says something else.
         hasher.count(self.definitions.len());
         for (metric, definition) in &self.definitions {
             hasher.text(metric);

@@ -22,6 +22,7 @@ pub fn write<'a>(
     metadata: &BTreeMap<&str, String>,
 ) -> Result<(), SchemaError> {
     let views = tensors.map(|(name, tensor)| (name, tensor.view()));
+    // Collected into a sorted map: the file does not depend on the order in which tensors come.
     let bytes = tensor_file::to_bytes(&views.collect(), metadata)?;
     canonical::write(folder, file, &bytes)
 }

@@ -187,6 +187,7 @@ pub fn model<'a>(lenses: impl Iterator<Item = &'a Distortion> + Clone) -> &'stat
     match lenses.clone().next() {
         Some(_) if lenses.clone().all(|lens| lens.fisheye) => "OPENCV_FISHEYE",
         Some(_) if lenses.clone().any(full) => "FULL_OPENCV",
+        // Also for pinholes, whose coefficients are all 0.
         _ => "OPENCV",
     }
 }

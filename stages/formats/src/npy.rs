@@ -51,6 +51,7 @@ pub fn read_table(path: &Path) -> Result<Table, NpyError> {
 fn parse(bytes: &[u8]) -> Result<Table, String> {
     let (header, data) = split_header(bytes)?;
     let (rows, columns) = shape(field(header, "shape")?)?;
+    // Taken for C order, the numbers of a pose would come from many rows.
     if field(header, "fortran_order")?.starts_with("True") {
         return Err("the array is in Fortran order".into());
     }
@@ -124,6 +125,7 @@ fn shape(text: &str) -> Result<(usize, usize), String> {
     let sizes: Option<Vec<usize>> = inside
         .split(',')
         .map(str::trim)
+        // Python's tuples may end with a comma: (17,).
         .filter(|t| !t.is_empty())
         .map(|t| t.parse().ok())
         .collect();
@@ -140,6 +142,7 @@ fn little_endian(bytes: &[u8]) -> f64 {
     match *bytes {
         [a, b, c, d] => f64::from(f32::from_le_bytes([a, b, c, d])),
         [a, b, c, d, e, f, g, h] => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+        // `chunks_exact` gives no other length.
         _ => f64::NAN,
     }
 }

@@ -55,5 +55,6 @@ fn color(photo: &Photo, i: usize) -> [u8; 3] {
 }
 
 fn byte(value: f32) -> u8 {
+    // Rounded to the nearest: cutting off would darken pictures by half a step.
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }

@@ -284,6 +284,7 @@ fn leave_out_strays(train: &mut Vec<Posed>, test: &mut Vec<Posed>) -> Vec<String
         .chain(test.iter())
         .map(|posed| posed.camera)
         .collect();
+    // Test cameras as well: one that is far off would be measured at a place nobody saw.
     let (strays, few) = plausible::strays(&cameras);
     let name = |index: usize| match index.checked_sub(train.len()) {
         None => &train[index].name,

@@ -41,6 +41,7 @@ fn missing(path: &Path, name: &str) -> UpsamplerError {
         .map(|other| path.with_extension(other))
         .filter(|other| other.exists())
     {
+        // The other file's presence shows that a pair was meant.
         Some(other) => format!(
             "is missing; {} beside it is only half of an ncnn network",
             other.display()

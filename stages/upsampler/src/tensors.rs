@@ -26,6 +26,7 @@ pub struct Tensors {
     device: Device,
     /// For each name, what the file calls the tensor.
     stored: BTreeMap<String, String>,
+    // Readers share the tensors and cross off what they have read.
     unread: RefCell<BTreeSet<String>>,
 }
 

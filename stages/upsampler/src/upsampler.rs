@@ -130,6 +130,7 @@ impl Upsampler {
         [
             // All are widened to 32 bits when they are read.
             4 * parameters as u64,
+            // A tile has its margins within it, so its area is what a pass sees.
             (self.network.facts().bytes_per_pixel * tile * tile) as u64,
         ]
     }

@@ -38,6 +38,7 @@ impl Camera {
                 height: self.height,
             });
         }
+        // JSON writes null for what is not finite, and null does not read back.
         if let Some(number) = self.numbers().find(|number| !number.is_finite()) {
             return Err(CameraError::NotFinite(number));
         }

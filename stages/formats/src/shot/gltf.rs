@@ -25,6 +25,7 @@ const MOVING: usize = 1;
 pub fn text(shot: &Shot) -> String {
     let (mut page, numbers) = page(shot);
     if !numbers.is_empty() {
+        // As a data URI, so that all is one file.
         let data = STANDARD.encode(&numbers);
         page["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{data}"));
     }

@@ -48,6 +48,7 @@ impl Rate {
 
     /// As OpenEXR holds it.
     pub fn fraction(self) -> (i32, u32) {
+        // Rates that were read fit: `from_str` refuses others.
         (self.frames as i32, self.seconds)
     }
 

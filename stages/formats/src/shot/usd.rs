@@ -88,6 +88,7 @@ fn camera(text: &mut String, prim: &str, name: &str, frames: &[&Camera], first: 
     value("float verticalApertureOffset", &|c| {
         single((c.cy - f64::from(c.height) / 2.0) / c.fl_y * focal(c))
     });
+    // USD's cameras have no resolution of their own.
     value("custom int2 srnerf:resolution", &|c| {
         format!("({}, {})", c.width, c.height)
     });

@@ -35,6 +35,7 @@ struct Lines<'a> {
 
 impl<'a> Lines<'a> {
     fn next(&mut self) -> Option<(usize, &'a str)> {
+        // Comments begin a line in COLMAP's files; a `#` within one is part of a name.
         let is_record = |text: &str| !text.trim().is_empty() && !text.starts_with('#');
         self.rest
             .find(|(_, text)| is_record(text))

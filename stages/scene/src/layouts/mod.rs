@@ -120,6 +120,7 @@ impl Layout {
         self.check_pictures(capture)?;
         let shots = shot::shots(capture);
         let masks = self.masks(&shots);
+        // All texts before the first file: what a layout cannot hold must leave nothing behind.
         let mut text = match self {
             Self::Colmap => colmap::files(&shots, capture)?,
             _ => frames::files(self, &shots, capture, masks)?,

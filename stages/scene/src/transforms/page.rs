@@ -94,6 +94,7 @@ impl Page {
             None => return Err(whole(without_frames(fields))),
         };
         match frames.len() {
+            // An empty scene would fail later, without the file's name.
             0 => return Err(("frames".into(), "is empty; expected one per photo".into())),
             // Frames are a foreign file's, and each asks for a look at the disk.
             count if count > MOST_FRAMES => {

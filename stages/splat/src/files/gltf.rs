@@ -131,6 +131,7 @@ fn page(cloud: &Cloud, up: Up, columns: &[Column], length: u32) -> Value {
     }
     json!({
         "asset": {"version": "2.0", "generator": "srnerf-dag"},
+        // Used and not required: programs that know no splats still show points.
         "extensionsUsed": [EXTENSION],
         "scene": 0,
         "scenes": [{"nodes": [0]}],

@@ -23,6 +23,7 @@ impl<'a> Parameters<'a> {
 
     /// A number, or what it is where it is not given.
     pub fn number(&mut self, id: u32, default: f64) -> Result<f64, UpsamplerError> {
+        // Removed, so that `finish` finds what nobody has asked for.
         match self.left.remove(&id).as_deref() {
             None => Ok(default),
             Some(&[value]) => Ok(value),
