@@ -74,7 +74,7 @@ fn rotate(matrix: &mut [Vec<f64>], vectors: &mut [Vec<f64>], p: usize, q: usize)
         (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
     }
     rotate_rows(matrix, p, q, c, s);
-    // Eigenvectors are kept as rows, so that this turn is that of their columns.
+    // Eigenvectors lie in rows, so a turn of their columns is one of rows.
     rotate_rows(vectors, p, q, c, s);
     true
 }

@@ -74,8 +74,6 @@ struct Seen {
 }
 
 impl Seen {
-    // The two blurs are of different planes: colours of all opponent channels, features of
-    // luminance.
     fn new(image: Image) -> Self {
         let width = image.width();
         let pixels = || (0..image.height()).flat_map(|y| (0..width).map(move |x| (x, y)));

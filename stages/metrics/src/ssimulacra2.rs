@@ -24,8 +24,7 @@ pub fn ssimulacra2(truth: Image, image: Image) -> Option<f64> {
     if truth.width().min(truth.height()) < LEAST_SIDE {
         return None;
     }
-    // The truth goes first: the score is not symmetric, and the crate's first picture is the
-    // source.
+    // The truth goes first: the score is not symmetric, and the crate takes the source first.
     compute(frame(truth)?, frame(image)?).ok()
 }
 

@@ -69,8 +69,7 @@ pub const NETWORKS: [Network; 5] = [
     },
     Network {
         name: "stlpips_alex",
-        // A blur is a step of its own in torchvision's count, so the numbers differ from plain
-        // AlexNet's.
+        // Blurs count as steps in the package, so the numbers differ from plain AlexNet's.
         sign: "net.slice5.13.weight",
         slices: || {
             alex(

@@ -12,8 +12,7 @@ pub fn largest(x: &Array, side: usize, stride: usize, up: bool) -> Array {
         // No underflow: pictures below `LEAST_SIDE`, whose planes would be too small, are refused.
         let rest = length - side;
         1 + if up {
-            // The last window begins inside as stride <= side, so PyTorch's rule on empty ones has
-            // no case.
+            // As stride <= side, the last window begins inside, which PyTorch wants of `ceil_mode`.
             rest.div_ceil(stride)
         } else {
             rest / stride

@@ -134,8 +134,7 @@ impl Layer {
             Self::Conv(convolution) => convolution.apply(x),
             Self::Fire(parts) => {
                 let [squeeze, expand_1, expand_3] = parts.as_ref();
-                // SqueezeNet's module has its ReLUs inside: they take no place in the count of
-                // steps.
+                // SqueezeNet's module has its ReLUs inside: they do not count as steps.
                 let x = relu(&squeeze.apply(x));
                 let [a, b] = [expand_1, expand_3].map(|expand| relu(&expand.apply(&x)));
                 // 1x1 first: the next kernel's input channels are in this order.

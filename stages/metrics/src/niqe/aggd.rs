@@ -40,8 +40,7 @@ impl Shapes {
         let r = moments.absolute.mean().powi(2) / moments.square.mean();
         let target = r * (g.powi(3) + 1.0) * (g + 1.0) / (g * g + 1.0).powi(2);
         let alpha = shape(self.nearest(target));
-        // Turns a deviation into a scale: the variance is beta^2 Gamma(3 / alpha) / Gamma(1 /
-        // alpha).
+        // Turns deviation into scale: beta^2 = variance Gamma(1 / alpha) / Gamma(3 / alpha).
         let scale = (gamma(1.0 / alpha) / gamma(3.0 / alpha)).sqrt();
         Aggd {
             alpha,

@@ -55,8 +55,7 @@ impl Plane {
                     .map(|i| window[j * WINDOW + i] * f64::from(row(j)[clamped(x, i, width)]))
                     .sum()
             };
-            // Rounded to f32: in f64 flat areas keep a texture of 1e-16, whose statistics swamp the
-            // rest.
+            // Rounded to f32: in f64 flat areas keep a texture of 1e-16, which swamps the rest.
             (0..WINDOW).map(row_sum).sum::<f64>() as f32
         };
         (0..width * height)

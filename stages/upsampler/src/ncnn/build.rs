@@ -220,7 +220,7 @@ impl Builder {
                         let (operation, outputs, side) =
                             convolution(layer, channels, parameters, weights)?;
                         self.convolutions += 1;
-                        // Half a kernel, in pixels of the input, which are the larger ones.
+                        // Half a kernel, over the ratio: reach is counted in pixels of the input.
                         let reach = reach + (side / 2) as f64 / ratio.value();
                         Ok((
                             operation,
