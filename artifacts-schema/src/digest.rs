@@ -183,7 +183,7 @@ impl ContentHasher {
     pub fn mask(&mut self, mask: Option<&[bool]>) {
         if let Some(mask) = mask {
             let bytes: Vec<u8> = mask.iter().map(|counts| u8::from(*counts)).collect();
-            // With a name: what follows are not depths or a next view.
+            // With a name, so that it cannot be taken for depths or for the next view.
             self.text("mask");
             self.bytes(&bytes);
         }

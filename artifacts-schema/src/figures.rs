@@ -43,7 +43,6 @@ impl Picture {
         let refuse = |problem: String| SchemaError::content(format!("picture {name:?}"), problem);
         let count = self.rgb8.len() as u64;
         let expected = 3 * u64::from(self.width) * u64::from(self.height);
-        // The encoder would otherwise write a file that ends early.
         if count != expected {
             return Err(refuse(format!("has {count} bytes; expected {expected}")));
         }

@@ -214,7 +214,7 @@ pub(crate) fn list_all(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
             }
         }
     }
-    // The stack visits folders in another order.
+    // The stack visits folders in no order of names.
     photos.sort();
     Ok(photos)
 }

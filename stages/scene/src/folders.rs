@@ -58,8 +58,7 @@ pub(crate) fn choose(
     };
     let best = |all: &dyn Fn(&Candidate) -> bool| {
         let possible = || candidates.iter().filter(|one| all(one));
-        // Candidates come by size: the smallest that fits, or the largest.
-        // The smallest that fits costs least to read; if none fits, the largest loses least.
+        // By size: the smallest that fits costs least to read; else the largest loses least.
         possible().find(fits).or(possible().next_back())
     };
     // Only for the note: what would be taken if all folders had all photos.

@@ -60,7 +60,7 @@ impl MaskFile {
         let find = |path: &str| finder.find(&folder, path).photo();
         std::iter::once(named.as_str())
             .chain(ends)
-            // `NAME.png.png` first, as COLMAP writes it; then `NAME.png`.
+            // `IMG.jpg.png` first, as COLMAP has it; then `IMG` with any photo's ending.
             .find_map(|end| find(&format!("{end}.png")).or_else(|| find(end)))
             .map(Self::black_is_out)
     }

@@ -24,7 +24,6 @@ const ALONG: f64 = 0.3;
 pub fn spiral(cameras: &[Camera], frames: u32, turns: f64) -> Vec<Camera> {
     let average = average_pose(cameras);
     let to_average = average.inverse();
-    // The farthest camera along each axis of the average camera.
     let reach = cameras
         .iter()
         .map(|camera| to_average.transform_point3(camera.position()).abs())
@@ -102,7 +101,7 @@ pub fn upwards(cameras: &[Camera]) -> DVec3 {
     // Power iteration for the least eigenvalue of the mean of side sideᵀ, whose eigenvalues are 0
     // to 1.
     let start = mean.try_normalize().unwrap_or(DVec3::Y);
-    // Subtracting the mean turns the least eigenvalue into the largest, which iteration finds.
+    // Taking that matrix off turns its least eigenvalue into the largest, which iteration finds.
     (0..STEPS).fold(start, |up, _| {
         (up - sideways(up)).try_normalize().unwrap_or(up)
     })

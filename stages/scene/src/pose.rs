@@ -176,7 +176,7 @@ pub fn focus(cameras: &[Camera]) -> DVec3 {
         .fold(0.0, f64::max);
     // Ahead of the mean camera, by three times the spread: what captures usually look at.
     let prior = mean + ahead * if spread > 0.0 { 3.0 * spread } else { 1.0 };
-    // So small that it moves a focus that the axes do determine by little.
+    // Small, so that it hardly moves a focus that the axes determine.
     let weight = 1e-4 * count;
     (matrix + DMat3::from_diagonal(DVec3::splat(weight))).inverse() * (right + weight * prior)
 }

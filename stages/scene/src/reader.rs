@@ -131,7 +131,7 @@ impl Survey {
         let read = |posed: &[Posed]| -> Result<(Vec<Photo>, usize), SceneError> {
             let read: Vec<(Photo, bool)> = posed
                 .par_iter()
-                // In parallel, and collected in order: the first error and all bits stay the same.
+                // In parallel, and collected in order: threads change no bit.
                 .map(|posed| read_photo(posed, self.size))
                 .collect::<Result<_, _>>()?;
             let clipped = read.iter().filter(|(_, clipped)| *clipped).count();

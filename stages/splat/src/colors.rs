@@ -112,7 +112,7 @@ fn decompose(lower: &mut [[f32; MOST]; MOST], count: usize) {
             let done: f32 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
             let rest = lower[i][j] - done;
             lower[i][j] = match i == j {
-                // Rounding can bring a pivot to 0 or below; its root would spoil all of the colours.
+                // Rounding can bring a pivot to 0 or below, whose root would spoil all colours.
                 true => rest.max(f32::MIN_POSITIVE).sqrt(),
                 false => rest / lower[j][j],
             };

@@ -22,7 +22,7 @@ impl Convolution {
             // Winograd transforms take four times the weight's memory, and are used by every tile.
             weight: Weight::from(weight).keeping_transforms(),
             bias,
-            // Zeros around the image, as in PyTorch's training of all these networks.
+            // Zeros around the image, with which all of these networks were trained.
             pad: [height, height, width, width],
         }
     }

@@ -113,7 +113,7 @@ impl Tensors {
             return Err(self.wrong(name, problem));
         }
         self.unread.borrow_mut().remove(name);
-        // The bytes stay mapped and shared until they are widened; nothing is copied before.
+        // Widened straight from the file's bytes, which are shared and not copied.
         let owner = self.file.file().shared();
         Weight::stored(&self.device, shape, &entry.dtype(), owner, entry.bytes())
             .map(|weight| weight.to_array())

@@ -70,7 +70,6 @@ pub fn enlarge(network: &dyn Network, x: &Array, tile: usize) -> Array {
     let x = whole_grains(x, facts.grain);
     let scale = facts.scale;
     let margin = margin(&facts);
-    // Both axes on their own: windows form a grid.
     let [rows, columns] = [x.shape()[2], x.shape()[3]].map(|extent| windows(extent, tile, margin));
     let whole = [scale * x.shape()[2], scale * x.shape()[3]];
     let enlarged = if rows.len() * columns.len() == 1 {
@@ -98,7 +97,6 @@ pub fn enlarge(network: &dyn Network, x: &Array, tile: usize) -> Array {
         }
         x.device().array(&[n, 3, whole[0], whole[1]], canvas)
     };
-    // What was continued to whole grains is cut off again.
     if whole == [scale * height, scale * width] {
         enlarged
     } else {

@@ -66,9 +66,9 @@ impl<'a> Cursor<'a> {
 
     /// A text that ends with a zero byte.
     fn text(&mut self) -> Result<String, String> {
+        // A name's length is not stored: without its zero byte it would not end.
         let end = self
             .0
-            // A name's length is not stored: without its zero byte it would not end.
             .iter()
             .position(|byte| *byte == 0)
             .ok_or("its name does not end")?;
@@ -147,7 +147,7 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
 /// Reads `points3D.bin`.
 pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, POINT, |cursor| {
-        // Its number, which nothing refers to.
+        // Its number, to which nothing that is read here refers.
         cursor.bytes(8)?;
         let position = cursor.reals()?;
         // Its colour.

@@ -27,7 +27,7 @@ const MOST_MODELS: u32 = 100;
 /// A parser of one file, which says where something is wrong and what.
 type Parser = fn(&[u8], &mut Model) -> Result<(), (String, String)>;
 
-// COLMAP writes binary files by default; text is what people export besides.
+// Binary comes first: it is what COLMAP writes by default.
 const PARSERS: [(&str, [Parser; 3]); 2] = [
     ("bin", [binary::cameras, binary::images, binary::points]),
     ("txt", [text::cameras, text::images, text::points]),

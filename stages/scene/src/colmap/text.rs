@@ -138,7 +138,7 @@ fn second_line(text: &str) -> Second {
     if text.starts_with('#') {
         return Second::NextImage;
     }
-    // Triples of numbers, or nothing. A name is hardly ever a number, so an image is no triple.
+    // Triples of numbers, perhaps none. An image's line ends with a name, hardly ever a number.
     if words.len().is_multiple_of(3) && are_numbers(&words) {
         return Second::Points;
     }

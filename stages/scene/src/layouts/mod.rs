@@ -116,7 +116,6 @@ impl Layout {
     /// # Errors
     /// If the layout cannot hold the scene, or the file system says no.
     pub fn write(self, folder: &Path, capture: &Capture) -> Result<Vec<String>, LayoutError> {
-        // Before any file is written.
         self.check_pictures(capture)?;
         let shots = shot::shots(capture);
         let masks = self.masks(&shots);

@@ -96,7 +96,6 @@ pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Decoded, SceneError
             .map_err(|error| unreadable(path, error))?
     };
     decoded.apply_orientation(turn);
-    // The size after the turn.
     let size = non_empty(path, (decoded.width(), decoded.height()))?;
     let (pixels, clipped) = channels(decoded, format);
     // One NaN would spread through the filters, and through training over the whole field.

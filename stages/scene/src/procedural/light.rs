@@ -75,7 +75,7 @@ impl Luminaire {
     fn reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let stride = POINTS / PER_SAMPLE;
         // Other points for each sub-ray: together they see all of the lamp.
-        // 7 is odd, so sixteen samples in a row meet all offsets; neighbours look far apart.
+        // 7 is odd: sixteen samples in a row meet all points, and neighbours look at distant ones.
         let points = (0..PER_SAMPLE).map(|k| self.points[(sample * 7 + k * stride) % POINTS]);
         let sum: Vec3 = points
             .map(|point| self.point_reflected(world, hit, to_eye, point))

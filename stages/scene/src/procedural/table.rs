@@ -227,7 +227,6 @@ fn pencils(turn: Mat3) -> Vec<Solid> {
         ));
     }
     things
-        // Cup and pencils turn as one.
         .into_iter()
         .map(|thing| turned_about(thing, turn, at))
         .collect()

@@ -289,8 +289,7 @@ impl Builder {
                     "Reorg" => {
                         let factor = parameters.count(0, 1)?;
                         parameters.must_be(1, "mode", 0)?;
-                        // Needs sides that are multiples of `factor`, which the ratio's denominator
-                        // adds to the grain.
+                        // Sides must be multiples of `factor`: the denominator joins the grain.
                         let smaller = Ratio::new(1, factor).and_then(|factor| ratio.times(factor));
                         let (true, Some(smaller)) = ((1..=FACTOR).contains(&factor), smaller)
                         else {

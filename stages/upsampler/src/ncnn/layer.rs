@@ -84,7 +84,7 @@ impl Operation {
                 .iter()
                 .fold(x.clone(), |product, factor| mul(&product, factor)),
             Self::Shift(numbers) => {
-                // A graph is for one image, and `add_channels` wants a row for each.
+                // `add_channels` wants a row of numbers for each image of the batch.
                 add_channels(x, &for_each_image(x.device(), numbers, x.shape()[0]))
             }
             Self::Concat => concat(inputs, 1),
