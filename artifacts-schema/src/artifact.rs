@@ -67,6 +67,7 @@ impl ArtifactKind {
 
 impl fmt::Display for ArtifactKind {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // By `pad`, so that tables can align it.
         out.pad(self.name())
     }
 }
@@ -101,6 +102,7 @@ pub trait Artifact: Sized {
 /// # Errors
 /// As [`Artifact::read`].
 pub fn semantic_digest(kind: ArtifactKind, folder: &Path) -> Result<Digest, SchemaError> {
+    // Of what was read, so that a file that cannot be read back never becomes a result.
     fn digest<A: Artifact>(folder: &Path) -> Result<Digest, SchemaError> {
         Ok(A::read(folder)?.semantic_digest())
     }

@@ -31,7 +31,9 @@ impl Cameras {
         let (transforms, views) = Transforms::read(folder)?;
         let mut alpha = false;
         for (name, _) in &views {
+            // Only headers: a set may hold gigabytes, and stages ask for cameras alone.
             let path = folder.join(images::file_of(name));
+            // No short cut once there is alpha: a broken file must be named here.
             alpha |= openexr::has_alpha(&path)
                 .map_err(|error| SchemaError::malformed(&path, error.place, error.problem))?;
         }

@@ -34,6 +34,7 @@ pub fn page(content: &impl Serialize) -> Result<String, SchemaError> {
 /// Reads a JSON file. Errors name its line and column.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, SchemaError> {
     let text = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
+    // From bytes, so that text that is not UTF-8 is an error of JSON with its place.
     serde_json::from_slice(&text).map_err(|error| SchemaError::malformed(path, "JSON", error))
 }
 
@@ -41,18 +42,21 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, SchemaError> {
 pub fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), SchemaError> {
     std::fs::create_dir_all(folder).map_err(|error| SchemaError::io(folder, error))?;
     let path = folder.join(name);
+    // Neither flushed nor renamed: the store does both when it takes the files over.
     std::fs::write(&path, bytes).map_err(|error| SchemaError::io(&path, error))
 }
 
 /// The files of a folder with this ending, by their stems.
 pub fn by_stem(folder: &Path, ending: &str) -> Result<BTreeMap<String, PathBuf>, SchemaError> {
     let failed = |error| SchemaError::io(folder, error);
+    // A sorted map: the order of a folder's entries differs between file systems.
     let mut files = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         if path.extension() == Some(OsStr::new(ending)) {
             let name = path.file_stem().and_then(OsStr::to_str);
             let name =
+                // Names become keys of JSON and of digests, which are Unicode.
                 name.ok_or_else(|| SchemaError::malformed(&path, "name", "is not Unicode"))?;
             files.insert(name.to_owned(), path);
         }
@@ -80,6 +84,7 @@ pub fn check_bounds(bounds: &Bounds) -> Result<(), SchemaError> {
 /// Refuses names that cannot be a file's stem or a tensor's key everywhere.
 pub fn check_name(name: &str) -> Result<(), SchemaError> {
     let bad = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
+    // With an ending 200 bytes stay below file systems' 255; Windows has streams behind `:`.
     if name.is_empty() || name.len() > 200 || name.starts_with('.') || name.contains(bad) {
         return Err(SchemaError::content(
             format!("name {name:?}"),

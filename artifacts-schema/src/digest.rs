@@ -64,6 +64,7 @@ impl FromStr for Digest {
 impl Serialize for Digest {
     /// Its digits, or in formats that nobody reads its bytes.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        // Binary caches hold many digests, and 32 bytes are half of 64 digits.
         if serializer.is_human_readable() {
             serializer.collect_str(self)
         } else {
@@ -105,6 +106,7 @@ impl ContentHasher {
     }
 
     pub fn text(&mut self, text: &str) {
+        // The length first: otherwise "a", "bc" and "ab", "c" would be equal.
         self.count(text.len());
         self.0.update(text.as_bytes());
     }
@@ -117,6 +119,7 @@ impl ContentHasher {
     }
 
     pub fn scores(&mut self, scores: &BTreeMap<String, f64>) {
+        // The map is sorted, so equal scores are fed in one order.
         self.count(scores.len());
         for (name, &score) in scores {
             self.text(name);
@@ -142,6 +145,7 @@ impl ContentHasher {
 
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.count(bytes.len());
+        // BLAKE3 is a tree: the digest is that of one thread.
         self.0.update_rayon(bytes);
     }
 
@@ -157,6 +161,7 @@ impl ContentHasher {
                     value + 0.0
                 }
             };
+            // Little-endian on every machine.
             let bytes: Vec<[u8; 4]> = chunk
                 .iter()
                 .map(|value| canonical(value).to_bits().to_le_bytes())
@@ -166,6 +171,7 @@ impl ContentHasher {
     }
 
     pub fn optional_values(&mut self, values: Option<&[f32]>) {
+        // 0 or 1 first: none differs from an empty plane.
         self.count(usize::from(values.is_some()));
         if let Some(values) = values {
             self.values(values);
@@ -177,12 +183,14 @@ impl ContentHasher {
     pub fn mask(&mut self, mask: Option<&[bool]>) {
         if let Some(mask) = mask {
             let bytes: Vec<u8> = mask.iter().map(|counts| u8::from(*counts)).collect();
+            // With a name, so that it cannot be taken for depths or for the next view.
             self.text("mask");
             self.bytes(&bytes);
         }
     }
 
     pub fn tensor(&mut self, tensor: &Tensor) {
+        // The type by name leaves room for other types with the same bytes.
         self.text("f32");
         self.count(tensor.shape.len());
         tensor.shape.iter().for_each(|&extent| self.count(extent));

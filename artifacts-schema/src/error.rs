@@ -58,6 +58,7 @@ impl SchemaError {
 
     /// The same problem, found in content that came from this file.
     pub(crate) fn in_file(self, file: &Path) -> Self {
+        // Checks do not know where content came from; only readers can name the file.
         match self {
             Self::Content { place, problem } => Self::Malformed {
                 path: file.to_owned(),

@@ -41,6 +41,7 @@ impl Artifact for Field {
     const KIND: ArtifactKind = ArtifactKind::Field;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+        // Before a file is touched: JSON would write null for what is not finite.
         canonical::check_bounds(&self.bounds)?;
         let metadata = FieldMetadata {
             config: self.config.clone(),
@@ -48,6 +49,7 @@ impl Artifact for Field {
             provenance: provenance.clone(),
         };
         let metadata = BTreeMap::from([
+            // Loaders of Hugging Face's libraries look for this key.
             ("format", "pt".to_owned()),
             (METADATA_KEY, canonical::line(&metadata)?),
         ]);

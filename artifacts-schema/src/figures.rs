@@ -74,6 +74,7 @@ impl Picture {
     }
 
     fn decode(bytes: &[u8]) -> Result<Self, String> {
+        // A PNG of a few bytes may claim gigabytes; deflate bounds what it can really hold.
         let most = usize::try_from(LARGEST_COMPRESSION_RATIO)
             .unwrap_or(usize::MAX)
             .saturating_mul(bytes.len());
@@ -81,6 +82,7 @@ impl Picture {
         let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
         let info = reader.info();
         let (width, height) = info.size();
+        // Only what `write_to` writes: other depths and palettes would be read as other bytes.
         if (info.color_type, info.bit_depth) != (ColorType::Rgb, BitDepth::Eight) {
             return Err(format!(
                 "is {:?}, {:?} bits; expected Rgb, Eight",
@@ -90,10 +92,12 @@ impl Picture {
         let texts = info
             .uncompressed_latin1_text
             .iter()
+            // Provenance is part of no content, and so of no digest.
             .filter(|chunk| chunk.keyword != PROVENANCE);
         let legend = texts
             .map(|chunk| (chunk.keyword.clone(), chunk.text.clone()))
             .collect();
+        // Checked once more: the limits bound the decoder's own buffers, not this one.
         let size = reader.output_buffer_size().filter(|size| *size <= most);
         let mut rgb8 = vec![0; size.ok_or("is larger than its bytes can hold")?];
         reader
@@ -139,6 +143,7 @@ impl Artifact for Figures {
 
     fn semantic_digest(&self) -> Digest {
         let mut hasher = ContentHasher::new(Self::KIND);
+        // Of pixels, not of files: another encoder's PNG is the same picture.
         hasher.count(self.images.len());
         for (name, picture) in &self.images {
             hasher.text(name);

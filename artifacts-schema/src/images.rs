@@ -58,6 +58,7 @@ fn about(camera: &Camera, provenance: &Provenance) -> Result<String, SchemaError
 
 impl View {
     fn to_exr(&self, provenance: &Provenance) -> Result<Vec<u8>, SchemaError> {
+        // What the encoder says names no view; the places of our own checks do.
         let refuse = |error: ExrError| match error.place {
             "OpenEXR" => SchemaError::content(format!("view {:?}", self.name), error.problem),
             place => SchemaError::content(place, error.problem),
@@ -123,6 +124,7 @@ impl View {
 impl ImageSet {
     fn sorted(&self) -> Vec<&View> {
         let mut views: Vec<&View> = self.views.iter().collect();
+        // By bytes, the same on every machine.
         views.sort_by(|left, right| left.name.cmp(&right.name));
         views
     }
@@ -133,6 +135,7 @@ impl Artifact for ImageSet {
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         let views = self.sorted();
+        // All checks come first, so that nothing is written of content that has no form on disk.
         canonical::check_bounds(&self.bounds)?;
         canonical::check_names(views.iter().map(|view| view.name.as_str()))?;
         views.iter().try_for_each(|view| view.check())?;
@@ -145,6 +148,7 @@ impl Artifact for ImageSet {
             ..Transforms::new(&cameras, self.bounds, provenance)
         })?;
         canonical::write(folder, transforms::FILE, page.as_bytes())?;
+        // Each view is a file of its own: the order of writing shows nowhere.
         views.par_iter().try_for_each(|view| {
             canonical::write(folder, &file_of(&view.name), &view.to_exr(provenance)?)
         })

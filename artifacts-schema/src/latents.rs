@@ -71,7 +71,9 @@ impl Latents {
 
     fn check(&self) -> Result<(), SchemaError> {
         canonical::check_bounds(&self.bounds)?;
+        // Sorted for the check alone, which looks at neighbours; tensors are written by name.
         canonical::check_names(self.sorted().iter().map(|view| view.name.as_str()))?;
+        // Latents are divided by it, and JSON has no other numbers.
         if !self.scaling_factor.is_finite() {
             return Err(SchemaError::content(
                 "scaling_factor",
@@ -126,10 +128,12 @@ impl Latents {
         let tensors = tensors::open(&path)?;
         let metadata: LatentsMetadata = tensors::header(&tensors)?;
         // Both ways: each view has a tensor, and each tensor a view.
+        // Looked for before the metadata is taken apart below.
         let unknown = |name: &&str| !metadata.views.contains_key(*name);
         let unknown = tensors.names().find(unknown).map(str::to_owned);
         let mut views = Vec::new();
         for (name, LatentViewMetadata { size, camera }) in metadata.views {
+            // A view without a tensor is named by the file's own error.
             let tensor = tensors.tensor(&name)?;
             let place = format!("tensor {name:?}");
             canonical::check_camera(&camera, &place).map_err(|error| error.in_file(&path))?;
@@ -154,6 +158,7 @@ impl Latents {
 
     fn digest(&self, kind: ArtifactKind) -> Digest {
         let mut hasher = ContentHasher::new(kind);
+        // Latents of two autoencoders are different things, even with equal numbers.
         hasher.text(&self.vae);
         hasher.real(self.scaling_factor);
         hasher.bounds(&self.bounds);
@@ -212,6 +217,7 @@ impl Artifact for Residuals {
     }
 
     fn semantic_digest(&self) -> Digest {
+        // By a kind of its own: a residual is no latent, even with the same numbers.
         self.0.digest(Self::KIND)
     }
 }

@@ -29,6 +29,7 @@ impl Artifact for Log {
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
         let mut text = String::new();
         for (index, line) in self.lines.iter().enumerate() {
+            // Readers of JSON lines, such as pandas, expect an object a line.
             if !line.is_object() {
                 return Err(SchemaError::content(
                     format!("line {}", index + 1),
@@ -49,6 +50,7 @@ impl Artifact for Log {
     fn read(folder: &Path) -> Result<Self, SchemaError> {
         let path = folder.join(FILE);
         let text = std::fs::read_to_string(&path).map_err(|error| SchemaError::io(&path, error))?;
+        // Each line by itself, so that an error has the line's number.
         let parse = |(index, line): (usize, &str)| match serde_json::from_str::<LogLine>(line) {
             Ok(line) => Ok(Value::Object(line)),
             Err(error) => Err(SchemaError::malformed(

@@ -54,6 +54,7 @@ impl Lora {
         self.tensors
             .iter()
             .try_for_each(|(name, tensor)| check_tensor(name, tensor, self.rank))?;
+        // Both lists are sorted by module, since the map is; so pairs stand at equal places.
         match self
             .modules(".lora_A.weight")
             .eq(self.modules(".lora_B.weight"))
@@ -77,6 +78,8 @@ impl Lora {
     fn adapter_metadata(&self) -> Value {
         json!({
             "unet.bias": "none",
+            // The names under which diffusers hands it to PEFT; without them alpha would be taken
+            // for the rank.
             "unet.lora_alpha": self.alpha,
             "unet.peft_type": "LORA",
             "unet.r": self.rank,
@@ -89,6 +92,7 @@ impl Lora {
 fn check_tensor(name: &str, tensor: &Tensor, rank: usize) -> Result<(), SchemaError> {
     let module = name.strip_prefix("unet.").unwrap_or_default();
     let fits = match tensor.shape[..] {
+        // Rows are outputs and columns inputs, as in PyTorch's linear layers.
         [down, _] if module.ends_with(".lora_A.weight") => down == rank,
         [_, up] if module.ends_with(".lora_B.weight") => up == rank,
         _ => false,
@@ -118,12 +122,14 @@ impl Artifact for Lora {
             ("format", "pt".to_owned()),
             (METADATA_KEY, canonical::line(&ours)?),
         ]);
+        // Always, even when empty: a missing file would be a damaged artifact.
         tensors::write(
             folder,
             CAMERA_FILE,
             tensors::by_name(&self.camera),
             &metadata,
         )?;
+        // After the camera's file, which diffusers does not read.
         metadata.insert(
             "lora_adapter_metadata",
             format!("{:#}", canonical::value(&self.adapter_metadata())?),
@@ -147,6 +153,7 @@ impl Artifact for Lora {
             tensors: tensors::all(&weights)?,
             camera: tensors::all(&camera)?,
         };
+        // The same checks both ways: what diffusers could not load is refused here.
         lora.check().map_err(|error| error.in_file(&path))?;
         Ok(lora)
     }

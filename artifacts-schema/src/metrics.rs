@@ -48,6 +48,7 @@ pub(crate) struct MetricsFile {
 impl Metrics {
     fn check(&self) -> Result<(), SchemaError> {
         for (name, row) in &self.rows {
+            // JSON would turn what is not finite into null, which does not read back.
             check_scores(&row.mean, || format!("row {name:?}, mean"))?;
             for (view, scores) in &row.views {
                 check_scores(scores, || format!("row {name:?}, view {view:?}"))?;
@@ -115,6 +116,7 @@ impl Artifact for Metrics {
                 hasher.scores(scores);
             }
         }
+        // Definitions belong to the content: by another one the same number says something else.
         hasher.count(self.definitions.len());
         for (metric, definition) in &self.definitions {
             hasher.text(metric);

@@ -23,6 +23,7 @@ pub struct Provenance {
     /// The stage's key.
     pub key: String,
     /// The kind of device that computed it: `cpu`, or a GPU's name and driver.
+    // Files of older versions have none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub device: String,
     /// The stage's parameters, defaults filled in.

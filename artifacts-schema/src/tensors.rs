@@ -22,6 +22,7 @@ pub fn write<'a>(
     metadata: &BTreeMap<&str, String>,
 ) -> Result<(), SchemaError> {
     let views = tensors.map(|(name, tensor)| (name, tensor.view()));
+    // Collected into a sorted map: the file does not depend on the order in which tensors come.
     let bytes = tensor_file::to_bytes(&views.collect(), metadata)?;
     canonical::write(folder, file, &bytes)
 }
@@ -33,6 +34,7 @@ pub fn by_name(tensors: &BTreeMap<String, Tensor>) -> impl Iterator<Item = (&str
 
 /// Opens a file.
 pub fn open(path: &Path) -> Result<TensorFile, SchemaError> {
+    // Read whole and not mapped: a file that is cut short under a map ends the program.
     let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;
     let file = FileBytes::in_memory(path.display().to_string(), bytes);
     Ok(TensorFile::new(file)?)

@@ -52,6 +52,7 @@ impl Transforms {
     /// The file for these cameras, given by view name.
     pub fn new(cameras: &[(&str, Camera)], bounds: Bounds, provenance: &Provenance) -> Self {
         let lenses: Vec<Lens> = cameras.iter().map(|(_, camera)| Lens::of(camera)).collect();
+        // One lens for all stands once, so that the file of hundreds of views stays short.
         let shared = lenses
             .first()
             .copied()
@@ -90,6 +91,7 @@ impl Transforms {
             .iter()
             .map(|frame| self.camera(frame))
             .collect::<Result<Vec<_>, _>>()?;
+        // The file may have been edited: the order of frames means nothing.
         cameras.sort_by(|(left, _), (right, _)| left.cmp(right));
         canonical::check_names(cameras.iter().map(|(name, _)| name.as_str()))?;
         Ok(cameras)
@@ -98,12 +100,14 @@ impl Transforms {
     fn camera(&self, frame: &Frame) -> Result<(String, Camera), SchemaError> {
         let place = format!("frame {:?}", frame.file_path);
         let refuse = |problem: &dyn ToString| SchemaError::content(&place, problem.to_string());
+        // The view's name is the file's stem, so that the set can be moved as a folder.
         let name = frame.file_path.strip_suffix(".exr");
         let name = name.ok_or_else(|| refuse(&"is not the name of an .exr file"))?;
         let lens = frame.lens.or(&self.lens);
         let camera = lens
             .camera(rows::matrix(&frame.transform_matrix))
             .map_err(|missing| refuse(&missing))?;
+        // A foreign file: a pose that cannot be inverted would give NaN far from here.
         canonical::check_camera(&camera, &place)?;
         Ok((name.to_owned(), camera))
     }

@@ -80,7 +80,7 @@ fn shards_are_one_rule_and_one_array() {
     );
     let submit = fs::read_to_string(space.path("slurm/submit.sh")).unwrap();
     assert!(
-        submit.contains("job_10=$(submit --dependency=afterok:$job_9 "),
+        submit.contains("job_4=$(submit --dependency=afterok:$job_3 "),
         "{submit}"
     );
 }

@@ -6,6 +6,7 @@ pub type Bounds = [[f64; 3]; 2];
 /// The smallest box around all points. That of none is empty: its low corner lies above its high
 /// one.
 pub fn around(points: impl IntoIterator<Item = [f64; 3]>) -> Bounds {
+    // Infinities are neutral for min and max, so the first point needs no case of its own.
     let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     points.into_iter().fold(empty, |[low, high], p| {
         [

@@ -87,6 +87,7 @@ impl Camera {
     pub fn ray(&self, px: f64, py: f64) -> Ray {
         let in_camera = self.at_unit_depth(px, py);
         let length = in_camera.length();
+        // All in f64; numbers are rounded to single precision only once, below.
         let direction = self.camera_to_world.transform_vector3(in_camera / length);
         Ray {
             origin: self.position().as_vec3().to_array(),
@@ -104,6 +105,7 @@ impl Camera {
             .inverse()
             .transform_point3(point.into());
         let depth = -p.z;
+        // Behind the camera the division would mirror the point into the image.
         if depth <= 0.0 {
             return None;
         }
@@ -122,6 +124,7 @@ impl Camera {
     /// The same camera with another number of pixels on the same image plane. Each axis is scaled
     /// on its own, so that sizes that do not divide still show exactly the same part of the world.
     pub fn scaled(&self, width: u32, height: u32) -> Camera {
+        // Not one factor for both: 252x189 by 4 is 63x47, whose pixels are not square.
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
         Camera {
@@ -137,6 +140,7 @@ impl Camera {
 
     /// The same view with `scale` times the pixels along each axis, rounded to whole ones.
     pub fn scaled_by(&self, scale: f64) -> Camera {
+        // At least one: a picture without pixels is none.
         let pixels = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
         self.scaled(pixels(self.width), pixels(self.height))
     }
@@ -201,6 +205,7 @@ impl Camera {
 
     /// Whether there is a ray through a point of the image, in pixels.
     pub fn has_ray(&self, px: f64, py: f64) -> bool {
+        // Newton's method may end beyond the fold, where the formula holds and no lens does.
         let undone = self.distortion.undo(self.seen(px, py));
         undone.is_some_and(|point| self.distortion.is_before_fold(point))
     }
@@ -214,6 +219,7 @@ impl Camera {
     pub fn look_at_with_up(position: DVec3, target: DVec3, up: DVec3) -> DMat4 {
         let back = (position - target).normalize();
         let right = up.cross(back).normalize();
+        // Taken anew: the direction asked for need not be at right angles to the view.
         let up = back.cross(right);
         DMat4::from_cols(
             right.extend(0.0),

@@ -7,6 +7,7 @@
 pub fn srgb_to_linear(encoded: f32) -> f32 {
     // Values below 0, as bicubic leaves them, are mirrored: a power of them would be NaN.
     let x = encoded.abs();
+    // The standard's own constants; its two pieces do not quite meet, by some 1e-8.
     let linear = if x <= 0.04045 {
         x / 12.92
     } else {

@@ -93,6 +93,7 @@ impl FileBytes {
         let failed = |source| FileError::of(path, source);
         let file = File::open(path).map_err(failed)?;
         let name = path.display().to_string();
+        // A folder or a device can be opened but not mapped, with a message that names no cause.
         if !file.metadata().map_err(failed)?.is_file() {
             return Err(FileError::NotAFile { file: name });
         }

@@ -10,6 +10,7 @@ use serde_json::{Error, Value};
 /// What has no form in JSON.
 pub fn value(content: &impl Serialize) -> Result<Value, Error> {
     let mut value = serde_json::to_value(content)?;
+    // Structs write fields in the order of their declaration, which may change.
     value.sort_all_objects();
     Ok(value)
 }
@@ -20,6 +21,7 @@ pub fn value(content: &impl Serialize) -> Result<Value, Error> {
 /// What has no form in JSON.
 pub fn line(content: &impl Serialize) -> Result<String, Error> {
     let mut line = String::new();
+    // In ASCII, since OpenEXR's and PNG's texts are not UTF-8.
     for character in value(content)?.to_string().chars() {
         // Only strings hold other characters, and there an escape means the same.
         match character.is_ascii() {
@@ -49,6 +51,7 @@ pub fn kind(value: &Value) -> String {
         Value::Null => "null".into(),
         Value::Bool(value) => value.to_string(),
         Value::Number(value) => value.to_string(),
+        // Long texts would fill the message; their kind is enough.
         Value::String(text) if text.chars().count() <= 40 => format!("{text:?}"),
         Value::String(_) => "a long text".into(),
         Value::Array(_) => "a list".into(),

@@ -96,7 +96,9 @@ impl Lens {
 
     /// All that a camera says of it.
     pub fn of(camera: &Camera) -> Self {
+        // Of a pinhole nothing is written, so that files of most scenes stay short.
         let bent = |coefficient: f64| Some(coefficient).filter(|_| !camera.distortion.is_none());
+        // Written only where they count: k4 to k6 need a model that few programs know.
         let below = |coefficient: f64| Some(coefficient).filter(|value| *value != 0.0);
         Self {
             w: Some(camera.width),
@@ -185,6 +187,7 @@ pub fn model<'a>(lenses: impl Iterator<Item = &'a Distortion> + Clone) -> &'stat
     match lenses.clone().next() {
         Some(_) if lenses.clone().all(|lens| lens.fisheye) => "OPENCV_FISHEYE",
         Some(_) if lenses.clone().any(full) => "FULL_OPENCV",
+        // Also for pinholes, whose coefficients are all 0.
         _ => "OPENCV",
     }
 }
@@ -195,6 +198,7 @@ fn field<'de, D: Deserializer<'de>, T>(
     expected: &str,
     read: impl Fn(&Value) -> Option<T>,
 ) -> Result<Option<T>, D::Error> {
+    // By way of a value, so that the message can say what was found instead.
     let value = Value::deserialize(deserializer)?;
     let wrong = || D::Error::custom(format!("is {}; expected {expected}", json::kind(&value)));
     match &value {

@@ -51,10 +51,12 @@ pub fn read_table(path: &Path) -> Result<Table, NpyError> {
 fn parse(bytes: &[u8]) -> Result<Table, String> {
     let (header, data) = split_header(bytes)?;
     let (rows, columns) = shape(field(header, "shape")?)?;
+    // Taken for C order, the numbers of a pose would come from many rows.
     if field(header, "fortran_order")?.starts_with("True") {
         return Err("the array is in Fortran order".into());
     }
     let width = element_width(field(header, "descr")?)?;
+    // The shape is a foreign file's: the product is checked, and must be just what follows.
     let needed = rows.checked_mul(columns).and_then(|n| n.checked_mul(width));
     if needed != Some(data.len()) {
         return Err(format!(
@@ -72,6 +74,7 @@ fn parse(bytes: &[u8]) -> Result<Table, String> {
 /// The header's text and the values behind it.
 fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     let rest = bytes.strip_prefix(MAGIC).ok_or("this is not a .npy file")?;
+    // Version 1 has a length of two bytes, later ones of four (NumPy's formats 1.0 and 2.0).
     let (length, rest) = match *rest {
         [1, _, a, b, ref rest @ ..] => (u32::from(u16::from_le_bytes([a, b])), rest),
         [2 | 3, _, a, b, c, d, ref rest @ ..] => (u32::from_le_bytes([a, b, c, d]), rest),
@@ -89,6 +92,7 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
 /// The text from a field's value on. The header is a Python dictionary literal that NumPy itself
 /// writes.
 fn field<'a>(header: &'a str, name: &str) -> Result<&'a str, String> {
+    // No parser of Python: the names, as NumPy itself quotes them, are looked for in the text.
     let missing = || format!("the header has no '{name}'");
     let (_, after) = header
         .split_once(&format!("'{name}'"))
@@ -101,6 +105,7 @@ fn field<'a>(header: &'a str, name: &str) -> Result<&'a str, String> {
 }
 
 fn element_width(descr: &str) -> Result<usize, String> {
+    // Big-endian and whole numbers are refused by name: LLFF writes neither.
     match descr.get(..5) {
         Some("'<f8'") => Ok(8),
         Some("'<f4'") => Ok(4),
@@ -120,6 +125,7 @@ fn shape(text: &str) -> Result<(usize, usize), String> {
     let sizes: Option<Vec<usize>> = inside
         .split(',')
         .map(str::trim)
+        // Python's tuples may end with a comma: (17,).
         .filter(|t| !t.is_empty())
         .map(|t| t.parse().ok())
         .collect();
@@ -136,6 +142,7 @@ fn little_endian(bytes: &[u8]) -> f64 {
     match *bytes {
         [a, b, c, d] => f64::from(f32::from_le_bytes([a, b, c, d])),
         [a, b, c, d, e, f, g, h] => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+        // `chunks_exact` gives no other length.
         _ => f64::NAN,
     }
 }

@@ -68,6 +68,7 @@ impl Pixels<Linear> {
 impl Pixels<Srgb> {
     /// The same picture in linear light.
     pub fn linear(&self) -> Pixels<Linear> {
+        // Decoded before it is multiplied: coverage is a share of light.
         let rgb = self.map(|x, part| srgb_to_linear(x) * part);
         Pixels::new(rgb, self.alpha.clone())
     }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// The rows of a matrix.
 pub fn of(matrix: &DMat4) -> [[f64; 4]; 4] {
+    // Rows of a matrix are the columns of its transpose.
     matrix.transpose().to_cols_array_2d()
 }
 

@@ -65,6 +65,7 @@ impl Values<'_> {
     /// The numbers as they lie in files.
     pub(crate) fn bytes(&self) -> Vec<u8> {
         match self {
+            // Little-endian on every machine, as the format asks.
             Self::F32(values) => {
                 let bytes: Vec<[u8; 4]> = values.iter().map(|value| value.to_le_bytes()).collect();
                 bytes.into_flattened()

@@ -15,6 +15,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("usage: comparison PHOTO.png COMPARISON.png".into());
     };
     let photo = image::open(photo)?.into_rgb8();
+    // Whole low-resolution pixels only, so that enlarging them gives the same size.
     let width = photo.width() as usize / FACTOR * FACTOR;
     let height = photo.height() as usize / FACTOR * FACTOR;
     let photo = image::imageops::crop_imm(&photo, 0, 0, width as u32, height as u32).to_image();

@@ -19,6 +19,8 @@ pub fn psnr_lr_consistency(render: Image, low_resolution: Image) -> f64 {
     let full = Device::cpu().array(&[1, 3, render.height(), render.width()], planes);
     let width = low_resolution.width();
     let height = low_resolution.height();
+    // Antialiased, as the inputs were: without it even a perfect render would alias and score low.
+    // On the CPU, so that figures of fields from different devices compare.
     let reduced = resize(&full, height, width, Filter::BicubicPil, true).to_vec();
     let pixels = width * height;
     let rgb: Vec<f32> = (0..pixels * 3)

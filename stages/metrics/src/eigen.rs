@@ -42,6 +42,7 @@ pub(crate) fn pinv_quadratic_form(matrix: Vec<Vec<f64>>, d: &[f64]) -> f64 {
     let largest = values
         .iter()
         .fold(0.0f64, |largest, value| largest.max(value.abs()));
+    // Relative to the largest, so that scaling the matrix drops neither more nor fewer directions.
     let kept = values
         .iter()
         .zip(&vectors)
@@ -64,6 +65,7 @@ fn rotate(matrix: &mut [Vec<f64>], vectors: &mut [Vec<f64>], p: usize, q: usize)
     }
     // cot of twice the angle; of both roots for its tangent the smaller one, which turns the least.
     let theta = (matrix[q][q] - matrix[p][p]) / (2.0 * matrix[p][q]);
+    // By `hypot`, since theta^2 overflows for tiny entries; signum(0) is 1, a turn by 45 degrees.
     let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
     let c = 1.0 / t.hypot(1.0);
     let s = t * c;
@@ -72,6 +74,7 @@ fn rotate(matrix: &mut [Vec<f64>], vectors: &mut [Vec<f64>], p: usize, q: usize)
         (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
     }
     rotate_rows(matrix, p, q, c, s);
+    // Eigenvectors lie in rows, so a turn of their columns is one of rows.
     rotate_rows(vectors, p, q, c, s);
     true
 }

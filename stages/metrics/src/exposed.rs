@@ -30,6 +30,7 @@ pub fn exposed(image: Image<'_>, truth: Image<'_>, counts: Option<&[bool]>) -> V
 /// Gain and offset of the line through pairs of values; a gain of 1 where all first values are the
 /// same.
 fn line(pairs: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    // Sums of f64, since the normal equations subtract nearly equal numbers.
     let mut sums = [0.0; 5];
     for [a, b] in pairs {
         let terms = [1.0, a, b, a * a, a * b];
@@ -45,6 +46,7 @@ fn line(pairs: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
     } else {
         1.0
     };
+    // Where no pixel counts all sums are 0, and the map is the identity.
     [gain, (b - gain * a) / count.max(1.0)]
 }
 

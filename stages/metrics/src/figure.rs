@@ -23,6 +23,7 @@ const PAPER: Colour = [255, 255, 255];
 const INK: Colour = [28, 30, 34];
 const FAINT: Colour = [112, 117, 125];
 /// Orange and sky blue of Okabe and Ito, told apart with any colour vision.
+// One colour a crop, the same in all panels, so that a frame leads to its crop.
 const CROPS: [Colour; 2] = [[230, 159, 0], [86, 180, 233]];
 
 /// One column of a comparison.
@@ -87,6 +88,7 @@ enum Overview {
 impl Overview {
     fn of(width: usize) -> Overview {
         match width {
+            // Whole factors keep every pixel a square of one size.
             narrow if narrow < *PANEL_WIDTHS.start() => {
                 Overview::Enlarged(PANEL_WIDTHS.start().div_ceil(narrow))
             }
@@ -162,6 +164,7 @@ impl Layout {
         let side = (panel_width - GAP) / 2 / ZOOM;
         let images: Vec<_> = panels.iter().map(|panel| panel.image).collect();
         let crops =
+            // A crop can be no larger than the picture.
             detail::worth_a_look(&images, side.min(truth.width()), side.min(truth.height()));
         let height = crops_top + crops[0].height * ZOOM + MARGIN;
         Layout {
@@ -184,6 +187,7 @@ impl Layout {
         self.overview
             .draw(canvas, left, self.picture_top, panel.image);
         for (index, (crop, colour)) in self.crops.into_iter().zip(CROPS).enumerate() {
+            // After the picture, which would cover it.
             canvas.frame(
                 self.overview.outline(crop, left, self.picture_top),
                 2,
@@ -191,6 +195,7 @@ impl Layout {
             );
             let width = crop.width * ZOOM;
             let height = crop.height * ZOOM;
+            // The second crop ends at the panel's right edge.
             let left = left + index * (self.panel_width - width);
             canvas.enlarged(left, self.crops_top, panel.image, crop, ZOOM);
             canvas.frame(

@@ -15,6 +15,7 @@ use color::{Lab, Opponent};
 use filters::{Contrast, Feature};
 
 /// Pixels in a degree of the visual field: a 4K screen 0.7 m wide, seen from 0.7 m.
+// Distance times pixels per metre is pixels per radian, near the middle of the view.
 const PIXELS_PER_DEGREE: f64 = 0.7 * 3840.0 / 0.7 * std::f64::consts::PI / 180.0;
 
 /// Colour differences are compressed by this exponent.
@@ -44,18 +45,21 @@ pub struct Flip {
 pub fn flip(truth: Image, image: Image) -> Flip {
     truth.assert_same_size(&image, "flip");
     let (a, b) = rayon::join(|| Seen::new(truth), || Seen::new(image));
+    // After the clamp to the screen's colours no difference is larger than this one.
     // Compressed like all others, so that it is mapped to 1.
     let largest = compressed(color::largest_difference());
     let at = |i: usize| {
         let color = redistributed(compressed(a.colors[i].difference(&b.colors[i])), largest);
         let edges = (a.edges[i] - b.edges[i]).abs();
         let points = (a.points[i] - b.points[i]).abs();
+        // Each kernel answers with at most 1, so a magnitude is at most sqrt(2).
         let feature = (edges.max(points) / std::f64::consts::SQRT_2).powf(Q_F);
         // Where one picture alone has a feature the exponent falls to 0, and any difference becomes
         // 1.
         color.powf(1.0 - feature.min(1.0))
     };
     let map: Vec<f64> = (0..a.colors.len()).into_par_iter().map(at).collect();
+    // Collected before it is added up, so that the mean has one order for any number of threads.
     Flip {
         mean: map.iter().sum::<f64>() / map.len() as f64,
         map: map.into_iter().map(|value| value as f32).collect(),

@@ -9,6 +9,7 @@ const SIGMA: f64 = 1.5;
 /// Averages a plane of `height * width` under the window, where the whole window fits: the result
 /// is `(height - 10) * (width - 10)`. Both sides must be at least 11.
 pub(crate) fn average(plane: &[f64], width: usize) -> Vec<f64> {
+    // A 2-D Gaussian is a product, so two passes of 11 taps replace one of 121.
     let window = window();
     let inner = width - 2 * RADIUS;
     let rows: Vec<f64> = plane
@@ -35,6 +36,7 @@ fn window() -> [f64; 2 * RADIUS + 1] {
     let taps: [f64; 2 * RADIUS + 1] =
         std::array::from_fn(|i| (-0.5 * ((i as f64 - RADIUS as f64) / SIGMA).powi(2)).exp());
     let sum: f64 = taps.iter().sum();
+    // Weights of sum 1 leave a flat plane as it is, and its variance at 0.
     taps.map(|tap| tap / sum)
 }
 

@@ -58,6 +58,7 @@ impl<'a> Image<'a> {
         self.clamped()
             .skip(channel)
             .step_by(3)
+            // SSIM subtracts nearly equal means of these, which takes more digits than f32 has.
             .map(f64::from)
             .collect()
     }

@@ -75,6 +75,7 @@ pub const DEFINITIONS: [(&str, &str); 14] = [
         "shift-tolerant LPIPS with VGG-16 against a held-out photo: 0 is identical; lower is better",
     ),
     (
+        // NIQE knows no truth: it belongs after all columns that have one.
         "niqe_y",
         "NIQE, no reference: BT.601 luma, BasicSR's parameters; compare at equal size only; lower is better",
     ),
@@ -87,6 +88,7 @@ pub const DEFINITIONS: [(&str, &str); 14] = [
         "PSNR in dB of a view carried into another by its depth, over the visible part; higher is more consistent",
     ),
     (
+        // Neither direction is better: coverage also follows from how far apart the cameras stand.
         "coverage_warped",
         "the share of a view's pixels that psnr_warped could compare, 0 to 1",
     ),

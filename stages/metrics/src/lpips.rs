@@ -59,15 +59,18 @@ impl Lpips {
         let known = NETWORKS.iter();
         let network = known
             .into_iter()
+            // By a tensor's name, not by the file's: files are called what their owners like.
             .find(|network| file.entry(network.sign).is_ok())
             .ok_or_else(|| LpipsError::Unknown {
                 file: file.name().to_owned(),
             })?;
+        // On the CPU, so that figures of fields from different devices compare.
         let device = Device::cpu();
         let trunk = Trunk::read(network, &file, &device)?;
         let heads = trunk.channels.iter().enumerate();
         let heads = heads
             .map(|(slice, &channels)| {
+                // A head of the package is a dropout layer, number 0, and a 1x1 convolution.
                 let name = format!("lin{slice}.model.1.weight");
                 trunk::tensor(&file, &name, &[1, channels, 1, 1])
             })
@@ -101,6 +104,7 @@ impl Lpips {
 fn input(picture: Image) -> Array {
     let plane = |channel: usize| {
         let values = picture.clamped().skip(channel).step_by(3);
+        // First to -1..1, the range that SHIFT and SCALE are meant for.
         values.map(move |value| (2.0 * value - 1.0 - SHIFT[channel]) / SCALE[channel])
     };
     let shape = [1, 3, picture.height(), picture.width()];
@@ -115,6 +119,7 @@ fn apart(a: &Array, b: &Array, head: &[f32]) -> f64 {
     let [scale_a, scale_b] = [&a, &b].map(|values| scales(values, plane));
     let channel = |((a, b), weight): ((&[f32], &[f32]), &f32)| {
         let pixels = a.iter().zip(b).zip(scale_a.iter().zip(&scale_b));
+        // In f64: for similar pictures the two terms nearly cancel.
         let squares = pixels.map(|((a, b), (scale_a, scale_b))| {
             (f64::from(*a) * scale_a - f64::from(*b) * scale_b).powi(2)
         });
@@ -134,6 +139,7 @@ fn scales(values: &[f32], plane: usize) -> Vec<f64> {
             *sum += f64::from(*value).powi(2);
         }
     }
+    // The package adds EPSILON to the length, not to the square under the root.
     let scale = |square: f64| 1.0 / (square.sqrt() + EPSILON);
     squares.into_iter().map(scale).collect()
 }

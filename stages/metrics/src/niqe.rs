@@ -44,6 +44,7 @@ pub fn niqe(image: Image) -> Option<Niqe> {
     if columns * rows < 2 {
         return None;
     }
+    // Cut to whole blocks first: halving and local means see borders where the blocks end.
     let features = features::of_blocks(luma(image, columns * BLOCK, rows * BLOCK), columns, rows);
     let complete: Vec<Features> = features
         .iter()
@@ -61,6 +62,7 @@ pub fn niqe(image: Image) -> Option<Niqe> {
 /// BasicSR's chain of single and double precision gives it.
 fn luma(image: Image, width: usize, height: usize) -> Vec<f32> {
     let y = |[r, g, b]: [f32; 3]| {
+        // The weights add up to 219, the swing from 16 to 235.
         let luma = 65.481 * f64::from(r) + 128.553 * f64::from(g) + 24.966 * f64::from(b) + 16.0;
         ((luma / 255.0) as f32 * 255.0).round_ties_even()
     };
@@ -82,7 +84,9 @@ fn distance(pristine: &Pristine, mean: &Features, complete: &[Features]) -> Opti
         .map(|i| (0..FEATURES).map(|j| average(i, j)).collect())
         .collect();
     let difference: Vec<f64> = (0..FEATURES).map(|i| pristine.mean[i] - mean[i]).collect();
+    // A pseudo-inverse, as in BasicSR: few blocks may leave directions without variance.
     let value = eigen::pinv_quadratic_form(average, &difference).sqrt();
+    // Rounding can bring the form below 0, and its root is NaN.
     value.is_finite().then_some(value)
 }
 
@@ -101,6 +105,7 @@ fn covariance(rows: &[Features]) -> Vec<Vec<f64>> {
         let products = rows
             .iter()
             .map(|row| (row[i] - mean[i]) * (row[j] - mean[j]));
+        // Divided by n - 1, as numpy's `cov` does by default.
         products.sum::<f64>() / (rows.len() - 1) as f64
     };
     (0..FEATURES)

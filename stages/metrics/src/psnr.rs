@@ -13,6 +13,7 @@ pub const MAX_PSNR: f64 = 100.0;
 /// it over views, do not average the MSE (`docs/metrics.md`). Panics if the sizes differ.
 pub fn psnr(truth: Image, image: Image) -> f64 {
     truth.assert_same_size(&image, "psnr");
+    // Added on one thread in one order: the sum has the same bits for any number of threads.
     let squares: f64 = truth
         .clamped()
         .zip(image.clamped())
@@ -23,6 +24,7 @@ pub fn psnr(truth: Image, image: Image) -> f64 {
 
 /// `-10 log10(mse)`, at most [`MAX_PSNR`].
 pub(crate) fn from_mse(mse: f64) -> f64 {
+    // At mse = 0 the logarithm is -inf, and the cap is what remains.
     (-10.0 * mse.log10()).min(MAX_PSNR)
 }
 

@@ -18,6 +18,7 @@ const C2: f64 = 0.03 * 0.03;
 /// use_sample_covariance=False, data_range=1, channel_axis=2)`. Panics if the sizes differ.
 pub fn ssim(truth: Image, image: Image) -> Option<f64> {
     truth.assert_same_size(&image, "ssim");
+    // Padding would let made-up pixels count; a smaller picture has no value instead.
     let fits = truth.width().min(truth.height()) > 2 * gaussian::RADIUS;
     let channel = |c| ssim_plane(&truth.channel(c), &image.channel(c), truth.width());
     fits.then(|| (0..3).map(channel).sum::<f64>() / 3.0)
@@ -39,9 +40,11 @@ fn ssim_plane(x: &[f64], y: &[f64], width: usize) -> f64 {
         let variance_x = xx[i] - mx * mx;
         let variance_y = yy[i] - my * my;
         let covariance = xy[i] - mx * my;
+        // With C3 = C2 / 2 contrast and structure merge into one fraction (Wang et al., Eq. 13).
         let luminance = (2.0 * mx * my + C1) / (mx * mx + my * my + C1);
         luminance * (2.0 * covariance + C2) / (variance_x + variance_y + C2)
     };
+    // Summed in order on one thread, so that threads change no bit.
     (0..xy.len()).map(at).sum::<f64>() / xy.len() as f64
 }
 

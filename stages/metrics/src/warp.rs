@@ -50,6 +50,7 @@ pub fn warped(
     let height = source.image.height();
     let mut squares = 0.0;
     let mut visible = 0usize;
+    // On one thread: the sum has one order.
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let Some([u, v, depth]) = source
             .point(x, y)
@@ -102,6 +103,7 @@ impl Surface<'_> {
         }
         // The depth of the pixel itself: a mean across a rim would be that of no surface.
         let [_, _, own] = self.point((u as usize).min(width - 1), (v as usize).min(height - 1))?;
+        // Relative to the depth: the scene's unit does not matter.
         ((depth - own).abs() <= DEPTH_TOLERANCE * own).then(|| self.interpolated(u - 0.5, v - 0.5))
     }
 
@@ -109,6 +111,7 @@ impl Surface<'_> {
     fn interpolated(&self, u: f64, v: f64) -> [f32; 3] {
         let x = u as usize;
         let y = v as usize;
+        // At the last centre the neighbour has no weight; the bound keeps the index inside.
         let right = (x + 1).min(self.image.width() - 1);
         let below = (y + 1).min(self.image.height() - 1);
         let s = (u - x as f64) as f32;

@@ -68,6 +68,7 @@ pub(crate) fn shrink_covered(
     filter: Reducer,
 ) -> Pixels<Srgb> {
     let Pixels { rgb, alpha, .. } = pixels;
+    // At the same size nothing is filtered, and dividing by coverage would only round.
     let Some(alpha) = alpha.as_ref().filter(|_| size != new_size) else {
         return Pixels::new(shrink(rgb, 3, size, new_size, filter), alpha.clone());
     };
@@ -82,6 +83,7 @@ pub(crate) fn shrink_covered(
     let straight = |(i, value): (usize, f32)| {
         // Where coverage is 0 so is the colour, and nothing is divided.
         if value > 0.0 {
+            // Colour and coverage overshoot alike but not equally, so the ratio may exceed 1.
             (value / alpha[i / 3]).min(1.0)
         } else {
             0.0
@@ -108,6 +110,7 @@ pub(crate) fn shrink(
         Reducer::Area => Filter::Area,
     };
     let planes = planes(values, channels);
+    // On the CPU whatever the device, so that the scene's bits do not depend on it.
     let image = Device::cpu().array(&[1, channels, height as usize, width as usize], planes);
     let resized = resize(
         &image,
@@ -119,6 +122,7 @@ pub(crate) fn shrink(
     .to_vec();
     interleaved(&resized, channels)
         .into_iter()
+        // Bicubic kernels have negative parts and overshoot at edges.
         .map(|value| value.clamp(0.0, 1.0))
         .collect()
 }

@@ -19,6 +19,7 @@ impl Faults {
             return Ok(Vec::new());
         };
         let many = self.0.len();
+        // One broken photo must not stop a scene, but many mean that the file is read wrongly.
         if many <= a_tenth(count) {
             let note = |(place, fault): &(String, String)| {
                 format!("{}: {place} is left out: {fault}", path.display())

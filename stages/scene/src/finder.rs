@@ -55,11 +55,13 @@ impl Finder {
         if is_photo(&exact) {
             return Found::Photo(exact);
         }
+        // Poses may come from Windows, and a backslash is part of a name elsewhere.
         let slashed = named.replace('\\', "/");
         let mut not_read = None;
         for candidate in candidates(&slashed) {
             match self.resolve(folder, candidate) {
                 Some(Found::Photo(path)) => return Found::Photo(path),
+                // Remembered only: a shorter end of the path may yet lead to one that is read.
                 Some(Found::NotRead(path, format)) => {
                     not_read.get_or_insert(Found::NotRead(path, format));
                 }
@@ -81,6 +83,7 @@ impl Finder {
             false => folder.to_owned(),
         };
         for part in folders {
+            // An exact name first: where case matters, two folders may differ by it alone.
             let exact = at.join(part);
             at = match exact.is_dir() {
                 true => exact,
@@ -93,6 +96,7 @@ impl Finder {
     fn in_any_case(&self, folder: &Path, name: &str) -> Option<String> {
         let wanted = name.to_lowercase();
         let listing = self.listing(folder);
+        // Listings have names without photos' endings as keys, folders' names too.
         let alike = listing.get(photo_file::split(&wanted).0)?;
         alike
             .iter()
@@ -107,6 +111,7 @@ impl Finder {
         let alike = listing
             .get(photo_file::split(&wanted).0)
             .into_iter()
+            // Also a file with one more ending than the name: `a.jpg.png`.
             .chain(listing.get(&wanted))
             .flatten();
         // Formats that are read come before others, and then the whole name in another case before
@@ -118,6 +123,7 @@ impl Finder {
                 let close = (*other != name, other.to_lowercase() != wanted);
                 Some((rank.is_none(), close, rank, other, ending))
             })
+            // A folder may be named like a photo.
             .filter(|(.., other, _)| folder.join(other).is_file())
             .min()?;
         let (.., other, ending) = best;
@@ -147,6 +153,7 @@ impl Finder {
 /// A path, and, if it leads out of the scene's folder, ever shorter ends of it: it may be from
 /// another machine.
 fn candidates(path: &str) -> impl Iterator<Item = &str> {
+    // `C:` of Windows.
     let is_drive = path.as_bytes().get(1) == Some(&b':');
     let leads_out = path.starts_with('/') || path.starts_with("../") || is_drive;
     let ends = path
@@ -160,6 +167,7 @@ fn list_names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut names: Vec<String> = entries
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        // Hidden files are none of the user's photos, as macOS's `._name.jpg`.
         .filter(|name| !name.starts_with('.'))
         .collect();
     names.sort();
@@ -198,6 +206,7 @@ pub(crate) fn list_all(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     while let Some((folder, depth)) = folders.pop() {
         for name in list_names(&folder) {
             let path = folder.join(name);
+            // Links to folders are not followed: one that leads upwards would never end.
             let is_folder = std::fs::symlink_metadata(&path).is_ok_and(|about| about.is_dir());
             if is_folder && depth < DEEPEST && photos.len() < MOST_PHOTOS {
                 photos.extend(list(&path)?);
@@ -205,11 +214,12 @@ pub(crate) fn list_all(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
             }
         }
     }
+    // The stack visits folders in no order of names.
     photos.sort();
     Ok(photos)
 }
 
-/// The first photo or film of a format that is not read in a folder or below it, if there is one.
+/// The first photo or film right in a folder of a format that is not read, if there is one.
 pub(crate) fn first_not_read(folder: &Path) -> Option<&'static str> {
     let names = list_names(folder);
     let format = |name: &String| photo_file::not_read(photo_file::split(name).1?);

@@ -58,9 +58,10 @@ pub(crate) fn choose(
     };
     let best = |all: &dyn Fn(&Candidate) -> bool| {
         let possible = || candidates.iter().filter(|one| all(one));
-        // Candidates come by size: the smallest that fits, or the largest.
+        // By size: the smallest that fits costs least to read; else the largest loses least.
         possible().find(fits).or(possible().next_back())
     };
+    // Only for the note: what would be taken if all folders had all photos.
     let by_size = best(&|_| true);
     let chosen =
         best(&|one| one.has == most).ok_or_else(|| no_photos(scene, scene.join("images")))?;
@@ -84,6 +85,7 @@ fn no_photos(scene: &Path, path: PathBuf) -> SceneError {
     if let Some(format) = finder::first_not_read(&path) {
         return SceneError::not_read(&path, format);
     }
+    // Errors are passed over here, since the one about photos is already on its way.
     let there = candidates(scene, &[]).unwrap_or_default();
     let names: Vec<String> = there.iter().map(Candidate::name).collect();
     let remedy = match names.is_empty() {
@@ -122,6 +124,7 @@ fn candidates(scene: &Path, named: &[&str]) -> Result<Vec<Candidate>, SceneError
             folder,
         });
     }
+    // The folder's name decides between equal areas, as directories have no order.
     found.sort_by_key(|one| (one.area(), one.folder.clone()));
     Ok(found)
 }

@@ -90,6 +90,7 @@ impl Gathering {
     /// Notes on what was gathered; an error if there is no photo at all.
     pub(crate) fn settle(self, remedy: &str) -> Result<Vec<String>, SceneError> {
         if self.found == 0 {
+            // A photo that is there in the wrong format tells more than one that is missing.
             if let Some((path, format)) = self.not_read.first() {
                 return Err(SceneError::not_read(path, format));
             }

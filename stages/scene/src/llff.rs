@@ -62,6 +62,7 @@ impl Reader for Llff {
         let photos = folders::choose(&self.folder, self.images.as_deref(), self.size, &[])?;
         let files = finder::list(&photos.folder)?;
         let poses = read_poses(&poses_file)?;
+        // Rows have no names: only their order ties them to photos, so one too many shifts all.
         if files.len() != poses.rows {
             return Err(SceneError::Count {
                 folder: photos.folder,
@@ -136,6 +137,7 @@ impl Llff {
                 mask,
             });
         }
+        // As in `Faults::settle`: a tenth may be bad, more mean another layout.
         if faults.len() > a_tenth(count) || photos.is_empty() {
             let (row, fault) = faults.swap_remove(0);
             return Err(SceneError::Pose {
@@ -227,6 +229,7 @@ fn camera(row: &[f64], size: (u32, u32)) -> Result<Camera, String> {
     check_intrinsics((full_width, full_height), focal, size)?;
     let near = row[15];
     let far = row[16];
+    // NaN was refused above, so the comparisons hold for all numbers.
     if near <= 0.0 || near >= far {
         return Err(format!("near {near} and far {far} are not 0 < near < far"));
     }
@@ -235,8 +238,10 @@ fn camera(row: &[f64], size: (u32, u32)) -> Result<Camera, String> {
     Ok(Camera {
         width: size.0,
         height: size.1,
+        // Each axis by its own ratio: reduced copies are rounded to whole pixels on each.
         fl_x: focal * width / full_width,
         fl_y: focal * height / full_height,
+        // The table has no principal point: LLFF takes the middle.
         cx: width / 2.0,
         cy: height / 2.0,
         distortion: Distortion::default(),

@@ -43,6 +43,7 @@ impl MaskFile {
     pub(crate) fn of(finder: &Finder, scene: &Path, photo: &Path, named: &str) -> Option<Self> {
         let stem = photo.file_stem()?.to_str()?;
         let beside = photo.with_file_name(format!("{DYNAMIC_MASK}{stem}.png"));
+        // The nearest to the photo first, should both customs be followed.
         if beside.is_file() {
             return Some(Self {
                 path: beside,
@@ -59,6 +60,7 @@ impl MaskFile {
         let find = |path: &str| finder.find(&folder, path).photo();
         std::iter::once(named.as_str())
             .chain(ends)
+            // `IMG.jpg.png` first, as COLMAP has it; then `IMG` with any photo's ending.
             .find_map(|end| find(&format!("{end}.png")).or_else(|| find(end)))
             .map(Self::black_is_out)
     }
@@ -68,6 +70,7 @@ impl MaskFile {
         let (size, grey) = photo_file::read_grey(&self.path, turn)?;
         let shape = |(width, height): (u32, u32)| f64::from(width) / f64::from(height);
         let wanted = (camera.width, camera.height);
+        // Masks are stretched to their photo, so another shape would mask other things.
         if (shape(size) / shape(wanted) - 1.0).abs() > SAME_SHAPE {
             let fault = format!(
                 "is {}x{}, its photo {}x{}: another aspect ratio",
@@ -112,6 +115,7 @@ pub(crate) fn inside_rim(camera: &Camera) -> Option<Vec<bool>> {
             .all(|(right, down)| camera.has_ray(x + right, y + down))
     };
     let inside: Vec<bool> = (0..camera.width * camera.height).map(has_ray).collect();
+    // Without a pixel beyond the rim no mask is stored.
     inside.contains(&false).then_some(inside)
 }
 

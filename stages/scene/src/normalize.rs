@@ -13,6 +13,7 @@ use glam::{DMat3, DMat4, DVec3};
 ///
 /// Also gives the matrix that takes the new coordinates back to the old ones.
 pub(crate) fn normalize(cameras: &[Camera]) -> (Vec<Camera>, DMat4) {
+    // A reconstruction's unit is arbitrary, so the nearest near plane gives another.
     let nearest = cameras
         .iter()
         .map(|camera| camera.near)
@@ -35,6 +36,7 @@ pub(crate) fn average_pose(cameras: &[Camera]) -> DMat4 {
             .map(|camera| axis(&camera.camera_to_world))
             .sum::<DVec3>()
     };
+    // Directions, and not rotations, are averaged: only the view axis and the upright matter.
     let back = sum(|pose| pose.z_axis.truncate())
         .try_normalize()
         .unwrap_or(DVec3::Z);
@@ -45,6 +47,7 @@ pub(crate) fn average_pose(cameras: &[Camera]) -> DMat4 {
         .try_normalize()
         .unwrap_or_else(|| back.any_orthonormal_vector());
     let position = sum(|pose| pose.w_axis.truncate()) / cameras.len().max(1) as f64;
+    // `back x right` is up again, at right angles to both.
     DMat4::from_mat3_translation(DMat3::from_cols(right, back.cross(right), back), position)
 }
 

@@ -32,6 +32,7 @@ pub fn spiral(cameras: &[Camera], frames: u32, turns: f64) -> Vec<Camera> {
     let up = average.y_axis.truncate();
     let place = |part: f64| {
         let angle = TAU * turns * part;
+        // Forwards and backwards once, whatever the number of turns, so that the path closes.
         let ahead = ALONG * reach.truncate().length() * (TAU * part).sin();
         let offset = SPREAD * DVec3::new(reach.x * angle.cos(), reach.y * angle.sin(), ahead);
         Camera::look_at_with_up(average.transform_point3(offset), focus, up)
@@ -100,6 +101,7 @@ pub fn upwards(cameras: &[Camera]) -> DVec3 {
     // Power iteration for the least eigenvalue of the mean of side sideᵀ, whose eigenvalues are 0
     // to 1.
     let start = mean.try_normalize().unwrap_or(DVec3::Y);
+    // Taking that matrix off turns its least eigenvalue into the largest, which iteration finds.
     (0..STEPS).fold(start, |up, _| {
         (up - sideways(up)).try_normalize().unwrap_or(up)
     })
@@ -142,6 +144,7 @@ pub fn path_digest(path: &Path) -> Result<[u8; 32], SceneError> {
 fn along(cameras: &[Camera], frames: u32, place: impl Fn(f64) -> glam::DMat4) -> Vec<Camera> {
     let like = with_all_depths(cameras);
     let camera = |frame| Camera {
+        // Divided by `frames`, not by `frames - 1`: the last frame precedes the first in a loop.
         camera_to_world: place(f64::from(frame) / f64::from(frames)),
         ..like
     };
@@ -158,6 +161,7 @@ fn with_all_depths(cameras: &[Camera]) -> Camera {
     Camera {
         near,
         far,
+        // Paths are pinholes: a lens would bend frames that nobody photographed.
         distortion: Default::default(),
         ..cameras[0]
     }

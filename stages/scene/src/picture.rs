@@ -11,6 +11,7 @@ pub(crate) fn write_rgba(path: &Path, photo: &Photo) -> Result<(), SceneError> {
     let image = RgbaImage::from_fn(photo.camera.width, photo.camera.height, |x, y| {
         let i = pixel(photo, x, y);
         let [r, g, b] = color(photo, i);
+        // Not multiplied: PNG's alpha is straight, by its specification.
         Rgba([r, g, b, byte(photo.pixels.coverage(i))])
     });
     let saved = image.save(path);
@@ -38,6 +39,7 @@ pub(crate) fn write_mask(
 ) -> Result<(), SceneError> {
     let image = GrayImage::from_fn(photo.camera.width, photo.camera.height, |x, y| {
         let counts = mask.is_none_or(|mask| mask[pixel(photo, x, y)]);
+        // Full white and full black, so that any threshold gives the mask back.
         Luma([255 * u8::from(is_white(counts))])
     });
     let saved = image.save(path);
@@ -53,5 +55,6 @@ fn color(photo: &Photo, i: usize) -> [u8; 3] {
 }
 
 fn byte(value: f32) -> u8 {
+    // Rounded to the nearest: cutting off would darken pictures by half a step.
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }

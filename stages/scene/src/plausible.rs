@@ -69,6 +69,7 @@ pub(crate) fn strays(cameras: &[Camera]) -> (Vec<Stray>, bool) {
     let crowd = Crowd::of(cameras);
     let far = |(index, distance): (usize, &f64)| {
         let times = distance / crowd.reach;
+        // With most cameras at one place the reach is 0, and nothing can be said of the others.
         (times.is_finite() && times > STRAY).then_some(Stray { index, times })
     };
     let strays: Vec<Stray> = crowd.distances.iter().enumerate().filter_map(far).collect();
@@ -80,6 +81,7 @@ pub(crate) fn strays(cameras: &[Camera]) -> (Vec<Stray>, bool) {
 pub(crate) fn at_one_place(cameras: &[Camera]) -> bool {
     let crowd = Crowd::of(cameras);
     let farthest = crowd.distances.iter().copied().fold(0.0, f64::max);
+    // Relative to the distance from the origin, with which rounding grows.
     cameras.len() > 1 && farthest <= ONE_PLACE * crowd.middle.length()
 }
 
@@ -90,6 +92,7 @@ pub(crate) fn recentred(cameras: &[Camera]) -> Option<DMat4> {
     let crowd = Crowd::of(cameras);
     let far = crowd.reach > 0.0 && crowd.middle.abs().max_element() > FAR_OFF * crowd.reach;
     far.then(|| {
+        // Scaled by the reach as well: distances between cameras are then about 1.
         DMat4::from_translation(crowd.middle) * DMat4::from_scale(DVec3::splat(crowd.reach))
     })
 }

@@ -21,6 +21,7 @@ pub fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
     if rows.as_flattened().iter().any(|value| !value.is_finite()) {
         return Err("holds a number that is not finite".into());
     }
+    // Tolerant, since some files hold single precision.
     let is_last = |row: &[f64; 4]| {
         let off = |(value, wanted): (&f64, f64)| (value - wanted).abs() <= ORTHONORMAL;
         row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(off)
@@ -42,6 +43,7 @@ pub fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
         turn * (1.0 / scale)
     };
     let product = turn.transpose() * turn;
+    // `off` is true where it is a rotation.
     let off = product.abs_diff_eq(DMat3::IDENTITY, ORTHONORMAL);
     if !off {
         return Err(
@@ -69,6 +71,7 @@ pub(crate) fn check(camera: &Camera) -> Result<(), String> {
             camera.cx, camera.cy, camera.width, camera.height
         ));
     }
+    // Where the lens folds, one pixel has several rays, and undoing the formula finds any of them.
     match camera.sees_through_its_image() {
         true => Ok(()),
         false => Err(format!(
@@ -81,6 +84,7 @@ pub(crate) fn check(camera: &Camera) -> Result<(), String> {
 /// The depths along the view axis between which a camera meets a box.
 pub(crate) fn depths_of_box(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     let to_camera = camera.camera_to_world.inverse();
+    // Bit `axis` of i chooses the low or the high corner of that axis.
     let corner = |i: usize| [0, 1, 2].map(|axis| bounds[i >> axis & 1][axis]);
     let depths = (0..8).map(|i| -to_camera.transform_point3(corner(i).into()).z);
     let [least, most] = depths.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], d| {
@@ -135,6 +139,7 @@ pub(crate) fn guess_depths(cameras: &[Camera]) -> [f64; 2] {
         .collect();
     distances.sort_by(f64::total_cmp);
     let middle = distances
+        // The median: a camera far away must not stretch the range of all.
         .get(distances.len() / 2)
         .copied()
         .filter(|d| *d > 0.0)
@@ -169,7 +174,9 @@ pub fn focus(cameras: &[Camera]) -> DVec3 {
         .iter()
         .map(|camera| camera.position().distance(mean))
         .fold(0.0, f64::max);
+    // Ahead of the mean camera, by three times the spread: what captures usually look at.
     let prior = mean + ahead * if spread > 0.0 { 3.0 * spread } else { 1.0 };
+    // Small, so that it hardly moves a focus that the axes determine.
     let weight = 1e-4 * count;
     (matrix + DMat3::from_diagonal(DVec3::splat(weight))).inverse() * (right + weight * prior)
 }

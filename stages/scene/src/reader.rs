@@ -131,6 +131,7 @@ impl Survey {
         let read = |posed: &[Posed]| -> Result<(Vec<Photo>, usize), SceneError> {
             let read: Vec<(Photo, bool)> = posed
                 .par_iter()
+                // In parallel, and collected in order: threads change no bit.
                 .map(|posed| read_photo(posed, self.size))
                 .collect::<Result<_, _>>()?;
             let clipped = read.iter().filter(|(_, clipped)| *clipped).count();
@@ -191,12 +192,14 @@ fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), 
         clipped,
     } = photo_file::read(&posed.file, posed.turn)?;
     let size = size.unwrap_or(found);
+    // The whole image plane is scaled, so the view of the world stays the same.
     let camera = posed.camera.scaled(size.0, size.1);
     let own = posed
         .mask
         .as_ref()
         .map(|mask| mask.read(&camera, posed.turn))
         .transpose()?;
+    // What either leaves out is out.
     let mask = match (own, mask::inside_rim(&camera)) {
         (Some(own), Some(rim)) => Some(own.iter().zip(rim).map(|(a, b)| *a && b).collect()),
         (own, rim) => own.or(rim),
@@ -225,8 +228,10 @@ pub(crate) fn sift(
             "are none that can be used",
         ));
     }
+    // Names become files: two photos of one name would overwrite one another.
     refuse_twice(path, train)?;
     refuse_twice(path, test)?;
+    // Before the other checks, which one stray would spoil.
     let mut notes = leave_out_strays(train, test);
     let posed = || train.iter().chain(test.iter());
     let cameras: Vec<Camera> = posed().map(|posed| posed.camera).collect();
@@ -279,6 +284,7 @@ fn leave_out_strays(train: &mut Vec<Posed>, test: &mut Vec<Posed>) -> Vec<String
         .chain(test.iter())
         .map(|posed| posed.camera)
         .collect();
+    // Test cameras as well: one that is far off would be measured at a place nobody saw.
     let (strays, few) = plausible::strays(&cameras);
     let name = |index: usize| match index.checked_sub(train.len()) {
         None => &train[index].name,

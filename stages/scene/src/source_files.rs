@@ -39,6 +39,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
 pub(crate) fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     let utf16 = |rest: &[u8], unit: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = rest
+            // A last odd byte is dropped; what is missing then shows as a fault of the text.
             .chunks_exact(2)
             .map(|pair| unit([pair[0], pair[1]]))
             .collect();
@@ -65,6 +66,7 @@ pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
     let mut bytes = Vec::new();
     let read = File::open(path)
         .map_err(io)?
+        // One byte more than is allowed tells a file that is too large from one that just fits.
         .take(LARGEST_FILE + 1)
         .read_to_end(&mut bytes)
         .map_err(io)?;
@@ -78,6 +80,7 @@ pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
 /// a scene on disk has changed, without decoding it.
 pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 32], SceneError> {
     let files: Vec<&Path> = files.collect();
+    // Side by side; combined in order below, so the digest does not depend on threads.
     let contents: Vec<blake3::Hash> = files
         .par_iter()
         .map(|path| content_digest(path))
@@ -90,6 +93,7 @@ pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 3
             .unwrap_or_default();
         // Names without their folders: a scene that is moved stays the same.
         hasher
+            // With its length, so that bytes cannot move between a name and what follows.
             .update(&(name.len() as u64).to_le_bytes())
             .update(name)
             .update(content.as_bytes());
@@ -124,6 +128,7 @@ pub(crate) fn view_names(paths: &[&str]) -> Vec<String> {
     if are_different(&wholes) {
         return wholes;
     }
+    // Photos may still share a name, such as `a/b` and `a_b`; `refuse_twice` names them.
     paths.iter().map(with_ending).collect()
 }
 
@@ -151,6 +156,7 @@ pub(crate) fn first_twice(names: &[String]) -> Option<&String> {
 }
 
 fn clean(name: &str) -> String {
+    // Names become files, also on systems where `:` and `\\` separate.
     let safe = |c: char| {
         if c.is_control() || matches!(c, '/' | '\\' | ':') {
             '_'
@@ -158,6 +164,7 @@ fn clean(name: &str) -> String {
             c
         }
     };
+    // A leading dot would hide the file, and `..` would leave the folder.
     let name: String = name.trim_start_matches('.').chars().map(safe).collect();
     if name.is_empty() { "_".into() } else { name }
 }

@@ -2,6 +2,7 @@
 
 /// How fast the means of gradients and of their squares forget.
 const MOMENTUM: f32 = 0.9;
+// The usual 0.999 takes a thousand steps to forget; a fit has a few hundred.
 const SQUARES: f32 = 0.99;
 /// Gradients below are as good as none. They are sums over pixels, so around 1.
 const FLOOR: f32 = 1e-8;
@@ -23,6 +24,7 @@ pub struct Step {
 impl Step {
     /// The step of this number, from 1.
     pub fn new(number: u32) -> Self {
+        // Both means start at 0; divided by 1 - kept^n they are unbiased from the first step on.
         let whole = |kept: f32| 1.0 / (1.0 - kept.powi(number as i32));
         Self {
             mean: whole(MOMENTUM),

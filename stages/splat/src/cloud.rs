@@ -31,11 +31,13 @@ pub struct Cloud {
 impl Splat {
     /// Its opacity in the middle.
     pub fn opacity(&self) -> f32 {
+        // Fitted as a logit it stays between 0 and 1 whatever a step does.
         1.0 / (1.0 + (-self.logit).exp())
     }
 
     /// Standard deviations along its axes.
     pub fn scale(&self) -> Vec3 {
+        // Fitted as logarithms they stay above 0.
         self.log_scale.exp()
     }
 

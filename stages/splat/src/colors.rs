@@ -65,6 +65,7 @@ impl Colors {
 /// is hidden or beside the picture.
 fn seen(camera: &Camera, picture: &Picture, depth: &[f32], point: Vec3) -> Option<[f32; 3]> {
     let [px, py, distance] = camera.project(point.to_array().map(f64::from))?;
+    // Pixel (x, y) spans x..x + 1, so the whole part of a position is its pixel.
     let inside =
         px >= 0.0 && py >= 0.0 && px < f64::from(camera.width) && py < f64::from(camera.height);
     let index = inside.then(|| py as usize * camera.width as usize + px as usize)?;
@@ -76,6 +77,7 @@ fn seen(camera: &Camera, picture: &Picture, depth: &[f32], point: Vec3) -> Optio
 
 impl Sums {
     fn add(&mut self, values: &[f32], color: [f32; 3]) {
+        // Half of the matrix is enough: it is symmetric, and Cholesky reads the lower triangle.
         for (i, a) in values.iter().enumerate() {
             for (j, b) in values[..=i].iter().enumerate() {
                 self.matrix[i][j] += a * b;
@@ -110,6 +112,7 @@ fn decompose(lower: &mut [[f32; MOST]; MOST], count: usize) {
             let done: f32 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
             let rest = lower[i][j] - done;
             lower[i][j] = match i == j {
+                // Rounding can bring a pivot to 0 or below, whose root would spoil all colours.
                 true => rest.max(f32::MIN_POSITIVE).sqrt(),
                 false => rest / lower[j][j],
             };

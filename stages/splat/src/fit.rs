@@ -94,6 +94,7 @@ impl Fit {
 impl Own {
     fn change(&mut self, splat: &mut Splat, by: &BySplat, slow: f32, step: Step, began: Vec3) {
         for (i, own) in self.harmonics.iter_mut().enumerate() {
+            // Directions learn slower, as in Kerbl et al., where the factor is 20.
             let rate = slow * if i == 0 { COLOR } else { TURNING_COLOR };
             for (channel, own) in own.iter_mut().enumerate() {
                 let gradient = by.harmonics[i][channel];
@@ -105,6 +106,7 @@ impl Own {
         for (axis, own) in self.log_scale.iter_mut().enumerate() {
             splat.log_scale[axis] += own.change(by.log_scale[axis], slow * LOG_SCALE, step);
         }
+        // After the step, and not as a bound on it: the moments stay those of the gradients.
         splat.log_scale = splat.log_scale.clamp(began - reach, began + reach);
     }
 }

@@ -17,6 +17,7 @@ pub fn count(degree: u32) -> usize {
 
 /// The functions' values in a unit direction.
 pub fn values(direction: Vec3) -> [f32; MOST] {
+    // Factors as in Kerbl et al.'s program: sqrt(3 / (4 pi)) and so on, to single precision.
     const FIRST: f32 = 0.488_602_52;
     const SECOND: [f32; 3] = [1.092_548_4, 0.315_391_57, 0.546_274_2];
     let Vec3 { x, y, z } = direction;
@@ -48,6 +49,7 @@ pub fn color_backward(
     let raw = raw(coefficients, values);
     for (by_coefficient, value) in by_coefficients.iter_mut().zip(values) {
         for channel in 0..3 {
+            // Held at black the colour does not follow, and so has no derivative.
             if raw[channel] > 0.0 {
                 by_coefficient[channel] += value * by_color[channel];
             }
@@ -56,6 +58,7 @@ pub fn color_backward(
 }
 
 fn raw(coefficients: &[[f32; 3]], values: &[f32; MOST]) -> [f32; 3] {
+    // Splat files add 1/2 to what their harmonics give.
     let mut color = [0.5; 3];
     for (coefficient, value) in coefficients.iter().zip(values) {
         for (channel, part) in color.iter_mut().zip(coefficient) {

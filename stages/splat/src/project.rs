@@ -94,6 +94,7 @@ impl Eye {
     fn axes(&self, splat: &Splat) -> ([Vec2; 3], Vec3) {
         let middle = self.turn * (splat.position - self.position);
         let z = middle.z;
+        // Far aside the linear slope no longer fits, and would draw a splat over the whole image.
         let aside = (middle.truncate() / z).clamp(-self.rim, self.rim);
         let image = |axis: Vec3| {
             let axis = self.turn * axis;
@@ -135,6 +136,7 @@ impl Eye {
         let Some(conic) = inverse(covariance(&axes, scale)) else {
             return by_splat;
         };
+        // The middle has no derivative: places are the field's and stay.
         let by_covariance = inverse_backward(conic, by.conic);
         for axis in 0..3 {
             // The covariance is the sum of s² u uᵀ over axes.
@@ -155,6 +157,7 @@ impl Eye {
 }
 
 fn covariance(axes: &[Vec2; 3], scale: Vec3) -> Symmetric {
+    // Both variances begin with a pixel's, which also keeps the determinant above 0.
     let mut sum = [PIXEL, 0.0, PIXEL];
     for (axis, scale) in axes.iter().zip(scale.to_array()) {
         let u = *axis * scale;

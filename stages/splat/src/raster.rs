@@ -30,6 +30,7 @@ struct Touch {
 pub fn render(cloud: &Cloud, camera: &Camera) -> Picture {
     let tiles = Tiles::new(cloud, camera);
     let mut pixels = vec![[0.0; 4]; camera.width as usize * camera.height as usize];
+    // Squares are computed side by side and put in place in order.
     let drawn: Vec<Vec<[f32; 4]>> = (0..tiles.lists.len())
         .into_par_iter()
         .map(|i| draw_tile(&tiles, i, camera.width))
@@ -128,6 +129,7 @@ fn pixel(list: &[Ellipse], at: Vec2, touches: &mut Vec<Touch>) -> [f32; 4] {
             through,
         });
         through *= 1.0 - alpha;
+        // What lies behind changes about a fortieth of an 8-bit step at most.
         if through < DARK {
             break;
         }
@@ -155,6 +157,7 @@ fn opaque(ellipse: &Ellipse) -> [f32; 4] {
 /// Adds the derivative by all that touched a pixel, from that by its colour.
 fn pixel_backward(list: &[Ellipse], touches: &[Touch], by_color: [f32; 4], by: &mut [ByEllipse]) {
     // What all that lies behind adds, as seen from right behind the splat.
+    // From back to front, so that each splat finds what lies behind it summed up.
     let mut behind = [0.0; 4];
     for touch in touches.iter().rev() {
         let ellipse = &list[touch.place];

@@ -55,6 +55,7 @@ pub struct Seed {
 impl Seeds {
     /// For at most `most` splats, of pictures that have so many pixels together.
     pub fn new(most: usize, pixels: usize) -> Self {
+        // More points than splats, since patches that several cameras see are thinned out.
         let room = SPARE * most.max(1);
         let mut stride = 1;
         while pixels / (stride as usize * stride as usize) > room {
@@ -91,6 +92,7 @@ impl Seeds {
         }
         // The finest first: they take their patches from coarser ones.
         self.points
+            // A stable sort: equal footprints keep the order of pictures and rows.
             .sort_by(|a, b| a.footprint.total_cmp(&b.footprint));
         let mut width = self.stride as f32;
         let mut kept = thin(&self.points, width);
@@ -143,6 +145,7 @@ impl Sheet<'_> {
         let here = self.at(x, y)?;
         let normal = self.normal(x, y)?;
         let position = self.point(x, y, here);
+        // The mean of both, since a disc is round.
         let focal = 0.5 * (self.camera.fl_x + self.camera.fl_y);
         Some(Seed {
             position,
@@ -241,6 +244,7 @@ fn thin(points: &[Seed], width: f32) -> Vec<Seed> {
     let Some(coarsest) = points.last().map(|last| level(last, width)) else {
         return Vec::new();
     };
+    // A sorted set, whose behaviour does not depend on random hash keys.
     let mut taken: BTreeSet<Cell> = BTreeSet::new();
     let mut kept = Vec::new();
     for point in points {
@@ -256,6 +260,7 @@ fn thin(points: &[Seed], width: f32) -> Vec<Seed> {
 
 /// The level at which cells are about as wide as a point's patch.
 fn level(point: &Seed, width: f32) -> i32 {
+    // Logarithms of widths, so that a level is a factor and not a distance.
     (LEVELS * (point.footprint * width).log2()).round() as i32
 }
 

@@ -8,6 +8,7 @@ use crate::cloud::Cloud;
 use crate::project::{Ellipse, Eye};
 
 /// Pixels along a square's side.
+// 16 pixels as in Kerbl et al.: smaller squares repeat splats in more lists.
 pub const SIDE: u32 = 16;
 
 /// The splats that a camera sees, and where.
@@ -81,9 +82,11 @@ impl Tiles {
             .filter_map(|(i, ellipse)| Some((ellipse.as_ref()?.depth, i as u32)))
             .collect();
         // Of two at one depth the first in the cloud is in front.
+        // By a full order of depth and number, so that an unstable parallel sort gives one result.
         order.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let rows = self.height.div_ceil(SIDE);
         let mut lists = vec![Vec::new(); (self.columns() * rows) as usize];
+        // Pushed in order of depth, so that every list is sorted without a sort of its own.
         for (_, splat) in order {
             let Some(ellipse) = &self.ellipses[splat as usize] else {
                 continue;

@@ -32,6 +32,7 @@ impl Compact {
     /// The network of these tensors.
     pub fn read(tensors: &Tensors) -> Result<Self, UpsamplerError> {
         let [width, ..] = tensors.kernels("body.0.weight")?;
+        // One convolution and one PReLU a layer: only PReLUs have odd numbers.
         let count = tensors.count(|i| format!("body.{}.weight", 2 * i + 1));
         let layer = |i: usize| {
             let inputs = if i == 0 { 3 } else { width };
@@ -62,6 +63,7 @@ impl Network for Compact {
             prelu(&layer.apply(&h), slopes)
         });
         add(
+            // The network learns what nearest-neighbour enlargement lacks.
             &pixel_shuffle(&self.last.apply(&deep), self.scale),
             &upsample_nearest(x, self.scale),
         )
@@ -73,8 +75,10 @@ impl Network for Compact {
             scale: self.scale,
             width: self.width,
             depth: format!("{} convolutions", self.layers.len() + 1),
+            // Every 3x3 convolution sees one pixel further; the shuffle stays within a pixel.
             reach: self.layers.len() + 1,
             grain: 1,
+            // Four bytes a number: a few feature maps at once, and a few of the result's size.
             bytes_per_pixel: 4 * (4 * self.width + 4 * 3 * self.scale * self.scale),
         }
     }

@@ -19,8 +19,10 @@ impl Convolution {
     pub fn new(weight: Array, bias: Option<Array>) -> Self {
         let [height, width] = [weight.shape()[2] / 2, weight.shape()[3] / 2];
         Self {
+            // Winograd transforms take four times the weight's memory, and are used by every tile.
             weight: Weight::from(weight).keeping_transforms(),
             bias,
+            // Zeros around the image, with which all of these networks were trained.
             pad: [height, height, width, width],
         }
     }

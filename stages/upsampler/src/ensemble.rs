@@ -42,6 +42,7 @@ pub fn mean(x: &Array, enlarge: impl Fn(&Array) -> Array) -> Array {
         }
     }
     let (sum, shape) = sum.unwrap_or_default();
+    // Added in the order of WAYS, so that the mean has the same bits each time.
     x.device().array(
         &shape,
         sum.into_iter().map(|sum| sum / WAYS.len() as f32).collect(),

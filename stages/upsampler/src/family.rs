@@ -13,6 +13,7 @@ const LARGEST: usize = 16;
 
 /// The network that these tensors make, all of them. Fails where there is none, and names a tensor.
 pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerError> {
+    // Before anything is told apart: older ESRGAN files have the tensors under other names.
     rrdb::rename(tensors);
     let network: Box<dyn Network> = if Span::is(tensors) {
         Box::new(Span::read(tensors)?)
@@ -30,6 +31,7 @@ pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerErr
                        SRVGGNetCompact with PReLUs, and our own Residual";
         return Err(tensors.wrong(first, problem));
     };
+    // A tensor that no layer wants means another network, whose results would be wrong in silence.
     tensors.finish(network.facts().family)?;
     Ok(network)
 }
@@ -37,6 +39,7 @@ pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerErr
 /// By how much a last convolution enlarges whose outputs are laid out as blocks of pixels.
 pub fn root(tensors: &Tensors, name: &str) -> Result<usize, UpsamplerError> {
     let [outputs, ..] = tensors.kernels(name)?;
+    // Bounded, since the count of channels comes from a foreign file.
     let scale = (1..=LARGEST).find(|scale| 3 * scale * scale == outputs);
     scale.ok_or_else(|| {
         tensors.wrong(

@@ -13,6 +13,7 @@ use crate::error::UpsamplerError;
 use crate::network::{Facts, Network};
 use crate::tensors::Tensors;
 
+// These constants are part of the training (`models/training/network.py`): weights fit no others.
 const SCALE: usize = 4;
 /// Colours are taken relative to this grey, and spread to numbers of about 1.
 const GREY: f32 = 0.45;
@@ -72,6 +73,7 @@ impl Network for Residual {
         });
         let deep = self.after.finished(&deep, Finish::Add(&first));
         let detail = pixel_shuffle(&self.last.apply(&deep), SCALE);
+        // The bicubic filter is the one that training added the network's result to.
         scaled_sum(&[
             (1.0, &resize(x, height, width, Filter::BicubicTorch, false)),
             (SHARE, &detail),
@@ -84,6 +86,7 @@ impl Network for Residual {
             scale: SCALE,
             width: self.width,
             depth: format!("{} pairs", self.pairs.len()),
+            // Two a pair, and one each of `first`, `after` and `last`.
             reach: 3 + 2 * self.pairs.len(),
             grain: 1,
             bytes_per_pixel: 4 * (5 * self.width + 4 * 3 * SCALE * SCALE),

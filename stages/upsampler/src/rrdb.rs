@@ -55,6 +55,7 @@ pub fn rename(tensors: &mut Tensors) {
     let blocks = tensors.count(|i| format!("model.1.sub.{i}.RDB1.conv1.0.weight"));
     // Behind the blocks: a doubling and its convolution, with an activation, take three places;
     // then come two more convolutions with one between them.
+    // The last convolution's place tells how many doublings there are: three places each.
     let ups = (0..=DOUBLINGS)
         .find(|ups| tensors.has(&format!("model.{}.weight", 3 * ups + 4)))
         .unwrap_or_default();
@@ -105,6 +106,7 @@ impl Dense {
     }
 
     fn apply(&self, x: &Array) -> Array {
+        // Channels after i layers: width + i growth, the newest last.
         let [grow @ .., last] = &self.0;
         let seen = grow.iter().fold(x.clone(), |seen, layer| {
             let new = layer.finished(&seen, Finish::Leaky(SLOPE));
@@ -124,6 +126,7 @@ impl Rrdb {
     pub fn read(tensors: &Tensors) -> Result<Self, UpsamplerError> {
         let [width, inputs, ..] = tensors.kernels("conv_first.weight")?;
         let [growth, ..] = tensors.kernels("body.0.rdb1.conv1.weight")?;
+        // 3 s^2 channels are an image behind an unshuffle by s.
         let unshuffle = match inputs {
             3 => 1,
             12 => 2,
@@ -140,6 +143,7 @@ impl Rrdb {
             |i: usize, j: usize| Dense::read(tensors, &format!("body.{i}.rdb{j}"), width, growth);
         let block = |i: usize| Ok([dense(i, 1)?, dense(i, 2)?, dense(i, 3)?]);
         let ups = tensors.count(|i| format!("conv_up{}.weight", i + 1));
+        // `ups` is a foreign file's count: bounded before it shifts, and the scale must be whole.
         if 1 << ups.min(DOUBLINGS) < unshuffle || ups > DOUBLINGS {
             let problem = format!(
                 "is unshuffled by {unshuffle} and doubled {ups} times, which is no enlargement"

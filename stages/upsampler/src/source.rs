@@ -41,6 +41,7 @@ fn missing(path: &Path, name: &str) -> UpsamplerError {
         .map(|other| path.with_extension(other))
         .filter(|other| other.exists())
     {
+        // The other file's presence shows that a pair was meant.
         Some(other) => format!(
             "is missing; {} beside it is only half of an ncnn network",
             other.display()
@@ -57,6 +58,7 @@ fn ending(path: &Path) -> String {
 }
 
 /// How a pickle becomes a file that is read here.
+// A pickle is refused and never loaded: reading one can run any code.
 const PICKLE: &str = "is a pickle, which can run any code when it is read; where you trust it, convert it:\n\
     python3 -c 'import sys, torch, safetensors.torch as s; d = torch.load(sys.argv[1], map_location=\"cpu\", weights_only=True)\n\
     d = d.get(\"params_ema\", d.get(\"params\", d)); s.save_file({k: v.contiguous() for k, v in d.items()}, sys.argv[2])' IN.pth OUT.safetensors";
@@ -96,8 +98,10 @@ impl UpsamplerSource {
 
     /// A digest of what is in the files: the same wherever they lie.
     pub fn digest(&self) -> Result<[u8; 32], UpsamplerError> {
+        // A key of its own, so that no other digest of the same bytes can be equal.
         let mut hasher = blake3::Hasher::new_derive_key("srnerf-dag 1 upsampler files");
         for file in self.files()? {
+            // Lengths keep two files apart: moving a byte from one to the other changes the digest.
             hasher.update(&(file.len() as u64).to_le_bytes());
             hasher.update(&file);
         }

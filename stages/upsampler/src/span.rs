@@ -54,6 +54,7 @@ impl Span {
                 collapsed(tensors, &c, width, width)?,
             ])
         };
+        // The tensor's presence is the whole message; its value means nothing.
         let plain = tensors.has("no_norm");
         tensors.ignore("no_norm");
         Ok(Self {
@@ -92,6 +93,7 @@ fn collapsed(
     inputs: usize,
     outputs: usize,
 ) -> Result<Convolution, UpsamplerError> {
+    // Training programs do not keep `eval_conv` up to date, so the parts come first.
     if !tensors.has(&format!("{name}.sk.weight")) {
         return Convolution::read(tensors, &format!("{name}.eval_conv"), inputs, outputs);
     }
@@ -115,6 +117,7 @@ fn collapsed(
     let (middle, middle_bias) = part("conv.1", [wider, wide, 3, 3])?;
     let (up, up_bias) = part("conv.0", [wide, inputs, 1, 1])?;
     // The middle one behind the last: [outputs, wide, 9].
+    // In f64: the sums have many terms, and the result is rounded once.
     let mut joined = vec![0.0; outputs * wide * 9];
     for (o, joined) in joined.chunks_mut(wide * 9).enumerate() {
         for (factor, row) in down[o * wider..][..wider]
@@ -169,6 +172,7 @@ fn collapsed(
 fn block([a, b, c]: &[Convolution; 3], x: &Array) -> (Array, Array) {
     let first = silu(&a.apply(x));
     let third = c.apply(&silu(&b.apply(&first)));
+    // Attention without weights: sigmoid minus 1/2 is odd, so both signs count alike.
     (mul(&add(&third, x), &offset(&sigmoid(&third), -0.5)), first)
 }
 
@@ -183,6 +187,7 @@ impl Network for Span {
                 (h, Some(first))
             });
         let after = self.after.apply(&deep);
+        // The order of the channels that `conv_cat` was trained on.
         let parts: Vec<&Array> = [&first, &after, &early].into_iter().chain(&late).collect();
         pixel_shuffle(
             &self.last.apply(&self.merge.apply(&concat(&parts, 1))),
@@ -196,6 +201,7 @@ impl Network for Span {
             scale: self.scale,
             width: self.width,
             depth: format!("{} blocks", self.blocks.len()),
+            // Three a block, then `conv_1`, `conv_2`, `upsampler.0`; `conv_cat` is 1x1.
             reach: 3 * self.blocks.len() + 3,
             grain: 1,
             bytes_per_pixel: 4 * (9 * self.width + 2 * 3 * self.scale * self.scale),

@@ -26,6 +26,7 @@ pub struct Tensors {
     device: Device,
     /// For each name, what the file calls the tensor.
     stored: BTreeMap<String, String>,
+    // Readers share the tensors and cross off what they have read.
     unread: RefCell<BTreeSet<String>>,
 }
 
@@ -64,6 +65,7 @@ impl Tensors {
             .into_iter()
             .map(|(old, stored)| (new_name(&old), stored))
             .collect();
+        // Renamed as well, or `finish` would name tensors that are read under new names.
         self.unread = RefCell::new(self.stored.keys().cloned().collect());
     }
 
@@ -111,6 +113,7 @@ impl Tensors {
             return Err(self.wrong(name, problem));
         }
         self.unread.borrow_mut().remove(name);
+        // Widened straight from the file's bytes, which are shared and not copied.
         let owner = self.file.file().shared();
         Weight::stored(&self.device, shape, &entry.dtype(), owner, entry.bytes())
             .map(|weight| weight.to_array())
@@ -147,6 +150,7 @@ impl Tensors {
 
 /// Names without what all of them begin with.
 fn without_prefixes(mut names: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    // Repeated, since programs put prefixes one behind the other (`module.params_ema.`).
     while let Some(prefix) = shared_prefix(&names) {
         names = names
             .into_iter()
@@ -158,5 +162,6 @@ fn without_prefixes(mut names: BTreeMap<String, String>) -> BTreeMap<String, Str
 
 fn shared_prefix(names: &BTreeMap<String, String>) -> Option<&'static str> {
     let mut prefixes = PREFIXES.into_iter().filter(|_| !names.is_empty());
+    // Of all names or of none: a prefix of some is part of a layer's name.
     prefixes.find(|prefix| names.keys().all(|name| name.starts_with(prefix)))
 }

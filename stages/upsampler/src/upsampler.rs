@@ -65,6 +65,7 @@ impl Upsampler {
     /// be used.
     pub fn load(source: &UpsamplerSource, device: &Device) -> Result<Self, UpsamplerError> {
         let mut files = source.files()?.into_iter();
+        // `files` gives an ncnn pair as graph and weights, in this order.
         match (files.next(), files.next()) {
             (Some(graph), Some(weights)) => Self::from_ncnn(&graph, &weights, device),
             (Some(file), None) => Self::from_safetensors(file, device),
@@ -129,6 +130,7 @@ impl Upsampler {
         [
             // All are widened to 32 bits when they are read.
             4 * parameters as u64,
+            // A tile has its margins within it, so its area is what a pass sees.
             (self.network.facts().bytes_per_pixel * tile * tile) as u64,
         ]
     }
@@ -146,6 +148,7 @@ impl Upsampler {
             self.device,
             "enlarge: the image lies on another device than the network"
         );
+        // The ensemble is outside the tiles: its eight images are taken in windows of their own.
         let enlarge = |x: &Array| tiles::enlarge(&*self.network, x, options.tile);
         if options.ensemble {
             ensemble::mean(x, enlarge)

@@ -3,6 +3,7 @@
 use super::Camera;
 
 /// Images are at most this wide and high.
+// Sizes come from files; with this bound areas stay far below `usize`.
 const LARGEST_EXTENT: u32 = 1 << 16;
 
 /// Why numbers are no camera; they follow on the name of the view.
@@ -37,9 +38,11 @@ impl Camera {
                 height: self.height,
             });
         }
+        // JSON writes null for what is not finite, and null does not read back.
         if let Some(number) = self.numbers().find(|number| !number.is_finite()) {
             return Err(CameraError::NotFinite(number));
         }
+        // Projecting inverts the pose.
         match self.camera_to_world.determinant() == 0.0 {
             true => Err(CameraError::Singular),
             false => Ok(()),

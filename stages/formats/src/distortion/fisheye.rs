@@ -16,6 +16,7 @@ impl Fisheye {
     /// Where a point of the image plane at depth 1 is seen.
     pub(super) fn apply(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let radius = x.hypot(y);
+        // Straight ahead r is 0, and the quotient below is 0 / 0.
         if radius == 0.0 {
             return [x, y];
         }
@@ -50,6 +51,7 @@ impl Fisheye {
                 return None;
             }
             if (at - seen).abs() <= TOLERANCE * (1.0 + seen) {
+                // A root beyond the rim is one of the polynomial only, not of the lens.
                 return (angle <= WIDEST && self.grows_up_to(angle)).then_some(angle);
             }
             // Below 0 it would come up on the other side of the axis.
@@ -60,12 +62,14 @@ impl Fisheye {
 
     fn grows_up_to(&self, angle: f64) -> bool {
         const PROBES: u32 = 32;
+        // At a few angles on the way, since the polynomial may fall and rise again before this one.
         (1..=PROBES).all(|i| self.bent(angle * f64::from(i) / f64::from(PROBES)).1 > 0.0)
     }
 
     /// Where an angle is seen, and the derivative.
     fn bent(&self, angle: f64) -> (f64, f64) {
         let [k1, k2, k3, k4] = self.0;
+        // Horner's form: few operations, and no large powers.
         let t2 = angle * angle;
         let factor = 1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)));
         let slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)));

@@ -96,12 +96,14 @@ impl Distortion {
     /// `None` where there is no such point: beyond the rim at which a strong distortion folds the
     /// image over.
     pub fn undo(&self, seen: Point) -> Option<Point> {
+        // Pinholes, the common case, come back to the last bit.
         if self.is_none() {
             return Some(seen);
         }
         if let Some(fisheye) = self.as_fisheye() {
             return fisheye.undo(seen);
         }
+        // Starts at what is seen: near the axis a lens moves points little.
         let mut point = seen;
         for _ in 0..STEPS {
             let (at, [[a, b], [c, d]]) = self.with_slope(point);
@@ -151,6 +153,7 @@ impl Distortion {
         let Self { k4, k5, k6, .. } = *self;
         let Self { p1, p2, .. } = *self;
         let r2 = x * x + y * y;
+        // Horner's form: few operations, and no large powers.
         let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
         let radial = above / below;
@@ -162,6 +165,7 @@ impl Distortion {
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
         ];
+        // Both mixed derivatives are equal, so the slope is symmetric.
         let across = growth * x * y + 2.0 * (p1 * x + p2 * y);
         let along_x = radial + growth * x * x + 2.0 * p1 * y + 6.0 * p2 * x;
         let along_y = radial + growth * y * y + 6.0 * p1 * y + 2.0 * p2 * x;

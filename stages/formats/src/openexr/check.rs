@@ -17,6 +17,7 @@ pub fn check(headers: &[Header], camera: &Camera, file_length: u64) -> Result<()
             format!("there are {}; expected 1", headers.len()),
         ));
     };
+    // Only what `to_bytes` writes: a damaged file then reaches less of the decoder.
     if header.compression != Compression::ZIP16
         || header.blocks != BlockDescription::ScanLines
         || header.deep
@@ -39,6 +40,7 @@ pub fn check(headers: &[Header], camera: &Camera, file_length: u64) -> Result<()
         [names @ .., MASK] => names,
         names => names,
     };
+    // Sorted by name, as the format has channels.
     let (["B", "G", "R"] | ["A", "B", "G", "R"] | ["B", "G", "R", "Z"] | ["A", "B", "G", "R", "Z"]) =
         without_mask
     else {

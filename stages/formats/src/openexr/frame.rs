@@ -132,6 +132,7 @@ impl Frame<'_> {
     ) -> Result<Layer<AnyChannels<FlatSamples>>, ExrError> {
         let comments = Text::new_or_none(self.name);
         let attributes = LayerAttributes {
+            // A single part needs no name; several must have different ones.
             layer_name: options.parts.then(|| Text::from(name)),
             comments,
             frames_per_second: options.rate.map(Rate::fraction),
@@ -142,6 +143,7 @@ impl Frame<'_> {
             blocks: Blocks::ScanLines,
             line_order: LineOrder::Increasing,
         };
+        // The format demands channels in the order of their names.
         let channels = AnyChannels::sort(channels.into());
         Ok(Layer::new(self.size(), attributes, encoding, channels))
     }
@@ -161,6 +163,7 @@ impl Frame<'_> {
         }));
         let depth = self
             .depth
+            // Always 32 bits: a half has 11 bits of precision, too few for distances.
             .map(|depth| (DEPTH, vec![channel("Z", depth.to_vec(), false)]));
         let normals = self.normals.map(|normals| {
             let axis = |axis: usize| normals.iter().map(|normal| normal[axis]).collect();

@@ -66,6 +66,7 @@ impl ExrError {
 /// # Errors
 /// Files that are not as [`to_bytes`] makes them.
 pub fn read(bytes: &[u8], camera: &Camera) -> Result<Channels, ExrError> {
+    // `true`: pedantic, so that what the format does not allow is an error.
     let reader = Reader::read_from_buffered(Cursor::new(bytes), true).map_err(ExrError::of)?;
     // Before any pixel is read: a header may claim any size.
     check(reader.headers(), camera, bytes.len() as u64)?;
@@ -75,6 +76,7 @@ pub fn read(bytes: &[u8], camera: &Camera) -> Result<Channels, ExrError> {
         .all_channels()
         .first_valid_layer()
         .all_attributes()
+        // Sets of images are read in parallel already, a file a thread.
         .non_parallel()
         .from_chunks(reader)
         .map_err(ExrError::of)?;
@@ -109,6 +111,7 @@ fn channels(list: impl Iterator<Item = AnyChannel<FlatSamples>>) -> Option<Chann
     Some(Channels {
         pixels: Pixels::new(rgb.into_flattened(), alpha),
         depth: planes.remove("Z"),
+        // Masks are 0 or 1 where we wrote them; half of that tells others' too.
         mask: mask.map(|values| values.iter().map(|value| *value > 0.5).collect()),
     })
 }

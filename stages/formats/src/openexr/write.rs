@@ -35,6 +35,7 @@ pub fn to_bytes(
         (camera.width as usize, camera.height as usize),
         attributes(camera, about)?,
         Encoding {
+            // Lossless: pixels must come back bit by bit.
             compression: Compression::ZIP16,
             blocks: Blocks::ScanLines,
             line_order: LineOrder::Increasing,
@@ -88,10 +89,12 @@ pub fn attributes(camera: &Camera, about: &str) -> Result<LayerAttributes, ExrEr
     let world_to_camera = world_to_camera(camera);
     let width = f64::from(camera.width);
     let height = f64::from(camera.height);
+    // At depth 1; y is turned, since OpenEXR's screen window has y up.
     let off_center = [
         (width / 2.0 - camera.cx) / camera.fl_x,
         (camera.cy - height / 2.0) / camera.fl_y,
     ];
+    // Single precision is all that these attributes hold; the exact camera is in `transforms.json`.
     let mut attributes = LayerAttributes {
         world_to_camera: Some(row_vector_matrix(world_to_camera)),
         world_to_normalized_device: Some(row_vector_matrix(
@@ -123,6 +126,7 @@ fn camera_to_ndc(camera: &Camera) -> DMat4 {
     DMat4::from_cols_array_2d(&[
         [camera.fl_x / width, 0.0, 0.0, 0.0],
         [0.0, -camera.fl_y / height, 0.0, 0.0],
+        // The last number makes w the depth, by which the others are divided.
         [camera.cx / width, camera.cy / height, 0.0, 1.0],
         [0.0, 0.0, 1.0, 0.0],
     ])

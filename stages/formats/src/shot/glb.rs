@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+// In little-endian bytes: "glTF", "JSON" and "BIN\0" (glTF 2.0, section 4.4).
 const MAGIC: u32 = 0x4654_6C67;
 const VERSION: u32 = 2;
 const JSON: u32 = 0x4E4F_534A;
@@ -18,6 +19,7 @@ pub fn head(mut json: String, length: usize, out: &mut dyn Write) -> io::Result<
     // Chunks are whole words; JSON is filled up with spaces.
     let missing = json.len().next_multiple_of(4) - json.len();
     json.extend(std::iter::repeat_n(' ', missing));
+    // The head has the length of all, so the JSON must be complete before the first byte.
     let whole = HEAD + CHUNK_HEAD + json.len() + CHUNK_HEAD + length;
     let too_large = |_| io::Error::other("a binary glTF holds at most 4 GiB");
     let whole = u32::try_from(whole).map_err(too_large)?;

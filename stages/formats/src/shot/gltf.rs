@@ -25,6 +25,7 @@ const MOVING: usize = 1;
 pub fn text(shot: &Shot) -> String {
     let (mut page, numbers) = page(shot);
     if !numbers.is_empty() {
+        // As a data URI, so that all is one file.
         let data = STANDARD.encode(&numbers);
         page["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{data}"));
     }
@@ -47,6 +48,7 @@ fn page(shot: &Shot) -> (Value, Vec<u8>) {
         false => &shot.cameras[..],
     };
     let mut root = json!({"name": "cameras", "children": (1..=shown.len()).collect::<Vec<_>>()});
+    // One turn of the root, so that all places below stay the scene's own numbers.
     if shot.up == Up::Z {
         root["rotation"] = json!(Z_TO_Y);
     }
@@ -77,6 +79,7 @@ fn page(shot: &Shot) -> (Value, Vec<u8>) {
 }
 
 fn lens(camera: &Camera) -> Value {
+    // Of the image plane at distance 1; glTF's axis goes through its middle.
     let window = [
         f64::from(camera.width) / camera.fl_x,
         f64::from(camera.height) / camera.fl_y,
@@ -92,6 +95,7 @@ fn lens(camera: &Camera) -> Value {
 /// Adds the animation, and gives its numbers: times, places, turns.
 fn animate(shot: &Shot, page: &mut Value) -> Vec<u8> {
     let frames = shot.cameras.len();
+    // Each from its number: a frame's time, added up, would drift.
     let times: Vec<f32> = (0..frames).map(|i| shot.rate.time(i) as f32).collect();
     let places = shot.cameras.iter().map(|(_, camera)| camera.position());
     let places: Vec<f32> = places

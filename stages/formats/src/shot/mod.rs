@@ -83,6 +83,7 @@ impl Shot {
                 self.cameras.len()
             ));
         }
+        // USD shifts apertures and lets every attribute change over time: it holds what follows.
         if format == Format::Usda {
             return notes;
         }
@@ -103,6 +104,7 @@ impl Shot {
     }
 
     fn has_one_lens(&self) -> bool {
+        // Without the principal point, which glTF's cameras lack anyway.
         let lens = |camera: &Camera| [camera.fl_x, camera.fl_y, camera.near, camera.far];
         let size = |camera: &Camera| [camera.width, camera.height];
         let mut cameras = self.cameras.iter().map(|(_, camera)| camera);

@@ -48,10 +48,12 @@ impl Rate {
 
     /// As OpenEXR holds it.
     pub fn fraction(self) -> (i32, u32) {
+        // Rates that were read fit: `from_str` refuses others.
         (self.frames as i32, self.seconds)
     }
 
     fn of_number(number: f64) -> Self {
+        // 23.976 stands for 24000/1001, which no decimal is.
         let broadcast = (number / BROADCAST).round();
         if number.fract() == 0.0 {
             return Self::whole(number as u32);
@@ -104,6 +106,7 @@ impl FromStr for Rate {
         };
         let is_rate = rate.frames > 0
             && rate.seconds > 0
+            // OpenEXR holds the numerator as a signed number of 32 bits.
             && i32::try_from(rate.frames).is_ok()
             && rate.per_second() <= FASTEST;
         is_rate.then_some(rate).ok_or_else(refuse)

@@ -44,6 +44,7 @@ fn head(shot: &Shot) -> String {
     let mut text = String::from("#usda 1.0\n(\n    defaultPrim = \"cameras\"\n");
     if shot.moves {
         let rate = shot.rate.per_second();
+        // In 64 bits: the first frame may be near the largest number.
         let last = u64::from(shot.first) + shot.cameras.len() as u64 - 1;
         let _ = write!(
             text,
@@ -57,6 +58,7 @@ fn head(shot: &Shot) -> String {
 
 /// One camera of as many frames, from the first on.
 fn camera(text: &mut String, prim: &str, name: &str, frames: &[&Camera], first: u32) {
+    // USD's texts are quoted, and a backslash escapes.
     let name = name.replace('\\', "\\\\").replace('"', "\\\"");
     let _ = write!(
         text,
@@ -86,6 +88,7 @@ fn camera(text: &mut String, prim: &str, name: &str, frames: &[&Camera], first: 
     value("float verticalApertureOffset", &|c| {
         single((c.cy - f64::from(c.height) / 2.0) / c.fl_y * focal(c))
     });
+    // USD's cameras have no resolution of their own.
     value("custom int2 srnerf:resolution", &|c| {
         format!("({}, {})", c.width, c.height)
     });

@@ -65,6 +65,7 @@ impl TensorFile {
     /// # Errors
     /// Where its header does not fit it.
     pub fn new(file: FileBytes) -> Result<Self, TensorError> {
+        // The crate checks all offsets against the file, so ranges below cannot be outside.
         let (header, info) =
             SafeTensors::read_metadata(&file).map_err(|source| TensorError::Header {
                 file: file.name().to_owned(),
@@ -72,6 +73,7 @@ impl TensorFile {
             })?;
         let tensors = info.tensors().into_iter();
         let entries = tensors
+            // Behind the header and its length of 8 bytes.
             .map(|(name, info)| (name, Entry::of(info, 8 + header)))
             .collect();
         let metadata = info.metadata().iter().flatten();
@@ -121,6 +123,7 @@ impl TensorFile {
         if entry.dtype != Dtype::F32 {
             return Err(self.wrong(name, format!("is {}; expected F32", entry.dtype)));
         }
+        // The checked header says that the bytes are as many as the shape needs.
         let (values, _) = self.file[entry.bytes()].as_chunks();
         Ok(Tensor {
             shape: entry.shape.clone(),

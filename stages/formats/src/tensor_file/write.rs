@@ -62,6 +62,7 @@ fn entries(tensors: &BTreeMap<&str, TensorView>) -> Result<Map<String, Value>, W
         let begin = end;
         end += tensor.values.size();
         let dtype = tensor.values.dtype();
+        // In the order of the map, by name: offsets and bytes follow the same one.
         let entry = json!({ "dtype": dtype, "shape": tensor.shape, "data_offsets": [begin, end] });
         entries.insert(name.to_owned(), entry);
     }

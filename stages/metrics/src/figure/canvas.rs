@@ -63,6 +63,7 @@ impl Canvas {
             width,
             height,
         } = rect;
+        // Added before it is subtracted: a crop may be lower than the frame is thick.
         let right = left + width - thickness;
         let bottom = top + height - thickness;
         self.fill(

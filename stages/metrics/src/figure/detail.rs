@@ -15,10 +15,12 @@ pub(super) fn worth_a_look(images: &[Image], width: usize, height: usize) -> [Re
         [truth, second, .., last] => gain(*truth, *second, *last),
         _ => detail,
     };
+    // At 0 the first window's place wins again only where nothing else is worth a look.
     for y in first.top..first.top + height {
         worth[y * truth.width() + first.left..][..width].fill(0.0);
     }
     let second = best_window(&worth, truth.width(), width, height);
+    // Crops stand in the order of their outlines above them.
     if second.left < first.left {
         [second, first]
     } else {
@@ -41,6 +43,7 @@ fn gain(truth: Image, second: Image, last: Image) -> Vec<f64> {
 /// `|dx| + |dy|` of the green channel per pixel, zero on the last column and row.
 fn gradients(image: Image) -> Vec<f64> {
     let width = image.width();
+    // Green stands for luminance, of which it is the largest part.
     let green = image.channel(1);
     let step = |at: usize, to: usize, inside: bool| {
         if inside {
@@ -58,6 +61,7 @@ fn gradients(image: Image) -> Vec<f64> {
 
 /// The window with the largest sum.
 fn best_window(detail: &[f64], image_width: usize, width: usize, height: usize) -> Rect {
+    // Four look-ups a window whatever its size: windows of all places are tried.
     let table = summed_area(detail, image_width);
     let stride = image_width + 1;
     let sum = |x: usize, y: usize| {
@@ -77,6 +81,7 @@ fn best_window(detail: &[f64], image_width: usize, width: usize, height: usize) 
     for top in 0..=detail.len() / image_width - height {
         for left in 0..=image_width - width {
             let total = sum(left, top);
+            // Strictly above, so that the upper left window wins a tie.
             if total > best.1 {
                 best = (
                     Rect {

@@ -32,6 +32,7 @@ pub(super) fn width(text: &str) -> usize {
 
 /// From one glyph's left edge to the next's.
 fn advance(character: char) -> usize {
+    // Only the space has no ink.
     glyph(character).map(|(x, _)| x + 1).max().unwrap_or(SPACE) + TRACKING
 }
 

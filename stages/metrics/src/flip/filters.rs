@@ -14,6 +14,7 @@ pub struct Contrast {
 impl Contrast {
     /// Of luminance, red to green, and yellow to blue.
     pub const ALL: [Self; 3] = [
+        // Table 1 of the paper, without the second Gaussians that it gives a weight of 0.
         Self {
             gaussians: &[[1.0, 0.0047]],
         },
@@ -32,6 +33,7 @@ impl Contrast {
     pub fn blur(&self, plane: &[f64], width: usize, pixels_per_degree: f64) -> Vec<f64> {
         // Three deviations: exp(-pi^2 d^2 / b) has the variance b / (2 pi^2).
         let reach = 3.0 * (Self::WIDEST / (2.0 * PI * PI)).sqrt() * pixels_per_degree;
+        // All channels share this radius: the reference cuts their tails at the same place.
         let reach = reach.ceil() as i32;
         let parts: Vec<(f64, Vec<f64>)> = self
             .gaussians
@@ -41,6 +43,7 @@ impl Contrast {
                     let degrees = f64::from(i) / pixels_per_degree;
                     (-PI * PI * degrees * degrees / b).exp()
                 };
+                // The paper has sqrt(pi / b) once for both directions, so it is part of the weight.
                 (a * (PI / b).sqrt(), (-reach..=reach).map(at).collect())
             })
             .collect();
@@ -79,6 +82,7 @@ impl Feature {
         let deviation = 0.5 * Self::WIDTH * pixels_per_degree;
         let reach = (3.0 * deviation).ceil() as i32;
         let gaussian = |x: f64| (-x * x / (2.0 * deviation * deviation)).exp();
+        // Constant factors are left out: `normalized` cancels them.
         let derivative = |i: i32| {
             let x = f64::from(i);
             match self {
@@ -96,6 +100,7 @@ impl Feature {
 
 /// A kernel whose positive weights sum to 1, and whose negative ones to -1.
 fn normalized(kernel: Vec<f64>) -> Vec<f64> {
+    // Each sign has its own sum, so that a sampled kernel answers to a flat area with 0.
     let positive: f64 = kernel.iter().filter(|weight| **weight > 0.0).sum();
     let negative: f64 = -kernel.iter().filter(|weight| **weight < 0.0).sum::<f64>();
     let weight = |weight: f64| weight / if weight > 0.0 { positive } else { negative };
@@ -125,6 +130,7 @@ fn filtered(plane: &[f64], width: usize, across: &[f64], down: &[f64]) -> Vec<f6
     let mut both = vec![0.0; plane.len()];
     let reach = down.len() / 2;
     both.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        // Taps outside, columns inside: memory is read by rows, and a sum still adds taps in order.
         for (k, weight) in down.iter().enumerate() {
             let from = clamped(y, k, reach, height) * width;
             for (value, source) in row.iter_mut().zip(&rows[from..from + width]) {

@@ -69,6 +69,7 @@ pub const NETWORKS: [Network; 5] = [
     },
     Network {
         name: "stlpips_alex",
+        // Blurs count as steps in the package, so the numbers differ from plain AlexNet's.
         sign: "net.slice5.13.weight",
         slices: || {
             alex(
@@ -88,6 +89,7 @@ pub const NETWORKS: [Network; 5] = [
 fn alex(first: Vec<Step>, halving: &[Step]) -> Vec<Vec<Step>> {
     vec![
         first,
+        // The package compares right after a ReLU, so pooling opens the next slice.
         [halving, &[conv(192, 5, 1, 2), Relu]].concat(),
         [halving, &[conv(384, 3, 1, 1), Relu]].concat(),
         vec![conv(256, 3, 1, 1), Relu],
@@ -109,6 +111,7 @@ fn vgg(halving: &[Step]) -> Vec<Vec<Step>> {
 
 /// SqueezeNet 1.1.
 fn squeeze() -> Vec<Vec<Step>> {
+    // Torchvision pools with `ceil_mode` in SqueezeNet, and without it in the other trunks.
     let halving = Step::Largest {
         side: 3,
         stride: 2,
@@ -122,6 +125,7 @@ fn squeeze() -> Vec<Vec<Step>> {
         vec![conv(64, 3, 2, 0), Relu],
         vec![halving, fire(16), fire(16)],
         vec![halving, fire(32), fire(32)],
+        // The last four slices have one resolution: they are cut where the package cuts.
         vec![halving, fire(48)],
         vec![fire(48)],
         vec![fire(64)],

@@ -9,8 +9,10 @@ use compute::shape::pad_reflect;
 pub fn largest(x: &Array, side: usize, stride: usize, up: bool) -> Array {
     let [height, width] = [x.shape()[2], x.shape()[3]];
     let count = |length: usize| {
+        // No underflow: pictures below `LEAST_SIDE`, whose planes would be too small, are refused.
         let rest = length - side;
         1 + if up {
+            // As stride <= side, the last window begins inside, which PyTorch wants of `ceil_mode`.
             rest.div_ceil(stride)
         } else {
             rest / stride
@@ -31,6 +33,7 @@ const BLUR: [f32; 3] = [0.25, 0.5, 0.25];
 /// Every second pixel of `x [1, C, H, W]` after a blur by 1, 2, 1 both ways, mirrored two pixels
 /// beyond each edge.
 pub fn blurred(x: &Array) -> Array {
+    // Three taps need one pixel; `stlpips-pytorch` pads by two, and its weights were fitted so.
     let x = pad_reflect(x, [2; 4]);
     let [height, width] = [x.shape()[2], x.shape()[3]];
     let count = |length: usize| 1 + (length - BLUR.len()) / 2;

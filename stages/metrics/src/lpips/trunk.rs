@@ -121,6 +121,7 @@ impl Layer {
                 Self::Fire(Box::new([
                     part("squeeze", [squeezed, inputs, 1], 0)?,
                     part("expand1x1", [expanded, squeezed, 1], 0)?,
+                    // Padded by 1, so that both halves have the same size and can be joined.
                     part("expand3x3", [expanded, squeezed, 3], 1)?,
                 ]))
             }
@@ -133,8 +134,10 @@ impl Layer {
             Self::Conv(convolution) => convolution.apply(x),
             Self::Fire(parts) => {
                 let [squeeze, expand_1, expand_3] = parts.as_ref();
+                // SqueezeNet's module has its ReLUs inside: they do not count as steps.
                 let x = relu(&squeeze.apply(x));
                 let [a, b] = [expand_1, expand_3].map(|expand| relu(&expand.apply(&x)));
+                // 1x1 first: the next kernel's input channels are in this order.
                 concat(&[&a, &b], 1)
             }
             Self::Plain(Step::Largest { side, stride, up }) => largest(x, *side, *stride, *up),
@@ -147,6 +150,7 @@ impl Layer {
 /// The values of a tensor of exactly this shape.
 pub fn tensor(file: &TensorFile, name: &str, shape: &[usize]) -> Result<Vec<f32>, TensorError> {
     let tensor = file.tensor(name)?;
+    // The file is foreign. Further on, a wrong shape would panic, or a head be cut short by `zip`.
     if tensor.shape != shape {
         let problem = format!("has the shape {:?}; expected {shape:?}", tensor.shape);
         return Err(TensorError::tensor(file.name(), name, problem));

@@ -25,6 +25,7 @@ pub(super) struct Shapes(Vec<f64>);
 
 impl Shapes {
     pub fn new() -> Shapes {
+        // Computed once for all blocks: it takes three gamma functions a shape.
         let ratio = |a: f64| gamma(2.0 / a).powi(2) / (gamma(1.0 / a) * gamma(3.0 / a));
         Shapes((0..SHAPES).map(|i| ratio(shape(i))).collect())
     }
@@ -32,12 +33,14 @@ impl Shapes {
     /// The distribution whose moments come nearest to those of `samples` (Eq. 7).
     pub fn fit(&self, samples: impl Iterator<Item = f32>) -> Aggd {
         let moments = Moments::of(samples);
+        // Of a side without samples this is NaN, which reaches g, the target and that side's scale.
         let left = moments.left.root_mean();
         let right = moments.right.root_mean();
         let g = left / right;
         let r = moments.absolute.mean().powi(2) / moments.square.mean();
         let target = r * (g.powi(3) + 1.0) * (g + 1.0) / (g * g + 1.0).powi(2);
         let alpha = shape(self.nearest(target));
+        // Turns deviation into scale: beta^2 = variance Gamma(1 / alpha) / Gamma(3 / alpha).
         let scale = (gamma(1.0 / alpha) / gamma(3.0 / alpha)).sqrt();
         Aggd {
             alpha,
@@ -82,6 +85,7 @@ impl Moments {
             let square = sample * sample;
             moments.absolute.add(sample.abs());
             moments.square.add(square);
+            // A zero lies on neither side but counts in the moments of all, as in the reference.
             match sample {
                 x if x < 0.0 => moments.left.add(square),
                 x if x > 0.0 => moments.right.add(square),
@@ -116,6 +120,7 @@ impl Sum {
 
 /// The gamma function of a positive number by Lanczos' series (g = 7, nine terms), to about 1e-14.
 fn gamma(x: f64) -> f64 {
+    // Arguments are 0.1 to 15 (k / alpha), where the series needs no reflection formula.
     const TERMS: [f64; 8] = [
         676.5203681218851,
         -1259.1392167224028,
@@ -132,6 +137,7 @@ fn gamma(x: f64) -> f64 {
         .enumerate()
         .map(|(i, term)| term / (x + i as f64 + 1.0))
         .sum();
+    // Here t = x + g + 1 / 2 with g = 7.
     let t = x + 7.5;
     std::f64::consts::TAU.sqrt() * t.powf(x + 0.5) * (-t).exp() * (0.999_999_999_999_809_9 + series)
 }

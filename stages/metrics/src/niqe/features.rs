@@ -25,10 +25,12 @@ pub(super) fn of_blocks(luma: Vec<f32>, columns: usize, rows: usize) -> Vec<Feat
         width: columns * BLOCK,
         values: luma,
     };
+    // Halved before it is normalised: local means at half size are those of a wider area.
     let half = full.halved();
     let full = full.normalized(&window);
     let half = half.normalized(&window);
     let of_block = |block: usize| {
+        // Column by column, as in BasicSR: means over blocks add up in this order.
         let column = block / rows;
         let row = block % rows;
         let [full, half] = [(&full, BLOCK), (&half, BLOCK / 2)].map(|(plane, side)| {
@@ -73,6 +75,7 @@ fn products(
     side: usize,
     (rows, columns): (isize, isize),
 ) -> impl Iterator<Item = f32> {
+    // No geometry, but what the reference's `np.roll` does within a block.
     let rolled = move |at: usize, by: isize| (at as isize - by).rem_euclid(side as isize) as usize;
     (0..side * side).map(move |at| {
         block[at] * block[rolled(at / side, rows) * side + rolled(at % side, columns)]

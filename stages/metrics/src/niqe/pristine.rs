@@ -8,6 +8,7 @@ pub(super) const FEATURES: usize = 36;
 pub(super) const WINDOW: usize = 7;
 
 /// 36 means, 36x36 covariances and 7x7 window weights, little-endian f64, rows first.
+// The length is part of the type: a file of another size does not compile.
 const BYTES: &[u8; (FEATURES + FEATURES * FEATURES + WINDOW * WINDOW) * 8] =
     include_bytes!("../../params/niqe_pristine.f64le");
 
@@ -28,6 +29,7 @@ impl Pristine {
             .map(|bytes| f64::from_le_bytes(*bytes))
             .collect();
         let (mean, rest) = numbers.split_at(FEATURES);
+        // The window is stored too, so that its last bits are the reference's.
         let (covariance, window) = rest.split_at(FEATURES * FEATURES);
         let covariance = covariance.chunks(FEATURES).map(<[f64]>::to_vec).collect();
         Pristine {

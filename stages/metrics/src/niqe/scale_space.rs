@@ -55,6 +55,7 @@ impl Plane {
                     .map(|i| window[j * WINDOW + i] * f64::from(row(j)[clamped(x, i, width)]))
                     .sum()
             };
+            // Rounded to f32: in f64 flat areas keep a texture of 1e-16, which swamps the rest.
             (0..WINDOW).map(row_sum).sum::<f64>() as f32
         };
         (0..width * height)
@@ -66,7 +67,9 @@ impl Plane {
     /// The plane at half size as MATLAB's `imresize(x / 255, 0.5) * 255`: bicubic of a = -0.5,
     /// antialiased, borders mirrored. Both sides must be even and at least 4.
     pub fn halved(&self) -> Plane {
+        // Divided and multiplied as in the reference: both roundings are part of its result.
         let unit: Vec<f32> = self.values.iter().map(|x| x / 255.0).collect();
+        // Height before width, as the reference has it: what lies between is rounded to f32.
         let rows = halve_columns(&unit, self.width);
         let values = halve_rows(&rows, self.width)
             .into_iter()

@@ -3,7 +3,9 @@
 use super::model::{Image, Model, Point, camera_to_world, lens, model_by_number};
 
 /// Bytes of the shortest records: a photo without points, a point without a track.
+// Four bytes of number, 32 of rotation, 24 of translation, 4 of camera; a name's end; a count.
 const IMAGE: usize = 64 + 1 + 8;
+// Eight bytes of number, 24 of position, 3 of colour, 8 of error; a count.
 const POINT: usize = 43 + 8;
 const CAMERA: usize = 24 + 3 * 8;
 /// Bytes of a photo's 2-D point (x, y, number) and of one step of a point's track (photo, 2-D
@@ -64,6 +66,7 @@ impl<'a> Cursor<'a> {
 
     /// A text that ends with a zero byte.
     fn text(&mut self) -> Result<String, String> {
+        // A name's length is not stored: without its zero byte it would not end.
         let end = self
             .0
             .iter()
@@ -79,6 +82,7 @@ impl<'a> Cursor<'a> {
     fn finish(&self) -> Result<(), String> {
         match self.0.len() {
             0 => Ok(()),
+            // Bytes left over mean that a record was read with a wrong size.
             more => Err(format!("{more} bytes follow the last record")),
         }
     }
@@ -93,6 +97,7 @@ fn records(
     let mut cursor = Cursor(bytes);
     let whole = |fault| ("the file".to_owned(), fault);
     let count = cursor.count(least).map_err(whole)?;
+    // No memory is reserved by the count: records are added as they are read.
     for index in 0..count {
         record(&mut cursor)
             .map_err(|fault| (format!("record {index} (counted from 0) of {count}"), fault))?;
@@ -126,6 +131,7 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let lens = cursor.u32()?;
         let name = cursor.text()?;
         let observations = cursor.count(OBSERVATION)?;
+        // Skipped: points3D has the same pairs, with positions.
         cursor.bytes(observations * OBSERVATION)?;
         model.add(
             number,
@@ -141,6 +147,7 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
 /// Reads `points3D.bin`.
 pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, POINT, |cursor| {
+        // Its number, to which nothing that is read here refers.
         cursor.bytes(8)?;
         let position = cursor.reals()?;
         // Its colour.

@@ -22,6 +22,7 @@ const UNKNOWN: [f64; 2] = [0.0; 2];
 /// do not say in which photos they were found, all that lie in a photo's view count, and a note
 /// says so.
 pub(super) fn set(model: &Model, photos: &mut [(u32, Posed)]) -> Option<String> {
+    // Programs that do not triangulate write their points without tracks.
     let tracked = model.points.iter().any(|point| !point.seen_in.is_empty());
     let mut known = by_tracks(model);
     for (number, Posed { camera, .. }) in photos {
@@ -65,6 +66,7 @@ fn by_tracks(model: &Model) -> BTreeMap<u32, Vec<f64>> {
     for point in &model.points {
         for number in &point.seen_in {
             let pose = model.images.get(number).map(|image| &image.camera_to_world);
+            // A photo may be left out, or its pose be none, while points still name it.
             let Some(Ok(pose)) = pose else {
                 continue;
             };
@@ -98,8 +100,10 @@ fn range(mut depths: Vec<f64>) -> Option<[f64; 2]> {
     if depths.len() < FEWEST_POINTS {
         return None;
     }
+    // Sorted, so that the order of points in the file changes no bit.
     depths.sort_by(f64::total_cmp);
     let [near, far] = PERCENTILES.map(|percent| percentile(&depths, percent));
+    // Points at one depth give no range; the other photos' range is taken then.
     (near < far).then_some([near, far])
 }
 

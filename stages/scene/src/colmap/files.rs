@@ -27,6 +27,7 @@ const MOST_MODELS: u32 = 100;
 /// A parser of one file, which says where something is wrong and what.
 type Parser = fn(&[u8], &mut Model) -> Result<(), (String, String)>;
 
+// Binary comes first: it is what COLMAP writes by default.
 const PARSERS: [(&str, [Parser; 3]); 2] = [
     ("bin", [binary::cameras, binary::images, binary::points]),
     ("txt", [text::cameras, text::images, text::points]),
@@ -99,6 +100,7 @@ impl Place {
                 parsers,
             };
             let there = |name| place.file(name).is_file();
+            // Without points a scene can still be read, so these two tell.
             (there("cameras") && there("images")).then_some(place)
         })
     }
@@ -125,6 +127,7 @@ impl Place {
 
 /// The models that a mapper left in a folder, by number; else the one that lies right in it.
 fn models_in(folder: &Path) -> Vec<Place> {
+    // A mapper leaves a model for each group of photos that it could not join: 0, 1, 2 and so on.
     let numbered: Vec<Place> = (0..MOST_MODELS)
         .filter_map(|number| Place::at(&folder.join(number.to_string())))
         .collect();
@@ -142,6 +145,7 @@ fn largest(models: &[Place], notes: &mut Vec<String>) -> Result<Place, SceneErro
         let model = parse(place, &["images"], &mut Vec::new())?;
         counted.push((model.images.len(), place));
     }
+    // Of equals the first by number, so that the choice does not depend on the file system.
     let most = counted.iter().map(|(count, _)| *count).max().unwrap_or(0);
     let chosen = counted.iter().find(|(count, _)| *count == most);
     let (_, chosen) =

@@ -58,6 +58,7 @@ impl Colmap {
     pub fn registered(folder: &Path) -> Result<Registered, SceneError> {
         let model = files::read(folder)?.model;
         let errors = model.points.iter().map(|point| point.error);
+        // Programs that do not triangulate write -1.
         let measured: Vec<f64> = errors.filter(|error| *error >= 0.0).collect();
         let mean = measured.iter().sum::<f64>() / measured.len() as f64;
         Ok(Registered {
@@ -102,12 +103,14 @@ impl Reader for Colmap {
             &photos.folder,
             &mut notes,
         )?;
+        // While the cameras are still in the points' coordinates.
         notes.extend(depths::set(&model, &mut found));
         let mut train: Vec<Posed> = found.into_iter().map(|(_, posed)| posed).collect();
         // By name, as the hold-out counts.
         train.sort_by(|a, b| a.name.cmp(&b.name));
         let mut test = Vec::new();
         notes.extend(sift(&file_of_images, &mut train, &mut test, self.size)?);
+        // After `sift`: a camera that is left out must not widen the others' range.
         notes.extend(depths::guess(&mut train));
         let cameras: Vec<Camera> = train.iter().map(|posed| posed.camera).collect();
         // Only now, since the scale is that of the nearest near.
@@ -157,6 +160,7 @@ fn gather(
         let Some(spotted) = gathering.find(folder, &image.name)? else {
             continue;
         };
+        // Before the pose is looked at: a bad one is reported as a fault, not as missing.
         used.push(spotted.file.clone());
         let camera = match camera(model, image) {
             Ok(camera) => camera,

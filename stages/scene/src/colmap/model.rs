@@ -25,6 +25,7 @@ pub(super) struct Model {
 impl Model {
     /// Takes up an image; two of one number or name would hide one another.
     pub(super) fn add(&mut self, number: u32, image: Image) -> Result<(), String> {
+        // A second record under one number would silently take the first one's place.
         match self.images.insert(number, image) {
             None => Ok(()),
             Some(other) => Err(format!("IMAGE_ID {number} is also that of {}", other.name)),
@@ -104,6 +105,7 @@ pub(super) fn lens(
     let side = |pixels: u64| {
         u32::try_from(pixels)
             .ok()
+            // Bounded, since sizes come from a foreign file and areas are computed of them.
             .filter(|side| (1..=1 << 16).contains(side))
     };
     let size = side(width).zip(side(height));
@@ -118,6 +120,7 @@ pub(super) fn lens(
         cy,
         distortion,
         camera_to_world: DMat4::IDENTITY,
+        // Placeholders: near and far follow from the points.
         near: 1.0,
         far: 2.0,
     };
@@ -176,6 +179,7 @@ fn parts(model: &str, parameters: &[f64]) -> Result<([f64; 4], Distortion), Stri
         ("FOV", &[fx, fy, x, y, omega]) if omega.abs() < 1e-9 => ([fx, fy, x, y], none),
         ("FOV", &[.., omega]) => return other(&format!("omega = {omega}")),
         ("THIN_PRISM_FISHEYE", &[fx, fy, x, y, k1, k2, p1, p2, k3, k4, sx, sy]) => {
+            // Without them the model is OpenCV's fisheye.
             if [p1, p2, sx, sy] != [0.0; 4] {
                 return other(&format!("p1 = {p1}, p2 = {p2}, sx1 = {sx}, sy1 = {sy}"));
             }
@@ -200,6 +204,7 @@ pub(super) fn camera_to_world(
         ));
     }
     let turn = DQuat::from_xyzw(x, y, z, w).normalize();
+    // COLMAP's pose takes world to camera; ours is the way back.
     let to_camera = DMat4::from_rotation_translation(turn, DVec3::from(translation));
     let mut pose = to_camera.inverse();
     // From down and forwards to up and backwards.

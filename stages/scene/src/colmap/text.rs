@@ -35,6 +35,7 @@ struct Lines<'a> {
 
 impl<'a> Lines<'a> {
     fn next(&mut self) -> Option<(usize, &'a str)> {
+        // Comments begin a line in COLMAP's files; a `#` within one is part of a name.
         let is_record = |text: &str| !text.trim().is_empty() && !text.starts_with('#');
         self.rest
             .find(|(_, text)| is_record(text))
@@ -84,6 +85,7 @@ pub(super) fn cameras(bytes: &[u8], model: &mut Model) -> Result<(), (String, St
 pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     let mut without_points = 0;
     records(bytes, |mut words, lines| {
+        // The order of fields is COLMAP's; counts stand in comments, which are not believed.
         let number = words.number("IMAGE_ID")?;
         let turn = words.reals("QW QX QY QZ")?;
         let translation = words.reals("TX TY TZ")?;
@@ -93,6 +95,7 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let name = words
             .0
             .fold(first.to_owned(), |name, word| name + " " + word);
+        // The rest is looked at with blank lines: an image without points has an empty second line.
         match lines.rest.peek().map(|(_, text)| second_line(text)) {
             Some(Second::Points) => drop(lines.rest.next()),
             Some(Second::NextImage) => without_points += 1,
@@ -135,9 +138,11 @@ fn second_line(text: &str) -> Second {
     if text.starts_with('#') {
         return Second::NextImage;
     }
+    // Triples of numbers, perhaps none. An image's line ends with a name, hardly ever a number.
     if words.len().is_multiple_of(3) && are_numbers(&words) {
         return Second::Points;
     }
+    // Nine numbers and a name make an image's own line.
     match words.len() >= 10 && are_numbers(&words[..9]) {
         true => Second::NextImage,
         false => Second::Neither,
@@ -157,6 +162,7 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
                     .parse()
                     .map_err(|_| format!("IMAGE_ID is `{image}`; expected a number"))?,
             );
+            // Read to keep in step; only the photo matters.
             words.word("POINT2D_IDX")?;
         }
         model.points.push(Point {

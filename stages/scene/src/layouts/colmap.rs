@@ -18,8 +18,10 @@ pub(super) fn files(
 ) -> Result<Vec<(&'static str, String)>, LayoutError> {
     let mut lenses: Vec<String> = Vec::new();
     let mut images = String::new();
+    // Numbers begin at 1, as COLMAP's own do.
     for (i, shot) in shots.iter().enumerate() {
         let lens = lens_line(&shot.photo.camera)?;
+        // Compared as text: equal lines are one camera to COLMAP.
         let known = lenses.iter().position(|other| *other == lens);
         let lens_number = known.unwrap_or(lenses.len()) + 1;
         if known.is_none() {
@@ -86,6 +88,7 @@ fn test_names(shots: &[Shot]) -> String {
 
 /// Numbers with all their digits.
 fn words(numbers: &[f64]) -> String {
+    // Rust prints the shortest decimal that reads back as the same f64.
     let words: Vec<String> = numbers.iter().map(f64::to_string).collect();
     words.join(" ")
 }

@@ -43,6 +43,7 @@ pub(super) fn files(
             }
             files
         }
+        // Only instant-ngp comes here: COLMAP's layout has files of its own.
         _ => {
             let mut files = vec![("transforms.json", writer.page(&train, "")?)];
             if !test.is_empty() {
@@ -89,6 +90,7 @@ impl Writer<'_> {
             frames.push(self.frame(shot, own, up));
         }
         page.insert("frames".into(), Value::Array(frames));
+        // Ours: other programs pass over it, and our reader gets the box back.
         page.insert("aabb".into(), json!(self.capture.bounds));
         self.place(&mut page);
         Ok(page)
@@ -101,6 +103,7 @@ impl Writer<'_> {
         frame.insert("transform_matrix".into(), json!(pose));
         frame.insert("near".into(), json!(camera.near));
         frame.insert("far".into(), json!(camera.far));
+        // Brush and instant-ngp find masks by their names, without a field.
         let masks = self.masks.filter(|_| self.layout == Layout::Nerfstudio);
         if let Some(path) = masks.and_then(|masks| shot.mask_path(masks)) {
             frame.insert("mask_path".into(), json!(path));
@@ -112,6 +115,7 @@ impl Writer<'_> {
     fn place(&self, page: &mut Map<String, Value>) {
         if self.layout == Layout::InstantNgp {
             let (scale, offset) = into_unit_cube(self.capture.bounds);
+            // The box fills the unit cube, so the cube needs no larger one around it.
             page.insert("aabb_scale".into(), json!(1));
             page.insert("scale".into(), json!(scale));
             page.insert("offset".into(), json!(offset));

@@ -33,6 +33,7 @@ fn held(layout: Layout, lens: &Distortion) -> Distortion {
 /// The fields of a lens in a `transforms.json`.
 pub(super) fn fields(layout: Layout, camera: &Camera) -> Result<Map<String, Value>, LayoutError> {
     let lens = camera.distortion;
+    // A coefficient that is lost would bend every ray, so the lens is refused as a whole.
     if held(layout, &lens) != lens {
         return Err(unheld(layout, &lens));
     }
@@ -71,6 +72,7 @@ pub(super) fn colmap(camera: &Camera) -> Result<(&'static str, Vec<f64>), Layout
         k6,
         ..short
     };
+    // The simplest model that holds all coefficients: more programs read those.
     let (model, bent) = if lens.is_none() {
         ("PINHOLE", vec![])
     } else if lens == Distortion::fisheye([k1, k2, k3, k4]) {

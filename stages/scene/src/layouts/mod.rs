@@ -119,6 +119,7 @@ impl Layout {
         self.check_pictures(capture)?;
         let shots = shot::shots(capture);
         let masks = self.masks(&shots);
+        // All texts before the first file: what a layout cannot hold must leave nothing behind.
         let mut text = match self {
             Self::Colmap => colmap::files(&shots, capture)?,
             _ => frames::files(self, &shots, capture, masks)?,
@@ -143,6 +144,7 @@ impl Layout {
 
     fn check_pictures(self, capture: &Capture) -> Result<(), LayoutError> {
         let is_exr = capture.train.exr.or(capture.test.exr).is_some();
+        // Of these programs only instant-ngp reads EXR files.
         if is_exr && self != Self::InstantNgp {
             return Err(LayoutError::Unheld {
                 what: "the pictures are to be EXR files".to_owned(),

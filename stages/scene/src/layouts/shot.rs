@@ -80,6 +80,7 @@ impl Shot<'_> {
         };
         let path = folder.join(path);
         create(path.parent().unwrap_or(folder))?;
+        // What counts is white in all customs but instant-ngp's.
         let is_white: fn(bool) -> bool = match masks {
             Masks::Dynamic => |counts| !counts,
             _ => |counts| counts,
@@ -98,6 +99,7 @@ pub(super) fn shots<'c>(capture: &Capture<'c>) -> Vec<Shot<'c>> {
         .flat_map(|(part, is_test)| part.photos.iter().map(move |photo| (part, photo, is_test)))
         .map(|(part, photo, is_test)| shot(part, photo, is_test, &mut taken))
         .collect();
+    // Both parts together: programs that hold out every eighth photo count all of them.
     shots.sort_by(|a, b| a.name.cmp(&b.name));
     shots
 }

@@ -52,6 +52,7 @@ pub(crate) enum Format {
 impl Format {
     /// The format of a file that begins with these bytes; 32 are enough.
     pub(crate) fn of(head: &[u8]) -> Self {
+        // By content where possible: people rename files without converting them.
         match head {
             [] => Self::Empty,
             [0x89, b'P', b'N', b'G', ..] => Self::Png,
@@ -71,10 +72,12 @@ impl Format {
                 b'P',
                 ..,
             ] => Self::Webp,
+            // 43 is BigTIFF.
             [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => Self::Tiff,
             [0x76, 0x2F, 0x31, 0x01, ..] => Self::Exr,
             [b'G', b'I', b'F', b'8', ..] => Self::NotRead("GIF"),
             [b'B', b'M', ..] => Self::NotRead("BMP"),
+            // A bare codestream, or the ISO container.
             [0xFF, 0x0A, ..] | [0, 0, 0, 12, b'J', b'X', b'L', ..] => Self::NotRead("JPEG XL"),
             [0, 0, 0, 12, b'j', b'P', ..] => Self::NotRead("JPEG 2000"),
             [_, _, _, _, b'f', b't', b'y', b'p', brand @ ..] => Self::by_brand(brand),
@@ -90,6 +93,7 @@ impl Format {
             [b'a', b'v', b'i', ..] => Self::NotRead("AVIF"),
             [b'h', ..] | [b'm', b'i', b'f', b'1', ..] => Self::NotRead("HEIC"),
             [b'c', b'r', b'x', ..] => Self::NotRead("CR3 (camera raw)"),
+            // Nearly all other brands (isom, mp41, qt) are films.
             _ => Self::NotRead("a film"),
         }
     }
@@ -119,6 +123,7 @@ pub(crate) fn not_read(extension: &str) -> Option<&'static str> {
 pub(crate) fn split(name: &str) -> (&str, Option<&str>) {
     match name.rsplit_once('.') {
         Some((stem, ending))
+            // Only photos' endings are cut off: `scene.v2` has none.
             if !stem.is_empty() && (rank(ending).is_some() || not_read(ending).is_some()) =>
         {
             (stem, Some(ending))

@@ -14,6 +14,7 @@ pub(super) fn decode(bytes: &[u8], largest: u32) -> Result<DynamicImage, String>
         return Err("it ends before its last row: it was cut short".into());
     }
     let options = DecoderOptions::default()
+        // A damaged scan is an error; else it would be filled up and taken for a photo.
         .set_strict_mode(true)
         .set_max_width(largest as usize)
         .set_max_height(largest as usize);
@@ -21,6 +22,7 @@ pub(super) fn decode(bytes: &[u8], largest: u32) -> Result<DynamicImage, String>
     decoder
         .decode_headers()
         .map_err(|fault| fault.to_string())?;
+    // Asked for as stored: grey photos take a third of the memory, and stay exactly grey.
     let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
     let wanted = if grey {
         ColorSpace::Luma
@@ -43,6 +45,7 @@ pub(super) fn decode(bytes: &[u8], largest: u32) -> Result<DynamicImage, String>
 /// is not looked at.
 fn is_whole(bytes: &[u8]) -> bool {
     const END_OF_IMAGE: u8 = 0xD9;
+    // Behind the two bytes of the start marker, which `Format::of` has seen.
     let mut at = 2;
     while let Some(&[first, marker]) = bytes.get(at..at + 2) {
         match (first, marker) {
@@ -55,6 +58,7 @@ fn is_whole(bytes: &[u8]) -> bool {
                 let Some(&[high, low]) = bytes.get(at + 2..at + 4) else {
                     return false;
                 };
+                // A length counts its own two bytes; less than that would stand still.
                 at += 2 + usize::from(u16::from_be_bytes([high, low])).max(2);
             }
             // A scan's own bytes.

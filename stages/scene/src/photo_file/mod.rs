@@ -58,11 +58,13 @@ impl Header {
 
 /// Reads the header alone.
 pub(crate) fn header(path: &Path) -> Result<Header, SceneError> {
+    // By the first bytes, since the decoder's own message names no remedy.
     check_format(path)?;
     let mut decoder = open(path)?
         .into_decoder()
         .map_err(|error| unreadable(path, error))?;
     let size = non_empty(path, decoder.dimensions())?;
+    // Refused before anything is computed, and not hours later when the photo is decoded.
     if size.0.max(size.1) > LARGEST_SIDE {
         let fault = format!(
             "it says {}x{} pixels, more than any camera has",
@@ -85,6 +87,7 @@ pub(crate) fn size(path: &Path) -> Result<(u32, u32), SceneError> {
 pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Decoded, SceneError> {
     let format = check_format(path)?;
     let mut decoded = if format == Format::Jpeg {
+        // By a stricter decoder than the others: image's own fills a cut JPEG with grey.
         let bytes = source_files::read_bytes(path)?;
         jpeg::decode(&bytes, LARGEST_SIDE).map_err(|fault| SceneError::image(path, fault))?
     } else {
@@ -95,6 +98,7 @@ pub(crate) fn read(path: &Path, turn: Orientation) -> Result<Decoded, SceneError
     decoded.apply_orientation(turn);
     let size = non_empty(path, (decoded.width(), decoded.height()))?;
     let (pixels, clipped) = channels(decoded, format);
+    // One NaN would spread through the filters, and through training over the whole field.
     if pixels.rgb.iter().any(|value| !value.is_finite()) {
         return Err(SceneError::image(path, "a pixel is not a number"));
     }
@@ -112,6 +116,7 @@ pub(crate) fn read_grey(
 ) -> Result<((u32, u32), Vec<f32>), SceneError> {
     let Decoded { size, pixels, .. } = read(path, turn)?;
     let Pixels { rgb, alpha, .. } = pixels;
+    // Masks are black and white, or a colour on black.
     let brightest = |pixel: &[f32]| pixel.iter().copied().fold(0.0, f32::max);
     let grey: Vec<f32> = rgb.chunks_exact(3).map(brightest).collect();
     // A mask may lie in the alpha of a picture of one colour.
@@ -141,6 +146,7 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
     let io = |source| SceneError::io(path, source);
     let file = File::open(path).map_err(io)?;
     let bytes = file.metadata().map_err(io)?.len();
+    // Content decides and not the ending: people rename files.
     let mut reader = ImageReader::new(BufReader::new(file))
         .with_guessed_format()
         .map_err(io)?;
@@ -185,6 +191,7 @@ fn channels(image: DynamicImage, format: Format) -> (Pixels<Srgb>, bool) {
     }
     // EXR's colours are multiplied by alpha.
     if let Some(alpha) = alpha.as_ref().filter(|_| format == Format::Exr) {
+        // Everything behind the readers takes colours that are not multiplied.
         for (i, value) in rgb.iter_mut().enumerate() {
             *value = if alpha[i / 3] > 0.0 {
                 *value / alpha[i / 3]

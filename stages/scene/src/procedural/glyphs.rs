@@ -204,6 +204,7 @@ impl Text {
     /// Whether there is ink at `at`.
     pub(super) fn inks(&self, at: Vec2) -> bool {
         let cells = (at - self.top_left) * Vec2::new(1.0, -1.0) / self.cell;
+        // Negative numbers are cast to 0 and would repeat the first line and letter.
         if cells.min_element() < 0.0 {
             return false;
         }

@@ -75,6 +75,7 @@ impl Luminaire {
     fn reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, sample: usize) -> Vec3 {
         let stride = POINTS / PER_SAMPLE;
         // Other points for each sub-ray: together they see all of the lamp.
+        // 7 is odd: sixteen samples in a row meet all points, and neighbours look at distant ones.
         let points = (0..PER_SAMPLE).map(|k| self.points[(sample * 7 + k * stride) % POINTS]);
         let sum: Vec3 = points
             .map(|point| self.point_reflected(world, hit, to_eye, point))
@@ -85,6 +86,7 @@ impl Luminaire {
     /// Lambert's law and a highlight after Blinn and Phong (Blinn 1977).
     fn point_reflected(&self, world: &World, hit: &Hit, to_eye: Vec3, light: Vec3) -> Vec3 {
         let (to_light, distance) = (light - hit.point).normalize_and_length();
+        // Lambert's cosine first: it spares the shadow ray of half of all points.
         let cosine = hit.normal.dot(to_light);
         if cosine <= 0.0 || world.shades(&Line::new(hit.point, to_light), distance) {
             return Vec3::ZERO;

@@ -42,6 +42,7 @@ fn photograph(
     cameras: Vec<(String, Camera)>,
     samples: u32,
 ) -> Photographed {
+    // One after the other: `render` itself keeps all threads busy.
     let pictures: Vec<Picture> = cameras
         .iter()
         .map(|(_, camera)| render(world, lights, camera, samples))
@@ -50,6 +51,7 @@ fn photograph(
         .iter()
         .map(|picture| picture.seen)
         .fold(Seen::NOTHING, Seen::and);
+    // Surfaces are seen at sample points only; others may lie a little outside.
     let [near, far] = [
         seen.depth[0] * (1.0 - MARGIN),
         seen.depth[1] * (1.0 + MARGIN),

@@ -56,6 +56,7 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
         .photos
         .into_iter()
         .map(|photo| Photo {
+            // Traced with y up, as lights and things are placed; turned at the very end.
             camera: photo.camera.moved(Z_UP, 1.0),
             ..photo
         })
@@ -64,6 +65,7 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
     SceneData {
         photos,
         test,
+        // Turned corners are no longer the lowest and the highest, so the box is taken anew.
         bounds: bounds::around(
             shot.bounds
                 .map(|corner| Z_UP.transform_point3(DVec3::from(corner)).to_array()),
@@ -81,6 +83,7 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
 /// nowhere.
 fn place(view: u32, seed: u64) -> DVec3 {
     let rng = Rng::new(seed, "object: cameras");
+    // By view and purpose: more views leave the first ones where they are.
     let random = |what| f64::from(rng.uniform(view.into(), what));
     direction(random(0), 0.98 * random(1))
 }
@@ -103,6 +106,7 @@ fn direction(turn: f64, height: f64) -> DVec3 {
 }
 
 fn camera(from: DVec3, (width, height): (u32, u32)) -> Camera {
+    // Over the shorter side, so that the object is whole in pictures of any shape.
     let focal = 0.5 * f64::from(width.min(height)) / (0.5 * FIELD_OF_VIEW).tan();
     Camera::centered(
         (width, height),

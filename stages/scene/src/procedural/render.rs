@@ -59,6 +59,7 @@ impl Seen {
 /// linear light and only then clipped and encoded: the image is the mean over each pixel's area,
 /// known as well as the grid is fine.
 pub(super) fn render(world: &World, lights: &Lights, camera: &Camera, samples: u32) -> Picture {
+    // Rows are collected in order and sums stay within a pixel: threads change no bit.
     let rows: Vec<_> = (0..camera.height)
         .into_par_iter()
         .map(|y| row(world, lights, camera, samples, y))
@@ -136,6 +137,7 @@ fn radiance(
     let ray = camera.ray(at.0, at.1);
     let along = Vec3::from(ray.direction);
     let hit = world.first_hit(&Line::new(ray.origin.into(), along))?;
+    // The tracer counts along the ray, near and far along the view axis.
     let depth = hit.distance / ray.distance_per_depth;
     *seen = seen.and(Seen {
         depth: [depth; 2],

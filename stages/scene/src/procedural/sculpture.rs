@@ -23,6 +23,7 @@ pub(super) fn sculpture() -> World {
         base(),
         plinth(),
         posts(),
+        // Around the plinth's ball, which is seen through the wires.
         wire_ball(Mat3::from_rotation_y(0.4), vec3(0.0, 0.55, 0.0)),
         slate(),
     ];

@@ -37,6 +37,7 @@ pub(super) enum Shape {
 pub(super) type Touch = (f32, Vec3);
 
 const TORUS_STEPS: usize = 256;
+// About a hundredth of a pixel at the sizes that worlds are made for.
 const TORUS_TOLERANCE: f32 = 1e-4;
 
 impl Shape {
@@ -67,6 +68,7 @@ impl Shape {
         let within = |(t, _): &Touch| *t > min && *t < max;
         match *self {
             Shape::Sphere { radius } => {
+                // Nobody looks from within a solid, so the nearer root is what is seen.
                 let t = roots(
                     1.0,
                     from.dot(along),
@@ -119,6 +121,7 @@ fn block(from: Vec3, along: Vec3, half: Vec3) -> Option<Touch> {
     let enter = a.min(b);
     let t = enter.max_element();
     (t < a.max(b).min_element()).then(|| {
+        // On an edge two axes enter together, and the normal is between both.
         let axis = Vec3::select(enter.cmpeq(Vec3::splat(t)), Vec3::ONE, Vec3::ZERO);
         (t, (-axis * along.signum()).normalize())
     })
@@ -129,6 +132,7 @@ fn block(from: Vec3, along: Vec3, half: Vec3) -> Option<Touch> {
 fn side(from: Vec3, along: Vec3, radius: f32, half_height: f32, min: f32) -> Option<Touch> {
     let p = Vec2::new(from.x, from.z);
     let d = Vec2::new(along.x, along.z);
+    // With `min`, or a touch behind the start would hide the far wall of a tube.
     let on_side = |t: f32| (t > min && (from.y + t * along.y).abs() < half_height).then_some(t);
     let [enter, leave] = roots(
         d.length_squared(),
@@ -143,7 +147,9 @@ fn side(from: Vec3, along: Vec3, radius: f32, half_height: f32, min: f32) -> Opt
 }
 
 fn cap(from: Vec3, along: Vec3, radius: f32, half_height: f32) -> Option<Touch> {
+    // The other cap is behind the solid.
     let up = -along.y.signum();
+    // A level line makes t infinite or NaN, and the comparison below is false.
     let t = (up * half_height - from.y) / along.y;
     let at = from + t * along;
     (at.x * at.x + at.z * at.z < radius * radius).then_some((t, Vec3::new(0.0, up, 0.0)))
@@ -152,6 +158,7 @@ fn cap(from: Vec3, along: Vec3, radius: f32, half_height: f32) -> Option<Touch> 
 fn capsule(from: Vec3, along: Vec3, radius: f32, half_length: f32) -> Option<Touch> {
     let p = Vec2::new(from.x, from.z);
     let d = Vec2::new(along.x, along.z);
+    // The round ends lie within the endless cylinder: what misses it misses them.
     let t = roots(
         d.length_squared(),
         p.dot(d),
@@ -162,6 +169,7 @@ fn capsule(from: Vec3, along: Vec3, radius: f32, half_length: f32) -> Option<Tou
         let outward = (p + t * d) / radius;
         return Some((t, Vec3::new(outward.x, 0.0, outward.y)));
     }
+    // A line inside the cylinder beyond an end meets that end first.
     let to_end = from - Vec3::new(0.0, half_length.copysign(y), 0.0);
     let t = roots(
         1.0,

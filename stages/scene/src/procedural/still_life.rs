@@ -54,6 +54,7 @@ pub fn still_life(views: u32, size: (u32, u32), samples: u32, seed: u64) -> Scen
 
 /// The cameras go round from left to right, up and down by turns, each a little off its place.
 fn camera(view: u32, views: u32, (width, height): (u32, u32), seed: u64) -> Camera {
+    // Random numbers of their own, so that things keep their turns when cameras change.
     let rng = Rng::new(seed, "still life: cameras");
     let jitter = |what| f64::from(rng.uniform(view.into(), what)) - 0.5;
     let along = if views > 1 {

@@ -20,6 +20,7 @@ const WALL_Z: f32 = -1.25;
 /// The world of `seed`: the same things, each turned a little differently.
 pub(super) fn still_life(seed: u64) -> World {
     let rng = Rng::new(seed, "still life: turns");
+    // By number: a thing that is added turns no other.
     let turn = |thing: u64, about: f32| {
         Mat3::from_rotation_y(about + 0.16 * (rng.uniform(0, thing) - 0.5))
     };
@@ -134,6 +135,7 @@ fn panel(turn: Mat3) -> Solid {
         block(half),
         surface,
         turn * lean,
+        // It leans by 0.22 rad, whose cosine is 0.98: its lower edge stands on the table.
         vec3(-0.54, half.y * 0.98, -0.45),
     )
 }
@@ -245,6 +247,7 @@ fn turned_about(thing: Solid, turn: Mat3, at: Vec3) -> Solid {
 /// A capsule from point to point.
 pub(super) fn rod(from: Vec3, to: Vec3, radius: f32, surface: Surface) -> Solid {
     let (along, length) = (to - from).normalize_and_length();
+    // A capsule is round and its patterns run along it, so any side serves.
     let side = along.any_orthonormal_vector();
     let turn = Mat3::from_cols(side, along, side.cross(along));
     solid(
@@ -342,6 +345,7 @@ fn ring(turn: Mat3) -> Solid {
         },
         surface,
         turn,
+        // The pile of books is 0.31 high.
         vec3(0.33, 0.31 + 0.034, -0.6),
     )
 }

@@ -116,6 +116,7 @@ impl Surface {
                 gloss,
             } => {
                 let turn = point.z.atan2(point.x) / TAU;
+                // Rounding may bring the quotient past 1, where `asin` is NaN.
                 let height = (point.y / point.length()).clamp(-1.0, 1.0).asin() / TAU;
                 Material {
                     color: colors[parity(turn * count) ^ parity(height * count)],
@@ -127,6 +128,7 @@ impl Surface {
                 width,
                 gloss,
             } => Material {
+                // A period has two stripes.
                 color: colors[parity(point.y / width / 2.0)],
                 gloss: *gloss,
             },
@@ -135,6 +137,7 @@ impl Surface {
                 let ring = Vec2::new(point.x, point.z).normalize_or_zero();
                 let outward = normal.x * ring.x + normal.z * ring.y;
                 Material {
+                    // Around the ring and around its tube at once, which makes stripes wind.
                     color: colors[parity(around * count + normal.y.atan2(outward) / TAU)],
                     gloss: 0.5,
                 }
@@ -258,6 +261,7 @@ fn bricks(at: Vec2, brick: Vec3, mortar: Vec3, size: Vec2) -> Vec3 {
 fn wood(point: Vec3, light: Vec3, dark: Vec3, width: f32) -> Vec3 {
     const SEAM: f32 = 0.005;
     let plank = (point.z / width).floor();
+    // Each plank begins elsewhere in the same noise.
     let shift = 17.0 * lattice(plank as i32, 5);
     let across = point.z - plank * width;
     if across < SEAM {
@@ -283,6 +287,7 @@ fn noise(at: Vec2) -> f32 {
     let f = f * f * (Vec2::splat(3.0) - 2.0 * f);
     let x = cell.x as i32;
     let y = cell.y as i32;
+    // Wrapping, since the cast saturates for points far away.
     let low = lattice(x, y).lerp(lattice(x.wrapping_add(1), y), f.x);
     let high =
         lattice(x, y.wrapping_add(1)).lerp(lattice(x.wrapping_add(1), y.wrapping_add(1)), f.x);
@@ -296,5 +301,6 @@ fn lattice(x: i32, y: i32) -> f32 {
     let mut bits = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
     bits = (bits ^ bits >> 15).wrapping_mul(0x2C1B_3C6D);
     bits = (bits ^ bits >> 12).wrapping_mul(0x297A_2D39);
+    // 24 bits, as many as an f32 holds exactly.
     ((bits ^ bits >> 15) >> 8) as f32 / (1 << 24) as f32
 }

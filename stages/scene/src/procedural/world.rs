@@ -101,12 +101,14 @@ impl Solid {
 
     fn localize(&self, line: &Line) -> (Vec3, Vec3) {
         (
+            // A rotation's transpose is its inverse.
             self.turn.transpose_mul_vec3(line.from - self.place),
             self.turn.transpose_mul_vec3(line.along),
         )
     }
 
     fn bounds(&self) -> Bounds {
+        // The box around a turned box: |R| times its half extents.
         let half = Vec3A::from(self.turn.abs() * self.shape.half_extent());
         let middle = Vec3A::from(self.place);
         Bounds {
@@ -168,6 +170,7 @@ impl World {
 
     /// The things whose boxes a line meets before `max`.
     fn near(&self, line: &Line, max: f32) -> impl Iterator<Item = &Solid> {
+        // Many rays meet no thing at all: one test of the box around all spares the others.
         let groups: &[Group] = if self.bounds.meets(line, max) {
             &self.things
         } else {

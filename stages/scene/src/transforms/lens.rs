@@ -55,6 +55,7 @@ impl ForeignLens {
         let lens = serde_path_to_error::deserialize(fields);
         Ok(Self {
             lens: lens.map_err(|error| format!("{} {}", error.path(), error.inner()))?,
+            // Radians first: `x_fov`, in degrees, comes from other exporters.
             angles: [0, 1].map(|axis| angles[axis].or(fov[axis])),
             model: match fields.get("camera_model") {
                 None | Some(Value::Null) => None,
@@ -90,6 +91,7 @@ impl ForeignLens {
     /// Refuses lenses that are neither OpenCV's pinholes nor its fisheye.
     pub(crate) fn distortion(&self) -> Result<Distortion, String> {
         let distortion = self.lens.distortion();
+        // A coefficient that is not finite would give every pixel a ray of NaN.
         if distortion
             .coefficients()
             .iter()
@@ -103,12 +105,14 @@ impl ForeignLens {
         let model = self.model.as_deref();
         let fisheye = distortion.fisheye || model.is_some_and(|m| FISHEYES.contains(&m));
         let full = model == Some("FULL_OPENCV");
+        // Zeros are common: exporters write all coefficients whatever the model.
         let all_zero = |numbers: &[f64]| numbers.iter().all(|number| *number == 0.0);
         let known = fisheye || full || model.is_none_or(|m| PINHOLES.contains(&m));
         if !known {
             let model = model.unwrap_or_default();
             return Err(format!("camera_model is {model}; {SUPPORTED}"));
         }
+        // The fisheye has k1 to k4 only; others would be dropped in silence.
         if fisheye && !all_zero(&[k5, k6, p1, p2]) {
             return Err(format!("a fisheye has k5, k6, p1 or p2; {SUPPORTED}"));
         }
@@ -125,6 +129,7 @@ impl ForeignLens {
 
     /// Focal lengths in pixels of an image of this size.
     pub(crate) fn focal(&self, size: [u32; 2]) -> Result<[f64; 2], String> {
+        // The pinhole's: fl = (size / 2) / tan(angle / 2).
         let by_angle = |axis: usize| {
             self.angles[axis].map(|angle| 0.5 * f64::from(size[axis]) / (0.5 * angle).tan())
         };

@@ -72,6 +72,7 @@ impl Reader for Transforms {
         let sources = parts.iter().map(|part| part.path.clone()).collect();
         let mut parts = parts.into_iter();
         let first = parts.next().ok_or_else(|| self.nothing())?;
+        // Lists stand in the first file; a second one is held out as a whole.
         let mut split = splits::split(&first.page, first.photos, &mut notes);
         if split.train.is_empty() {
             let fault = "leaves no photo to train on";
@@ -86,10 +87,12 @@ impl Reader for Transforms {
         } = split;
         notes.extend(sift(&first.path, &mut train, &mut test, self.size)?);
         let step = self.test_every.max(1) as usize;
+        // After `sift`, so that strays do not count among them.
         let test: Vec<Posed> = test.into_iter().step_by(step).collect();
         let counts = (train.len(), test.len());
         let mut scene = place::Placed { train, test };
         let box_of_file = place::bounds(&first.path, &first.page, self.bounds)?;
+        // After `sift`, since a stray would widen the box of all frusta.
         let bounds = scene.settle(&first.path, box_of_file, ranged, &mut notes)?;
         let (bounds, to_source) = scene.recentre(bounds, &mut notes);
         let name = self.path.file_name().unwrap_or_default();
@@ -133,6 +136,7 @@ impl Transforms {
     fn parts(&self) -> Result<(Vec<Part>, Vec<String>), SceneError> {
         let beside = |name: &str| Some(self.path.join(name)).filter(|path| path.is_file());
         let whole = beside("transforms.json");
+        // A file that is named is all that is meant, whatever lies beside it.
         if self.path.is_file() {
             return Ok((vec![Part::read(&self.path, true)?], Vec::new()));
         }
@@ -204,9 +208,11 @@ impl Part {
             let Some(spotted) = gathering.find(folder, &frame.file_path)? else {
                 continue;
             };
+            // Before its pose is looked at: a bad one is reported as a fault, not as missing.
             used.push(spotted.file.clone());
             let camera = match camera(&self.page, frame, spotted.header.size) {
                 Ok((camera, has_range)) => {
+                    // One frame without a range is enough: all get theirs by one rule.
                     self.ranged &= has_range;
                     camera
                 }
@@ -233,6 +239,7 @@ impl Part {
                 .photos
                 .iter()
                 .filter_map(|(_, posed)| posed.mask.as_ref());
+            // Masks may lie among the photos, and have no pose.
             let masks: Vec<PathBuf> = masks.map(|mask| mask.path.clone()).collect();
             self.notes
                 .extend(without_pose(&beside(&used)?, used.iter().chain(&masks)));
@@ -287,6 +294,7 @@ fn camera(page: &Page, frame: &Frame, size: (u32, u32)) -> Result<(Camera, bool)
         height,
         fl_x,
         fl_y,
+        // A file that says nothing means the middle.
         cx: stated.lens.cx.unwrap_or(0.5 * f64::from(width)),
         cy: stated.lens.cy.unwrap_or(0.5 * f64::from(height)),
         distortion: stated.distortion()?,
@@ -316,6 +324,7 @@ pub(crate) fn cameras_of_file(path: &Path, like: &Camera) -> Result<Vec<Camera>,
             camera(&page, frame, (like.width, like.height)).map_err(|fault| {
                 SceneError::content(path, format!("frame {:?}", frame.file_path), fault)
             })?;
+        // Half a range is none.
         let [near, far] = match has_range {
             true => [camera.near, camera.far],
             false => [like.near, like.far],

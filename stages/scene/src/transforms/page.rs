@@ -94,7 +94,9 @@ impl Page {
             None => return Err(whole(without_frames(fields))),
         };
         match frames.len() {
+            // An empty scene would fail later, without the file's name.
             0 => return Err(("frames".into(), "is empty; expected one per photo".into())),
+            // Frames are a foreign file's, and each asks for a look at the disk.
             count if count > MOST_FRAMES => {
                 return Err(("frames".into(), format!("are {count}, too many")));
             }
@@ -151,10 +153,12 @@ impl Frame {
             Some(other) => return Err(format!("file_path is {}; expected a path", kind(other))),
             None => return Err("has no file_path".into()),
         };
+        // A mask of another kind is passed over; some exporters write null.
         let mask_path = match fields.get("mask_path") {
             Some(Value::String(path)) => Some(path.clone()),
             _ => None,
         };
+        // Kept as a fault: one bad frame is left out, and the others are read.
         let camera = ForeignLens::of(fields).and_then(|lens| Ok((lens, matrix(fields)?)));
         Ok(Frame {
             file_path,
@@ -168,6 +172,7 @@ impl Frame {
 fn parse(text: &str) -> Result<Value, (String, String)> {
     serde_json::from_str(text)
         // Python writes NaN and Infinity, which are no JSON.
+        // Only where strict JSON fails, so good files are parsed once.
         .or_else(|error| match without_numbers_that_are_none(text) {
             Some(mended) => serde_json::from_str(&mended),
             None => Err(error),
@@ -195,6 +200,7 @@ fn without_numbers_that_are_none(text: &str) -> Option<String> {
     let mut changed = false;
     while let Some(first) = rest.chars().next() {
         let length = match first {
+            // A path may hold `nan`: strings are passed over whole.
             '"' => string_length(rest),
             _ => match WORDS.iter().find(|word| rest.starts_with(**word)) {
                 Some(word) => {
@@ -247,6 +253,7 @@ fn unused(fields: &Map<String, Value>) -> Vec<String> {
         .into_iter()
         .flatten()
         .filter_map(Value::as_object)
+        // Of all frames, since fields may stand in some of them only.
         .flat_map(Map::keys)
         .filter(|name| is_unused(name, READ_OF_FRAMES))
         .map(|name| format!("frames.{name}"));
@@ -257,6 +264,7 @@ fn unused(fields: &Map<String, Value>) -> Vec<String> {
 fn matrix(fields: &Map<String, Value>) -> Result<Vec<[f64; 4]>, String> {
     let name = "transform_matrix";
     let rows = match fields.get(name) {
+        // Three rows are a matrix as well: the last is always 0 0 0 1.
         Some(Value::Array(rows)) if rows.len() <= 4 => rows,
         Some(_) => return Err(format!("{name} is not four rows of four numbers")),
         None => return Err(format!("has no {name}")),

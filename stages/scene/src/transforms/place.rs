@@ -42,6 +42,7 @@ impl Placed {
     ) -> Result<Bounds, SceneError> {
         let cameras = self.cameras();
         if let Some(bounds) = &bounds {
+            // Before anything is computed: a box that no camera sees trains to black.
             notes.extend(unseen(path, bounds, &cameras)?);
         }
         if !ranged {
@@ -53,6 +54,7 @@ impl Placed {
                     guess[0], guess[1]
                 ));
             }
+            // All of them, so that ranges of two origins are not mixed.
             for camera in self.cameras_mut() {
                 let range = bounds
                     .as_ref()
@@ -60,6 +62,7 @@ impl Placed {
                 [camera.near, camera.far] = range;
             }
         }
+        // Held-out cameras have no say in the box.
         let train: Vec<Camera> = self.train.iter().map(|posed| posed.camera).collect();
         Ok(bounds.unwrap_or_else(|| pose::hull(&train)))
     }
@@ -78,6 +81,7 @@ impl Placed {
             middle.x, middle.y, middle.z
         ));
         for camera in self.cameras_mut() {
+            // In double precision; fields compute in single, which would round positions away.
             *camera = camera.moved(DMat4::from_translation(-middle), scale);
         }
         let moved = bounds.map(|corner| ((DVec3::from(corner) - middle) * scale).to_array());
@@ -108,6 +112,7 @@ fn unseen(path: &Path, bounds: &Bounds, cameras: &[Camera]) -> Result<Option<Str
             cameras.len()
         )
     };
+    // A few cameras may look past the box.
     Ok((2 * blind > cameras.len()).then(note))
 }
 
@@ -118,6 +123,7 @@ pub(super) fn bounds(
     asked: Option<Bounds>,
 ) -> Result<Option<Bounds>, SceneError> {
     check_box(path, page.aabb.as_ref())?;
+    // What the pipeline says comes first: it is how a wrong box in a file is mended.
     match asked.or(page.aabb) {
         Some(bounds) => Ok(Some(bounds)),
         None => cube(path, page),

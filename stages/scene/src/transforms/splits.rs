@@ -19,6 +19,7 @@ pub(super) fn split(page: &Page, photos: Vec<(String, Posed)>, notes: &mut Vec<S
     let train_list = set(&page.train_filenames);
     let validation = set(&page.val_filenames);
     let test_list = set(&page.test_filenames);
+    // While it trains, nerfstudio itself measures on the list for validation.
     let held_out = match test_list.is_empty() {
         true => &validation,
         false => &test_list,
@@ -31,6 +32,7 @@ pub(super) fn split(page: &Page, photos: Vec<(String, Posed)>, notes: &mut Vec<S
     let mut unused = 0;
     let mut both = 0;
     for (path, posed) in photos {
+        // Compared as paths, since exporters write the lists apart from the frames.
         let path = same(&path);
         let for_training = match train_list.is_empty() {
             // Without a list for training, all but what validates is trained on.

@@ -30,6 +30,7 @@ pub fn write_transforms(
             source,
         })?;
         for photo in photos {
+            // Four channels always: that is what NeRF-synthetic's photos have.
             picture::write_rgba(&images.join(format!("{}.png", photo.name)), photo)?;
             write_mask(&folder.join(mask_path(split, photo)), photo)?;
         }
@@ -37,6 +38,7 @@ pub fn write_transforms(
             .iter()
             .map(|photo| photo_frame(split, photo))
             .collect();
+        // Of the first camera; readers that know `fl_x` take each frame's own.
         let angle = photos
             .first()
             .map(|photo| 2.0 * (0.5 * f64::from(photo.camera.width) / photo.camera.fl_x).atan());
@@ -50,6 +52,7 @@ pub fn write_transforms(
 
 fn photo_frame(split: &str, photo: &Photo) -> Value {
     let mut frame = frame(&format!("./{split}/{}", photo.name), &photo.camera);
+    // A path to a mask that is not there would be a warning for every frame.
     if photo.mask.is_some() {
         frame["mask_path"] = json!(mask_path(split, photo));
     }
@@ -62,6 +65,7 @@ pub(crate) fn frame(file_path: &str, camera: &Camera) -> Value {
     frame["file_path"] = json!(file_path);
     frame["transform_matrix"] = json!(rows::of(&camera.camera_to_world));
     let model = lens::model([camera.distortion].iter());
+    // Other models follow from the coefficients and `is_fisheye`; k4 to k6 need the name.
     if model == "FULL_OPENCV" {
         frame["camera_model"] = json!(model);
     }

@@ -37,6 +37,7 @@ struct Column {
 pub fn write(cloud: &Cloud, up: Up, out: &mut dyn Write) -> io::Result<()> {
     let columns = columns(cloud);
     let row: usize = columns.iter().map(|column| 4 * column.width).sum();
+    // Checked before the first byte is written: glTF counts bytes in 32 bits.
     let length = u32::try_from(row * cloud.splats.len())
         .map_err(|_| io::Error::other("more splats than 4 GiB hold; ask for fewer"))?;
     glb::head(
@@ -44,6 +45,7 @@ pub fn write(cloud: &Cloud, up: Up, out: &mut dyn Write) -> io::Result<()> {
         length as usize,
         out,
     )?;
+    // Column by column, as the buffer views lie, and never as one buffer in memory.
     for column in &columns {
         for value in cloud.splats.iter().flat_map(&column.row) {
             out.write_all(&value.to_le_bytes())?;
@@ -119,6 +121,7 @@ fn page(cloud: &Cloud, up: Up, columns: &[Column], length: u32) -> Value {
         }));
         offset += bytes;
     }
+    // The format demands the bounds of positions.
     let [low, high] = corners(cloud);
     accessors[0]["min"] = json!(low.to_array());
     accessors[0]["max"] = json!(high.to_array());
@@ -128,6 +131,7 @@ fn page(cloud: &Cloud, up: Up, columns: &[Column], length: u32) -> Value {
     }
     json!({
         "asset": {"version": "2.0", "generator": "srnerf-dag"},
+        // Used and not required: programs that know no splats still show points.
         "extensionsUsed": [EXTENSION],
         "scene": 0,
         "scenes": [{"nodes": [0]}],

@@ -32,6 +32,7 @@ fn names(rest: usize) -> Vec<String> {
             .collect::<Vec<_>>()
     };
     let mut names = fixed(&[
+        // Names and order are those of Kerbl et al.'s program: viewers find columns by them.
         "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2",
     ]);
     names.extend((0..rest).map(|i| format!("f_rest_{i}")));
@@ -43,6 +44,7 @@ fn names(rest: usize) -> Vec<String> {
 fn values(splat: &Splat, coefficients: usize) -> Vec<f32> {
     let [_, _, normal] = splat.axes();
     let turning = &splat.harmonics[1..coefficients];
+    // Channel by channel, as that program flattens its tensor [channels, coefficients].
     let rest = (0..3).flat_map(|channel| turning.iter().map(move |part| part[channel]));
     let turn = splat.rotation;
     let head = [

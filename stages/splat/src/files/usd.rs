@@ -64,6 +64,7 @@ fn turn(splat: &Splat) -> String {
 }
 
 fn tuple(numbers: &[f32]) -> String {
+    // The shortest decimal that reads back as the same f32.
     let words: Vec<String> = numbers.iter().map(f32::to_string).collect();
     format!("({})", words.join(", "))
 }

@@ -20,6 +20,7 @@ impl Ratio {
             over: over.checked_div(divisor)?,
             under: under.checked_div(divisor)?,
         };
+        // With small terms, products of two ratios stay far from overflow.
         (over > 0 && under > 0 && ratio.over <= LARGEST && ratio.under <= LARGEST).then_some(ratio)
     }
 
@@ -27,6 +28,7 @@ impl Ratio {
     pub fn of(number: f64) -> Option<Self> {
         let close = |under: &usize| {
             let over = number * *under as f64;
+            // A factor such as 1/3 is a rounded decimal in the text, hence the tolerance.
             (over - over.round()).abs() < 1e-6 && over < (LARGEST * LARGEST) as f64
         };
         let under = (1..=LARGEST).find(close)?;

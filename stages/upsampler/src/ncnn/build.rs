@@ -47,6 +47,7 @@ pub fn build(layers: &[Layer], weights: &mut Weights) -> Result<Graph, Upsampler
         largest: 0.0,
         grain: 1,
     };
+    // The file is foreign. What is checked here cannot panic while a tile is computed.
     if first.kind != "Input" {
         return Err(first.wrong("is the first; a graph begins with its Input"));
     }
@@ -73,6 +74,7 @@ impl Builder {
                     return Err(layer.wrong("takes nothing and gives one blob"));
                 };
                 // Height, width and channels of the image that it was converted with.
+                // Read so that they count as known; the graph itself fits any size.
                 parameters.count(0, 0)?;
                 parameters.count(1, 0)?;
                 parameters.must_be(2, "number of channels", 3)?;
@@ -91,6 +93,7 @@ impl Builder {
                 let ([], [name]) = (&taken[..], &layer.outputs[..]) else {
                     return Err(layer.wrong("takes nothing and gives one blob"));
                 };
+                // One number per channel is all that the known networks need of it.
                 parameters.must_be(0, "width", 1)?;
                 parameters.must_be(1, "height", 1)?;
                 let channels = parameters.count(2, 0)?;
@@ -101,6 +104,7 @@ impl Builder {
                 let [(value, blob)] = &taken[..] else {
                     return Err(layer.wrong("takes one blob"));
                 };
+                // A Split copies nothing: all names stand for the same value.
                 for name in &layer.outputs {
                     self.name(layer, name, *value, blob.clone())?;
                 }
@@ -115,6 +119,7 @@ impl Builder {
                     .filter(|(_, blob)| matches!(blob, Blob::Images { .. }));
                 self.steps.push(Step {
                     operation,
+                    // A constant becomes part of its operation, so steps take images only.
                     inputs: images.map(|(value, _)| *value).collect(),
                 });
                 self.name(layer, name, self.steps.len(), blob)?;
@@ -141,10 +146,12 @@ impl Builder {
             channels, ratio, ..
         } = &blob
         {
+            // The bound keeps products of counts from a foreign file within `usize`.
             if *channels == 0 || *channels > CHANNELS {
                 return Err(layer.wrong(format!("gives {channels} channels")));
             }
             self.width = self.width.max(*channels);
+            // Per pixel of the input, by which a tile's memory is counted.
             self.largest = self
                 .largest
                 .max(*channels as f64 * ratio.value() * ratio.value());
@@ -213,6 +220,7 @@ impl Builder {
                         let (operation, outputs, side) =
                             convolution(layer, channels, parameters, weights)?;
                         self.convolutions += 1;
+                        // Half a kernel, over the ratio: reach is counted in pixels of the input.
                         let reach = reach + (side / 2) as f64 / ratio.value();
                         Ok((
                             operation,
@@ -230,6 +238,7 @@ impl Builder {
                     "Swish" => same(Operation::Function(Function::Swish)),
                     "Clip" => {
                         let [low, high] = [
+                            // Without bounds ncnn's Clip leaves every number as it is.
                             parameters.number(0, f64::from(f32::MIN))?,
                             parameters.number(1, f64::from(f32::MAX))?,
                         ];
@@ -257,6 +266,7 @@ impl Builder {
                     },
                     "PixelShuffle" => {
                         let factor = parameters.count(0, 1)?;
+                        // Mode 1 orders the channels in another way than PyTorch.
                         parameters.must_be(1, "mode", 0)?;
                         let whole =
                             (1..=FACTOR).contains(&factor) && channels % (factor * factor) == 0;
@@ -279,6 +289,7 @@ impl Builder {
                     "Reorg" => {
                         let factor = parameters.count(0, 1)?;
                         parameters.must_be(1, "mode", 0)?;
+                        // Sides must be multiples of `factor`: the denominator joins the grain.
                         let smaller = Ratio::new(1, factor).and_then(|factor| ratio.times(factor));
                         let (true, Some(smaller)) = ((1..=FACTOR).contains(&factor), smaller)
                         else {
@@ -304,12 +315,14 @@ impl Builder {
     }
 
     fn finish(self, last: &Layer) -> Result<Graph, UpsamplerError> {
+        // With two results it is not known which one is the enlarged image.
         let [output] = &self.loose[..] else {
             let names = self.loose.join("`, `");
             return Err(last.wrong(format!(
                 "is the last, and nothing takes `{names}`; supported is one result"
             )));
         };
+        // The result must be the last value, which is what `Graph::forward` returns.
         let scale = match self.blobs.get(output) {
             Some((
                 value,
@@ -343,6 +356,7 @@ impl Builder {
             depth: format!("{} convolutions", self.convolutions),
             reach: reach.ceil() as usize,
             grain: self.grain,
+            // Four bytes a number, and about four values of the widest kind at once.
             bytes_per_pixel: (4.0 * 4.0 * self.largest) as usize,
         };
         Ok(Graph::new(self.steps, facts))

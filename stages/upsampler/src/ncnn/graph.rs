@@ -27,6 +27,7 @@ impl Graph {
         for (i, step) in steps.iter().enumerate() {
             step.inputs
                 .iter()
+                // Steps come in order, so the last one to write is the last that reads.
                 .for_each(|&input| last_use[input] = Some(i));
         }
         Self {

@@ -36,6 +36,7 @@ pub fn all_images(
     let [(_, ratio, _), ..] = &images[..] else {
         return Err(layer.wrong("takes nothing"));
     };
+    // In ncnn some of these are broadcast, which none of the known networks needs.
     if images.iter().any(|(_, other, _)| other != ratio) {
         return Err(layer.wrong("takes images of different sizes"));
     }
@@ -65,12 +66,14 @@ pub fn convolution(
 ) -> Result<(Operation, usize, usize), UpsamplerError> {
     let outputs = parameters.count(0, 0)?;
     let side = parameters.count(1, 0)?;
+    // An even kernel cannot keep the size with equal padding; the bound keeps products small.
     if side % 2 == 0 || side > 15 {
         return Err(layer.wrong(format!(
             "has a kernel of side {side}; supported are odd ones up to 15"
         )));
     }
     for (id, what, value) in [
+        // In ncnn a height, dilation or stride that is not given down is as across.
         (11, "kernel's height", side),
         (2, "dilation", 1),
         (12, "dilation", 1),
@@ -86,6 +89,7 @@ pub fn convolution(
     for id in [15, 14, 16] {
         parameters.must_be(id, "padding", left)?;
     }
+    // Other padding would change the size, and tiles could not be put together.
     if left != side / 2 || parameters.number(18, 0.0)? != 0.0 {
         return Err(layer.wrong(format!(
             "pads {left} pixels around a kernel of {side}; supported are {} zeros",
@@ -94,6 +98,7 @@ pub fn convolution(
     }
     let bias = parameters.count(5, 0)?;
     let size = parameters.count(6, 0)?;
+    // Counts are a foreign file's, so the product is checked.
     let expected = outputs.checked_mul(inputs * side * side);
     if outputs == 0 || expected != Some(size) || bias > 1 {
         return Err(layer.wrong(format!(
@@ -104,6 +109,7 @@ pub fn convolution(
     let list = parameters.list(10);
     let function = match (function, &list[..]) {
         (0, _) => Function::Same,
+        // A ReLU is a leaky one of slope 0, which can be finished within the convolution.
         (1, []) => Function::Leaky(0.0),
         (2, [slope]) => Function::Leaky(*slope as f32),
         (3, [low, high]) if low <= high => Function::Clamp(*low as f32, *high as f32),
@@ -114,6 +120,7 @@ pub fn convolution(
             )));
         }
     };
+    // In the order of the file: weights first, which may be halves, then the bias, always F32.
     let weight = weights.marked(layer, &[outputs, inputs, side, side])?;
     let bias = if bias == 1 {
         Some(weights.plain(layer, &[outputs])?)
@@ -152,6 +159,7 @@ pub fn binary(
             };
             Ok((Operation::Function(function), (*blob).clone()))
         }
+        // A mean per channel is stored as MemoryData; it becomes part of one addition.
         (0, [blob @ Blob::Images { channels, .. }, Blob::Constant(values)])
             if *channels == values.len() =>
         {
@@ -219,6 +227,7 @@ pub fn interp(
     ] {
         parameters.must_be(id, what, 0)?;
     }
+    // Unequal factors would need a reach and a ratio for each axis.
     let factor = Ratio::of(down).filter(|_| down == across);
     let result = factor.and_then(|factor| Some((factor, ratio.times(factor)?)));
     let Some((factor, larger)) = result else {
@@ -227,9 +236,11 @@ pub fn interp(
         )));
     };
     let (operation, pixels) = match (kind, factor.under) {
+        // By a whole factor each pixel is repeated, and the reach does not grow.
         (1, 1) => (Operation::Nearest(factor.over), 0.0),
         (1, _) => (Operation::Resize(Filter::Nearest, factor), 1.0),
         (2, _) => (Operation::Resize(Filter::Bilinear, factor), 1.0),
+        // Bicubic takes two pixels on each side; ncnn's has a = -0.75, as PyTorch's.
         (3, _) => (Operation::Resize(Filter::BicubicTorch, factor), 2.0),
         _ => return Err(layer.wrong(format!("resizes in the way {kind}; known are 1, 2 and 3"))),
     };

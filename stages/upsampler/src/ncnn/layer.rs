@@ -59,6 +59,7 @@ impl Operation {
         let x = inputs[0];
         let last = inputs[inputs.len() - 1];
         match self {
+            // Applied before the numbers are stored, which saves a walk through memory.
             Self::Convolution(convolution, Function::Leaky(slope)) => {
                 convolution.finished(x, Finish::Leaky(*slope))
             }
@@ -66,6 +67,7 @@ impl Operation {
             Self::Function(function) => function.apply(x),
             Self::Prelu(slopes) => prelu(x, slopes),
             Self::Sum(factors)
+                // The common case, without multiplications.
                 if factors.iter().all(|&factor| factor == 1.0) && inputs.len() == 2 =>
             {
                 add(x, last)
@@ -82,6 +84,7 @@ impl Operation {
                 .iter()
                 .fold(x.clone(), |product, factor| mul(&product, factor)),
             Self::Shift(numbers) => {
+                // `add_channels` wants a row of numbers for each image of the batch.
                 add_channels(x, &for_each_image(x.device(), numbers, x.shape()[0]))
             }
             Self::Concat => concat(inputs, 1),
@@ -91,6 +94,7 @@ impl Operation {
             Self::Resize(filter, ratio) => {
                 let [height, width] =
                     [x.shape()[2], x.shape()[3]].map(|side| side * ratio.over / ratio.under);
+                // Not antialiased: ncnn's Interp never is.
                 resize(x, height, width, *filter, false)
             }
         }

@@ -31,6 +31,7 @@ pub fn read(
     let layers = param::parse(graph)?;
     let mut weights = weights::Weights::new(weights, device);
     let network = build::build(&layers, &mut weights)?;
+    // After the graph: weights that are left over show that the two files do not belong together.
     let (types, count) = weights.finish()?;
     Ok((Box::new(network), types, count))
 }

@@ -39,6 +39,7 @@ impl Layer {
 /// The layers of a graph, in the order in which they are computed.
 pub fn parse(file: &FileBytes) -> Result<Vec<Layer>, UpsamplerError> {
     let wrong = |problem: String| UpsamplerError::file(file.name(), problem);
+    // A `.param.bin` is the same graph in bytes, and seldom valid UTF-8.
     let Ok(text) = std::str::from_utf8(file) else {
         return Err(wrong(
             "is no text; ncnn's .param files are read as text, not as .param.bin".to_owned(),
@@ -58,6 +59,7 @@ pub fn parse(file: &FileBytes) -> Result<Vec<Layer>, UpsamplerError> {
         }
     }
     let count = match lines.next().as_ref().map(|(_, words)| &words[..]) {
+        // The number of blobs is not needed: names tell which blobs there are.
         Some([layers, _]) => layers.parse::<usize>().ok(),
         _ => None,
     };
@@ -67,6 +69,7 @@ pub fn parse(file: &FileBytes) -> Result<Vec<Layer>, UpsamplerError> {
     let layers = lines
         .map(|(line, words)| layer(file, line, &words))
         .collect::<Result<Vec<_>, _>>()?;
+    // A shortened file would otherwise be a smaller network.
     if layers.len() != count {
         return Err(wrong(format!(
             "holds {} layers; its second line says {count}",
@@ -94,6 +97,7 @@ fn layer(file: &FileBytes, line: usize, words: &[&str]) -> Result<Layer, Upsampl
             "layer `{name}`: the numbers of inputs and outputs are no numbers"
         )));
     };
+    // Both counts are the file's own, so their sum may overflow and the line may be too short.
     let Some((blobs, parameters)) = inputs
         .checked_add(outputs)
         .and_then(|count| rest.split_at_checked(count))
@@ -133,12 +137,14 @@ fn layer(file: &FileBytes, line: usize, words: &[&str]) -> Result<Layer, Upsampl
 /// `3=1`, or `-23303=2,0.5,1.0` for a list.
 fn parameter(word: &str) -> Option<(u32, Vec<f64>)> {
     let (number, text) = word.split_once('=')?;
+    // A list has the number -23300 - n, and its length stands before its values.
     let number: i64 = number.parse().ok()?;
     let values = text
         .split(',')
         .map(str::parse::<f64>)
         .collect::<Result<Vec<_>, _>>()
         .ok()?;
+    // Rust's parser takes `inf` and `NaN`, which no parameter may be.
     let finite = values.iter().all(|value| value.is_finite());
     match (&values[..], number) {
         _ if !finite => None,

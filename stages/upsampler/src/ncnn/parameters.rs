@@ -23,6 +23,7 @@ impl<'a> Parameters<'a> {
 
     /// A number, or what it is where it is not given.
     pub fn number(&mut self, id: u32, default: f64) -> Result<f64, UpsamplerError> {
+        // Removed, so that `finish` finds what nobody has asked for.
         match self.left.remove(&id).as_deref() {
             None => Ok(default),
             Some(&[value]) => Ok(value),
@@ -35,6 +36,7 @@ impl<'a> Parameters<'a> {
     /// A whole number from 0 on.
     pub fn count(&mut self, id: u32, default: usize) -> Result<usize, UpsamplerError> {
         let value = self.number(id, default as f64)?;
+        // Checked before the cast, which would turn -1 into 0 and cut fractions.
         let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value);
         if whole {
             Ok(value as usize)

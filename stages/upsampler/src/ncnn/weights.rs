@@ -44,6 +44,7 @@ impl<'a> Weights<'a> {
         let mark = u32::from_le_bytes(*mark.ok_or_else(|| self.short(layer, shape))?);
         self.at += 4;
         match mark {
+            // Mark 0 is ncnn's for plain numbers of 32 bits.
             0 => self.plain(layer, shape),
             F16 => {
                 let array = self.numbers(layer, shape, Format::F16)?;
@@ -82,6 +83,7 @@ impl<'a> Weights<'a> {
         shape: &[usize],
         format: Format,
     ) -> Result<Array, UpsamplerError> {
+        // The shape is a foreign file's; a product that overflowed would seem to fit.
         let count = shape
             .iter()
             .try_fold(1usize, |product, &extent| product.checked_mul(extent));
@@ -93,6 +95,7 @@ impl<'a> Weights<'a> {
         let weight =
             Weight::from_bytes(self.device, shape, format, self.file.shared(), self.at..end);
         self.at = end;
+        // One NaN would spread over the whole image, and nothing would say where it comes from.
         if let Some((index, value)) = weight.first_not_finite() {
             return Err(layer.wrong(format!("has the weight {value} at element {index}")));
         }
