@@ -127,17 +127,9 @@ impl<'t> Reader<'t> {
             "true" => Ok(Value::Scalar(true.into())),
             "false" => Ok(Value::Scalar(false.into())),
             "None" => Ok(Value::Scalar(Json::Null)),
-            _ => {
-                let end = self.at;
-                // Comments may stand before the parenthesis. Where there is none, the name ends
-                // before them.
-                self.space();
-                if self.rest().starts_with('(') {
-                    return self.parens(Some(name.to_owned()));
-                }
-                self.at = end;
-                Ok(Value::Tuple(Some(name.to_owned()), Vec::new()))
-            }
+            // Blanks alone: `ron` takes no comment there either.
+            _ if self.rest().trim_start().starts_with('(') => self.parens(Some(name.to_owned())),
+            _ => Ok(Value::Tuple(Some(name.to_owned()), Vec::new())),
         }
     }
 

@@ -23,7 +23,7 @@ const TWO_ROUNDS: &str = r#"(
             },
             next: { "field": "sync", "images": "decode" },
         ),
-        "last": Interpolate /* of the last round */ (images: "loop.images"),
+        "last": Interpolate(images: "loop.images"),
     },
 )"#;
 

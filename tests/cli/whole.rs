@@ -101,7 +101,6 @@ fn the_method_runs_from_photos_to_metrics() {
         "evaluate",
         "i3ds.1.decode",
         "i3ds.1.optimize",
-        "i3ds.1.render",
         "i3ds.1.sync",
     ];
     assert_eq!(

@@ -43,9 +43,8 @@ pub fn rigid(rows: &[[f64; 4]]) -> Result<DMat4, String> {
         turn * (1.0 / scale)
     };
     let product = turn.transpose() * turn;
-    // `off` is true where it is a rotation.
-    let off = product.abs_diff_eq(DMat3::IDENTITY, ORTHONORMAL);
-    if !off {
+    let turns = product.abs_diff_eq(DMat3::IDENTITY, ORTHONORMAL);
+    if !turns {
         return Err(
             "has columns that are not at right angles and of one length; expected a rotation"
                 .into(),

@@ -129,11 +129,15 @@ impl Survey {
 
     fn read(self) -> Result<SceneData, SceneError> {
         let read = |posed: &[Posed]| -> Result<(Vec<Photo>, usize), SceneError> {
-            let read: Vec<(Photo, bool)> = posed
+            let read: Vec<_> = posed
                 .par_iter()
                 // In parallel, and collected in order: threads change no bit.
                 .map(|posed| read_photo(posed, self.size))
-                .collect::<Result<_, _>>()?;
+                .collect();
+            // The first fault in order: collected at once, it would be any thread's.
+            let read = read
+                .into_iter()
+                .collect::<Result<Vec<(Photo, bool)>, _>>()?;
             let clipped = read.iter().filter(|(_, clipped)| *clipped).count();
             let mut photos: Vec<Photo> = read.into_iter().map(|(photo, _)| photo).collect();
             // By name: the hold-out counts in that order, whatever the file's.

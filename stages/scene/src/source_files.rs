@@ -81,10 +81,11 @@ pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
 pub(crate) fn digest<'a>(files: impl Iterator<Item = &'a Path>) -> Result<[u8; 32], SceneError> {
     let files: Vec<&Path> = files.collect();
     // Side by side; combined in order below, so the digest does not depend on threads.
-    let contents: Vec<blake3::Hash> = files
-        .par_iter()
-        .map(|path| content_digest(path))
-        .collect::<Result<_, _>>()?;
+    let contents: Vec<_> = files.par_iter().map(|path| content_digest(path)).collect();
+    // The first fault in order: collected at once, it would be any thread's.
+    let contents = contents
+        .into_iter()
+        .collect::<Result<Vec<blake3::Hash>, _>>()?;
     let mut hasher = blake3::Hasher::new_derive_key(DIGEST_DOMAIN);
     for (path, content) in files.iter().zip(contents) {
         let name = path

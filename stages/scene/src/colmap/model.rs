@@ -23,7 +23,7 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// Takes up an image; two of one number or name would hide one another.
+    /// Takes up an image. That its name is its own is checked for every format alike.
     pub(super) fn add(&mut self, number: u32, image: Image) -> Result<(), String> {
         // A second record under one number would silently take the first one's place.
         match self.images.insert(number, image) {
