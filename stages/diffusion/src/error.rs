@@ -4,7 +4,7 @@
 
 use formats::{FileError, TensorError};
 
-use crate::single_file::SingleFileError;
+use crate::single_file::error::SingleFileError;
 
 /// Why a model could not be loaded or does not fit what is asked of it.
 #[derive(Debug, thiserror::Error)]

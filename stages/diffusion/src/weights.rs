@@ -12,7 +12,8 @@ use formats::tensor_file::Entry;
 use formats::{FileBytes, TensorFile};
 
 use crate::error::ModelError;
-use crate::single_file::{Names, SingleFileError};
+use crate::single_file::error::SingleFileError;
+use crate::single_file::names::Names;
 use crate::stored::Stored;
 
 /// Open weights.

@@ -8,7 +8,6 @@ use compute::shape::{pixel_shuffle, upsample_nearest};
 
 use crate::convolution::Convolution;
 use crate::error::UpsamplerError;
-use crate::family::root;
 use crate::network::{Facts, Network};
 use crate::tensors::Tensors;
 
@@ -47,7 +46,7 @@ impl Compact {
             .map(layer)
             .collect::<Result<_, UpsamplerError>>()?;
         let last = format!("body.{}", 2 * count);
-        let scale = root(tensors, &format!("{last}.weight"))?;
+        let scale = tensors.scale(&format!("{last}.weight"))?;
         Ok(Self {
             layers,
             last: Convolution::read(tensors, &last, width, 3 * scale * scale)?,

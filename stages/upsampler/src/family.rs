@@ -8,9 +8,6 @@ use crate::rrdb::{self, Rrdb};
 use crate::span::Span;
 use crate::tensors::Tensors;
 
-/// Enlargements beyond this are no networks that anybody uses.
-const LARGEST: usize = 16;
-
 /// The network that these tensors make, all of them. Fails where there is none, and names a tensor.
 pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerError> {
     // Before anything is told apart: older ESRGAN files have the tensors under other names.
@@ -34,19 +31,4 @@ pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerErr
     // A tensor that no layer wants means another network, whose results would be wrong in silence.
     tensors.finish(network.facts().family)?;
     Ok(network)
-}
-
-/// By how much a last convolution enlarges whose outputs are laid out as blocks of pixels.
-pub fn root(tensors: &Tensors, name: &str) -> Result<usize, UpsamplerError> {
-    let [outputs, ..] = tensors.kernels(name)?;
-    // Bounded, since the count of channels comes from a foreign file.
-    let scale = (1..=LARGEST).find(|scale| 3 * scale * scale == outputs);
-    scale.ok_or_else(|| {
-        tensors.wrong(
-            name,
-            format!(
-                "gives {outputs} channels, which are no whole number of pixels of three colours"
-            ),
-        )
-    })
 }

@@ -12,7 +12,6 @@ use compute::shape::{concat, pixel_shuffle};
 
 use crate::convolution::Convolution;
 use crate::error::UpsamplerError;
-use crate::family::root;
 use crate::network::{Facts, Network};
 use crate::tensors::Tensors;
 
@@ -45,7 +44,7 @@ impl Span {
     /// The network of these tensors.
     pub fn read(tensors: &Tensors) -> Result<Self, UpsamplerError> {
         let [width, ..] = tensors.kernels("conv_cat.weight")?;
-        let scale = root(tensors, "upsampler.0.weight")?;
+        let scale = tensors.scale("upsampler.0.weight")?;
         let block = |i: usize| {
             let [a, b, c] = ["c1_r", "c2_r", "c3_r"].map(|name| format!("block_{i}.{name}"));
             Ok([

@@ -20,6 +20,9 @@ const PREFIXES: [&str; 7] = [
     "generator.",
 ];
 
+/// Enlargements beyond this are no networks that anybody uses.
+const LARGEST: usize = 16;
+
 /// An open file.
 pub struct Tensors {
     file: TensorFile,
@@ -81,6 +84,21 @@ impl Tensors {
 
     fn entry(&self, name: &str) -> Option<&Entry> {
         self.file.entry(self.stored.get(name)?).ok()
+    }
+
+    /// By how much the last convolution enlarges, whose outputs are laid out as blocks of pixels.
+    pub fn scale(&self, name: &str) -> Result<usize, UpsamplerError> {
+        let [outputs, ..] = self.kernels(name)?;
+        // Bounded, since the count of channels comes from a foreign file.
+        let scale = (1..=LARGEST).find(|scale| 3 * scale * scale == outputs);
+        scale.ok_or_else(|| {
+            self.wrong(
+                name,
+                format!(
+                    "gives {outputs} channels, which are no whole number of pixels of three colours"
+                ),
+            )
+        })
     }
 
     /// The extents of a convolution's weight. Fails where it is missing or has not four axes.

@@ -5,10 +5,10 @@
 //! their shapes (`sizes`) and from what is known of this one model (`known`). The vocabulary lies
 //! beside the file. Knows no other model of latent diffusion, and opens no pickle.
 
-mod error;
+pub(crate) mod error;
 mod family;
 mod known;
-mod names;
+pub(crate) mod names;
 mod sizes;
 
 use std::path::{Path, PathBuf};
@@ -22,7 +22,6 @@ use crate::source::map;
 use crate::weights::Weights;
 
 pub use error::SingleFileError;
-pub(crate) use names::Names;
 
 /// The files of a vocabulary that count where they lie beside the model's.
 const VOCABULARY: [&str; 3] = ["merges.txt", "tokenizer.json", "vocab.json"];

@@ -4,7 +4,7 @@
 use super::params::{NetworkStep, TableStep};
 use super::resident::Resident;
 use super::trace::{by_256, start};
-use super::train::PARTS;
+use super::work::PARTS;
 use crate::adam::{CORRECTED, correction};
 use crate::train::Trainer;
 use compute::kernels::{Buffer, Gpu, Job, folded};

@@ -8,17 +8,13 @@ use super::params::{Outcome, Pass};
 use super::resident::{Resident, entries};
 use super::survey::Survey;
 use super::trace::{Rays, Traced, by_256, start};
-use super::work::{self, Extent, Work};
+use super::work::{self, Extent, PARTS, Work};
 use crate::field::Field;
 use crate::loss::psnr;
 use crate::tensors::Tensors;
 use crate::train::{OCCUPANCY_EVERY, StepStats, Trainer};
 use compute::kernels::{Buffer, Gpu, Requested, zeros};
 use std::sync::Arc;
-
-/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the
-/// gradient to the weights.
-pub const PARTS: u32 = 256;
 
 /// A field in training on a GPU.
 pub struct GpuTrainer {

@@ -1,9 +1,12 @@
 //! How much a training step gives a device to do, by formula: how many samples there are, the
 //! device alone knows until the step is over.
 
-use super::train::PARTS;
 use crate::config::Level;
 use crate::network::{COLOR_OUTPUT, HIDDEN, Network};
+
+/// Workgroups that take turns at the samples of a backward pass, each with a sum of its own of the
+/// gradient to the weights.
+pub const PARTS: u32 = 256;
 
 /// What a kernel has to do: operations, a multiplication and its addition being two, and bytes
 /// through device memory if each array goes through once.
