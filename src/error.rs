@@ -8,7 +8,7 @@ use crate::import::ImportError;
 use crate::pipeline::graph::{UnknownArm, UnknownStage};
 use crate::pipeline::problem::Problem;
 use crate::plan::SourceError;
-use crate::remote::{AddressError, Fault};
+use crate::remote::{AddressError, RemoteFault};
 use crate::store::error::StoreError;
 
 /// All went well.
@@ -129,7 +129,7 @@ pub enum Error {
         /// Where it is.
         address: String,
         /// What is wrong.
-        fault: Fault,
+        fault: RemoteFault,
     },
     /// The command line, in a way that its parser does not see.
     #[error("{message}")]

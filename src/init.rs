@@ -168,7 +168,7 @@ fn replaced(text: &str, start: &str, end: &str, by: &str) -> String {
 mod tests {
     use super::*;
     use crate::pipeline::load;
-    use crate::pipeline::problem::Source;
+    use crate::pipeline::problem::SourceText;
 
     fn shoes() -> Origin {
         Origin::Colmap {
@@ -190,7 +190,7 @@ mod tests {
 
     /// The names of a pipeline's stages.
     fn stages(text: &str) -> Vec<String> {
-        let source = Source {
+        let source = SourceText {
             name: "shoes.ron".into(),
             text: text.into(),
         };

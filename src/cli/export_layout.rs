@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use scene::{Layout, LayoutError};
 use serde_json::json;
-use stages::dataset::{self, Source};
+use stages::dataset::{self, Exported};
 use stages::surface::{self, Surface};
 
 use super::output::{print, print_json, tell};
@@ -47,11 +47,11 @@ impl Views {
         let test = self.test.as_deref().map(artifact::images).transpose()?;
         let surface = self.surface()?;
         let is_exr = self.images == Images::Exr;
-        let train_source = Source {
+        let train_source = Exported {
             images: &train,
             exr: is_exr.then_some(&self.train),
         };
-        let test_source = test.as_ref().map(|images| Source {
+        let test_source = test.as_ref().map(|images| Exported {
             images,
             exr: self.test.as_deref().filter(|_| is_exr),
         });

@@ -54,7 +54,7 @@ impl Session {
             .iter()
             .map(|set| Override::read(set))
             .collect::<Result<Vec<_>, _>>()?;
-        let source = problem::Source::read(pipeline).map_err(|error| Error::Unreadable {
+        let source = problem::SourceText::read(pipeline).map_err(|error| Error::Unreadable {
             path: pipeline.to_owned(),
             error,
         })?;
@@ -140,7 +140,7 @@ impl Session {
 /// A pipeline's stages, and meanwhile, on other threads, the results that the store's index
 /// remembers: as many as could be needed.
 fn load(
-    files: &[problem::Source],
+    files: &[problem::SourceText],
     overrides: &[Override],
     store: &Store,
 ) -> Result<Graph, problem::Problem> {

@@ -10,7 +10,7 @@ use compute::Device;
 
 use super::options::{Choice, PipelineOptions};
 use super::session::Session;
-use crate::pipeline::{self, problem::Source};
+use crate::pipeline::{self, problem::SourceText};
 use crate::plan::{Context, Forecast};
 use crate::report;
 use crate::scheduler::Outcome;
@@ -36,7 +36,7 @@ pub fn question(options: &PipelineOptions, choice: &Choice, device: &Device) -> 
     }
     // Another build may compute other keys or look at other things, even under one version.
     let program = std::env::current_exe().ok()?;
-    let files = pipeline::with_bases(Source::read(path).ok()?).ok()?;
+    let files = pipeline::with_bases(SourceText::read(path).ok()?).ok()?;
     let texts: Vec<_> = files
         .iter()
         .map(|file| *blake3::hash(file.text.as_bytes()).as_bytes())

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::graph::Graph;
-use super::problem::{Problem, Source};
+use super::problem::{Problem, SourceText};
 use super::set::Override;
 
 const BASE: &str = r#"(
@@ -20,8 +20,8 @@ const BASE: &str = r#"(
     },
 )"#;
 
-fn source(name: &str, text: &str) -> Source {
-    Source {
+fn source(name: &str, text: &str) -> SourceText {
+    SourceText {
         name: name.into(),
         text: text.into(),
     }
@@ -277,7 +277,8 @@ fn bases_are_found_beside_the_files_that_extend_them() {
     write("b.ron", r#"(name: "b", base: "a.ron")"#);
     write("itself.ron", r#"(name: "i", base: "itself.ron")"#);
     write("lost.ron", r#"(name: "l", base: "gone.ron")"#);
-    let files = |name: &str| super::with_bases(Source::read(&folder.path().join(name)).unwrap());
+    let files =
+        |name: &str| super::with_bases(SourceText::read(&folder.path().join(name)).unwrap());
     let graph = super::load(&files("b.ron").unwrap(), &[]).unwrap();
     assert_eq!(graph.pipeline, "b");
     assert_eq!(steps(&graph, "fit"), 30);

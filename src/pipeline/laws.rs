@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 
 use super::graph::Graph;
-use super::problem::Source;
+use super::problem::SourceText;
 use super::unroll::round_seed;
 
 /// What tells a stage: its seed, parameters, and what it reads. Not its place.
@@ -14,7 +14,7 @@ type Told = (u64, String, Vec<String>);
 
 fn load(text: String) -> BTreeMap<String, Told> {
     let graph = super::load(
-        &[Source {
+        &[SourceText {
             name: "p.ron".into(),
             text: text.into(),
         }],

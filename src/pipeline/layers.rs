@@ -7,7 +7,7 @@ use super::draft::Draft;
 use super::fault::Place;
 use super::grammar::Document;
 use super::malformed;
-use super::problem::{Problem, Source};
+use super::problem::{Problem, SourceText};
 use super::set::Override;
 use super::text::{Entry, Tree, Value};
 
@@ -17,7 +17,7 @@ const DEEPEST: usize = 16;
 /// One file.
 pub struct Layer {
     /// Its text.
-    pub source: Source,
+    pub source: SourceText,
     /// What it says.
     pub document: Document,
     /// The same, with the place of each value.
@@ -25,7 +25,7 @@ pub struct Layer {
 }
 
 /// A file and those that it extends, itself first.
-pub fn with_bases(source: Source) -> Result<Vec<Source>, Problem> {
+pub fn with_bases(source: SourceText) -> Result<Vec<SourceText>, Problem> {
     let mut files = vec![source];
     while let Some((path, span)) = files.last().and_then(base) {
         let extending = &files[files.len() - 1];
@@ -39,7 +39,7 @@ pub fn with_bases(source: Source) -> Result<Vec<Source>, Problem> {
             let problem = extending.problem(span, "too many files extend each other here");
             return Err(problem.with_help("does one of them extend itself?"));
         }
-        let base = Source::read(&path).map_err(|error| {
+        let base = SourceText::read(&path).map_err(|error| {
             let message = format!("cannot read {}: {error}", path.display());
             let problem = extending.problem(span, message);
             problem.with_help("the path of a base is relative to the file that extends it")
@@ -51,7 +51,7 @@ pub fn with_bases(source: Source) -> Result<Vec<Source>, Problem> {
 
 /// The file that a text extends, and where it says so. What is wrong with the text is found when it
 /// is read.
-fn base(source: &Source) -> Option<(String, std::ops::Range<usize>)> {
+fn base(source: &SourceText) -> Option<(String, std::ops::Range<usize>)> {
     // Most files extend none, and may be long.
     if !source.text.contains("base") {
         return None;
@@ -68,7 +68,7 @@ fn base(source: &Source) -> Option<(String, std::ops::Range<usize>)> {
 
 impl Layer {
     /// Reads a file's text.
-    pub fn read(source: &Source) -> Result<Self, Problem> {
+    pub fn read(source: &SourceText) -> Result<Self, Problem> {
         let extensions = ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES
             | ron::extensions::Extensions::IMPLICIT_SOME;
         // Set for every file: users need not write `#![enable(..)]`, `Some(..)` or double

@@ -33,14 +33,14 @@ use graph::Graph;
 use layers::Layer;
 pub use layers::with_bases;
 use merge::Merge;
-use problem::{Problem, Source};
+use problem::{Problem, SourceText};
 use set::Override;
 use text::Tree;
 use unroll::Seeds;
 
 /// Reads a pipeline and the files that it extends (itself first, see [`with_bases`]), applies the
 /// overrides in order, unrolls and checks it, with all its arms.
-pub fn load(files: &[Source], overrides: &[Override]) -> Result<Graph, Problem> {
+pub fn load(files: &[SourceText], overrides: &[Override]) -> Result<Graph, Problem> {
     let layers = files
         .iter()
         .map(Layer::read)
@@ -102,7 +102,7 @@ fn wanted(draft: &Draft, seeds: Seeds, layers: &[Layer]) -> Result<Graph, Proble
 }
 
 /// A text that the grammar does not take.
-fn malformed(source: &Source, error: &SpannedError) -> Problem {
+fn malformed(source: &SourceText, error: &SpannedError) -> Problem {
     use ron::Error::{DuplicateStructField, NoSuchEnumVariant, NoSuchStructField};
     let start = source.offset(error.span.start.line, error.span.start.col);
     let end = source.offset(error.span.end.line, error.span.end.col);

@@ -11,14 +11,14 @@ use miette::{Diagnostic, NamedSource, SourceSpan};
 
 /// A text that a user wrote: a pipeline file, or the argument of a `--set`.
 #[derive(Clone, Debug)]
-pub struct Source {
+pub struct SourceText {
     /// The file's path as given, or the option's name.
     pub name: String,
     /// The text.
     pub text: Arc<str>,
 }
 
-impl Source {
+impl SourceText {
     /// The name of arguments of `--set`.
     pub const SET: &str = "--set";
 
@@ -118,7 +118,7 @@ impl Problem {
 
     /// Whether it is in an argument of `--set`, not in a file.
     pub fn is_in_argument(&self) -> bool {
-        self.source_code.name() == Source::SET
+        self.source_code.name() == SourceText::SET
     }
 
     /// The advice, if there is any.
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn places_are_lines_and_columns_in_characters() {
-        let source = Source {
+        let source = SourceText {
             name: "p.ron".into(),
             text: "é\néab".into(),
         };

@@ -8,14 +8,14 @@ use stages::registry::AnyStage;
 
 use super::fault::Place;
 use super::grammar::{Named, Node, Pipeline, Rounds};
-use super::problem::{Problem, Source};
+use super::problem::{Problem, SourceText};
 use super::text::{Entry, Tree};
 
 /// One value to override, and where.
 #[derive(Clone, Debug)]
 pub struct Override {
     /// The argument or file that it stands in.
-    pub source: Source,
+    pub source: SourceText,
     path: Vec<Segment>,
     path_span: Range<usize>,
     value: Json,
@@ -32,8 +32,8 @@ struct Segment {
 impl Override {
     /// Reads `path=value`, the value in RON.
     pub fn read(argument: &str) -> Result<Self, Problem> {
-        let source = Source {
-            name: Source::SET.into(),
+        let source = SourceText {
+            name: SourceText::SET.into(),
             text: argument.into(),
         };
         // At the first `=`: no path has one, and a value can.
@@ -60,7 +60,7 @@ impl Override {
     }
 
     /// A `"path": value` of a file.
-    pub fn of_entry(source: &Source, entry: &Entry) -> Self {
+    pub fn of_entry(source: &SourceText, entry: &Entry) -> Self {
         // Names stand in quotes there, and their span begins at the first of these.
         let inside_quotes = entry.span.start + 1;
         Self {

@@ -1,7 +1,7 @@
 //! Pipelines as users write them, and mistakes as users make them.
 
 use super::graph::Graph;
-use super::problem::{Problem, Source};
+use super::problem::{Problem, SourceText};
 use super::set::Override;
 
 const TWO_ROUNDS: &str = r#"(
@@ -28,7 +28,7 @@ const TWO_ROUNDS: &str = r#"(
 )"#;
 
 fn load(text: &str, sets: &[&str]) -> Result<Graph, Problem> {
-    let source = Source {
+    let source = SourceText {
         name: "p.ron".into(),
         text: text.into(),
     };

@@ -6,7 +6,7 @@ use crate::store::error::StoreError;
 
 /// What went wrong with a remote.
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
+pub enum RemoteFault {
     /// It does not answer, or not with what was asked for.
     #[error("{}", cause(.0))]
     Remote(#[from] object_store::Error),
@@ -18,7 +18,7 @@ pub enum Fault {
     Local(#[from] StoreError),
 }
 
-impl Fault {
+impl RemoteFault {
     /// Whether the same question may be answered when it is asked again.
     pub fn may_pass(&self) -> bool {
         use object_store::Error::{Generic, JoinError};

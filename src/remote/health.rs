@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard};
 
 use artifacts_schema::Digest;
 
-use super::fault::Fault;
+use super::fault::RemoteFault;
 
 /// What has become of a remote.
 #[derive(Default)]
@@ -62,10 +62,10 @@ impl Health {
     }
 
     /// Reading a result failed.
-    pub fn read_failed(&self, name: &str, key: &Digest, fault: &Fault) {
+    pub fn read_failed(&self, name: &str, key: &Digest, fault: &RemoteFault) {
         let mut state = self.state();
         // One damaged result is no reason to give up the remote.
-        if let Fault::Damaged(what) = fault {
+        if let RemoteFault::Damaged(what) = fault {
             if state.damaged.insert(*key) {
                 state.notices.push(format!(
                     "{name} has a damaged result, which does not count: {what}"
@@ -79,13 +79,13 @@ impl Health {
     }
 
     /// Writing a result failed: since nothing answers, or since results are not taken.
-    pub fn write_failed(&self, name: &str, fault: &Fault) {
+    pub fn write_failed(&self, name: &str, fault: &RemoteFault) {
         let mut state = self.state();
         // Stages end on several threads, and the same fault should be told once.
         if state.lost || state.closed {
             return;
         }
-        let notice = if let Fault::Local(_) = fault {
+        let notice = if let RemoteFault::Local(_) = fault {
             // Nothing of the remote's: it goes on being asked.
             format!("a result does not go to {name}: {fault}; `store push` sends what is sound")
         } else if fault.may_pass() {
@@ -116,7 +116,7 @@ mod tests {
             Path::new(".srnerf/cas/3f/3f9a"),
             io::ErrorKind::NotFound.into(),
         );
-        health.write_failed("shared", &Fault::Local(gone));
+        health.write_failed("shared", &RemoteFault::Local(gone));
         let [notice] = &health.notices()[..] else {
             panic!("one notice")
         };
@@ -125,7 +125,7 @@ mod tests {
             "{notice}"
         );
         assert!(health.takes_results() && !health.is_lost());
-        health.write_failed("shared", &Fault::Damaged("no".into()));
+        health.write_failed("shared", &RemoteFault::Damaged("no".into()));
         assert!(health.notices()[0].starts_with("shared takes no results: no; "));
         assert!(!health.takes_results());
     }

@@ -21,7 +21,7 @@ use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
 pub use address::AddressError;
-pub use fault::Fault;
+pub use fault::RemoteFault;
 use health::Health;
 use retry::Patience;
 
@@ -83,7 +83,7 @@ impl Remote {
         let mut local = None;
         let fetched = self.unless_lost(key, || {
             match self.runtime.block_on(self.bring(store, key)) {
-                Err(Fault::Local(error)) => {
+                Err(RemoteFault::Local(error)) => {
                     local = Some(error);
                     Ok(None)
                 }
@@ -96,7 +96,7 @@ impl Remote {
     fn unless_lost<T>(
         &self,
         key: &Digest,
-        ask: impl FnOnce() -> Result<Option<T>, Fault>,
+        ask: impl FnOnce() -> Result<Option<T>, RemoteFault>,
     ) -> Option<T> {
         // Each question to a remote that is gone would cost the whole patience again.
         if self.health.is_lost() {
@@ -128,7 +128,7 @@ impl Remote {
     }
 
     /// Puts all sound results of the local store there; the first fault ends it.
-    pub fn push(&self, store: &Store) -> Result<Traffic, Fault> {
+    pub fn push(&self, store: &Store) -> Result<Traffic, RemoteFault> {
         let mut traffic = Traffic::default();
         for key in store.results.keys()? {
             // Damage must not spread: each result is read through before others get it.
@@ -146,7 +146,7 @@ impl Remote {
         &self,
         store: &Store,
         damaged: &mut dyn FnMut(&Digest, &str),
-    ) -> Result<Traffic, Fault> {
+    ) -> Result<Traffic, RemoteFault> {
         let mut traffic = Traffic::default();
         for key in self.runtime.block_on(self.keys())? {
             if store.results.lookup(&key)?.sound().is_some() {
@@ -158,7 +158,7 @@ impl Remote {
                     .for_each(|(_, bytes)| traffic.add(true, *bytes)),
                 // One damaged result says nothing of the others. A remote that does not answer
                 // would not answer for those either.
-                Err(Fault::Damaged(what)) => damaged(&key, &what),
+                Err(RemoteFault::Damaged(what)) => damaged(&key, &what),
                 Err(fault) => return Err(fault),
             }
         }

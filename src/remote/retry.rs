@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use object_store::retry::{RetryContext, RetryFailure, RetryPolicy};
 
-use super::fault::Fault;
+use super::fault::RemoteFault;
 
 /// How long to try.
 #[derive(Clone, Copy, Debug)]
@@ -31,19 +31,19 @@ impl Default for Patience {
 
 impl Patience {
     /// Asks until there is an answer, or a fault that will not pass.
-    pub async fn ask<T, F: Future<Output = Result<T, Fault>>>(
+    pub async fn ask<T, F: Future<Output = Result<T, RemoteFault>>>(
         &self,
         ask: impl FnMut() -> F,
-    ) -> Result<T, Fault> {
+    ) -> Result<T, RemoteFault> {
         self.ask_by(Instant::now, ask).await
     }
 
     /// The same by this clock.
-    async fn ask_by<T, F: Future<Output = Result<T, Fault>>>(
+    async fn ask_by<T, F: Future<Output = Result<T, RemoteFault>>>(
         &self,
         now: impl Fn() -> Instant,
         mut ask: impl FnMut() -> F,
-    ) -> Result<T, Fault> {
+    ) -> Result<T, RemoteFault> {
         let mut pause = self.pause;
         let mut first = None;
         // The last attempt stands behind the loop: after it there is nothing to wait for.
@@ -108,7 +108,7 @@ mod tests {
             if count.get() > ends_well_after {
                 Ok(())
             } else {
-                Err(Fault::Remote(fault()))
+                Err(RemoteFault::Remote(fault()))
             }
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
@@ -139,7 +139,7 @@ mod tests {
         let clock = Cell::new(Instant::now());
         let ask = async || {
             clock.set(clock.get() + Duration::from_secs(3600));
-            Err::<(), _>(Fault::Remote(object_store::Error::Generic {
+            Err::<(), _>(RemoteFault::Remote(object_store::Error::Generic {
                 store: "test",
                 source: "reset".into(),
             }))

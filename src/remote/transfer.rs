@@ -11,7 +11,7 @@ use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutMultipartOptions, PutPayload};
 
 use super::Remote;
-use super::fault::Fault;
+use super::fault::RemoteFault;
 use crate::store::Store;
 use crate::store::error::At;
 use crate::store::files::place;
@@ -38,7 +38,7 @@ impl Remote {
 
     /// A result that is there with all its blobs; whether their bytes are right is known once they
     /// are fetched.
-    pub(super) async fn find(&self, key: &Digest) -> Result<Option<Record>, Fault> {
+    pub(super) async fn find(&self, key: &Digest) -> Result<Option<Record>, RemoteFault> {
         let Some(record) = self.record(key).await? else {
             return Ok(None);
         };
@@ -47,8 +47,8 @@ impl Remote {
         self.each_file(&record, async |name, file| {
             match self.size(&file.blob).await? {
                 Some(bytes) if bytes == file.bytes => Ok(0),
-                Some(_) => Err(Fault::Damaged(format!("blob damaged: {name}"))),
-                None => Err(Fault::Damaged(format!("blob missing: {name}"))),
+                Some(_) => Err(RemoteFault::Damaged(format!("blob damaged: {name}"))),
+                None => Err(RemoteFault::Damaged(format!("blob missing: {name}"))),
             }
         })
         .await?;
@@ -61,7 +61,7 @@ impl Remote {
         &self,
         store: &Store,
         key: &Digest,
-    ) -> Result<Option<(Record, u64)>, Fault> {
+    ) -> Result<Option<(Record, u64)>, RemoteFault> {
         let Some(record) = self.find(key).await? else {
             return Ok(None);
         };
@@ -80,7 +80,12 @@ impl Remote {
         Ok(Some((store.results.put(record, true)?, bytes)))
     }
 
-    async fn bring_blob(&self, store: &Store, name: &str, file: &StoredFile) -> Result<u64, Fault> {
+    async fn bring_blob(
+        &self,
+        store: &Store,
+        name: &str,
+        file: &StoredFile,
+    ) -> Result<u64, RemoteFault> {
         // Results share blobs, and a fetch that was cut off has brought some already.
         if store.blobs.check(&file.blob)?.is_none() {
             return Ok(0);
@@ -105,7 +110,7 @@ impl Remote {
         }
         // Nothing that comes from outside gets into `cas/` before its bytes have proved its name.
         if Digest::from(hasher.finalize()) != file.blob {
-            return Err(Fault::Damaged(format!("blob damaged: {name}")));
+            return Err(RemoteFault::Damaged(format!("blob damaged: {name}")));
         }
         store.blobs.keep(&receiving)?;
         Ok(file.bytes)
@@ -119,7 +124,7 @@ impl Remote {
         store: &Store,
         record: &Record,
         replace: bool,
-    ) -> Result<(bool, u64), Fault> {
+    ) -> Result<(bool, u64), RemoteFault> {
         let sent = self.each_file(record, async |_, file| {
             // A blob's name is its digest, so its size is enough to tell a whole one from one that
             // was cut short.
@@ -152,7 +157,7 @@ impl Remote {
         ))
     }
 
-    async fn send_blob(&self, store: &Store, file: &StoredFile) -> Result<u64, Fault> {
+    async fn send_blob(&self, store: &Store, file: &StoredFile) -> Result<u64, RemoteFault> {
         let from = store.blobs.path(&file.blob);
         let to = self.path("cas", &file.blob, "");
         // An upload in pieces takes several requests more, which small files do not repay.
@@ -168,7 +173,7 @@ impl Remote {
         Ok(file.bytes)
     }
 
-    async fn send_in_pieces(&self, from: &std::path::Path, to: &Path) -> Result<(), Fault> {
+    async fn send_in_pieces(&self, from: &std::path::Path, to: &Path) -> Result<(), RemoteFault> {
         let mut file = File::open(from).at("read", from)?;
         // S3 takes parts of 5 MiB and more, and at most 10 000 of them: pieces of this size make 80
         // GB.
@@ -200,8 +205,9 @@ impl Remote {
         path: &Path,
         bytes: serde_json::Result<Vec<u8>>,
         mode: PutMode,
-    ) -> Result<bool, Fault> {
-        let bytes = PutPayload::from(bytes.map_err(|error| Fault::Damaged(error.to_string()))?);
+    ) -> Result<bool, RemoteFault> {
+        let bytes =
+            PutPayload::from(bytes.map_err(|error| RemoteFault::Damaged(error.to_string()))?);
         let put = async || match self
             .objects
             .put_opts(path, bytes.clone(), mode.clone().into())
@@ -215,31 +221,33 @@ impl Remote {
         self.patience.ask(put).await
     }
 
-    async fn record(&self, key: &Digest) -> Result<Option<Record>, Fault> {
+    async fn record(&self, key: &Digest) -> Result<Option<Record>, RemoteFault> {
         let Some(bytes) = self.small(&self.path("results", key, ".json")).await? else {
             return Ok(None);
         };
         match serde_json::from_slice::<Record>(&bytes) {
             Ok(record) if record.is_of(key) => Ok(Some(record)),
-            _ => Err(Fault::Damaged(format!("the record of {key} is not one"))),
+            _ => Err(RemoteFault::Damaged(format!(
+                "the record of {key} is not one"
+            ))),
         }
     }
 
     /// A small object, if it is there.
-    async fn small(&self, path: &Path) -> Result<Option<Vec<u8>>, Fault> {
+    async fn small(&self, path: &Path) -> Result<Option<Vec<u8>>, RemoteFault> {
         let get = async || {
             let found = self.objects.get(path).await?;
             match found.meta.size {
                 // The size is looked at before the body is read: a wrong object must not fill the
                 // memory.
                 0..=LARGEST_RECORD => Ok(found.bytes().await?.to_vec()),
-                bytes => Err(Fault::Damaged(format!("{path} has {bytes} bytes"))),
+                bytes => Err(RemoteFault::Damaged(format!("{path} has {bytes} bytes"))),
             }
         };
         absent(self.patience.ask(get).await)
     }
 
-    async fn size(&self, blob: &Digest) -> Result<Option<u64>, Fault> {
+    async fn size(&self, blob: &Digest) -> Result<Option<u64>, RemoteFault> {
         let path = self.path("cas", blob, "");
         absent(
             self.patience
@@ -249,7 +257,7 @@ impl Remote {
     }
 
     /// The keys of all results that are there, in order.
-    pub(super) async fn keys(&self) -> Result<Vec<Digest>, Fault> {
+    pub(super) async fn keys(&self) -> Result<Vec<Digest>, RemoteFault> {
         let results: Path = self
             .root
             .parts()
@@ -277,8 +285,8 @@ impl Remote {
     async fn each_file(
         &self,
         record: &Record,
-        act: impl AsyncFn(String, &StoredFile) -> Result<u64, Fault>,
-    ) -> Result<u64, Fault> {
+        act: impl AsyncFn(String, &StoredFile) -> Result<u64, RemoteFault>,
+    ) -> Result<u64, RemoteFault> {
         let files = record
             .files()
             .map(|(output, file)| act(format!("{output}/{}", file.path), file));
@@ -291,10 +299,10 @@ impl Remote {
 }
 
 /// What is not there is no fault.
-fn absent<T>(answer: Result<T, Fault>) -> Result<Option<T>, Fault> {
+fn absent<T>(answer: Result<T, RemoteFault>) -> Result<Option<T>, RemoteFault> {
     match answer {
         Ok(found) => Ok(Some(found)),
-        Err(Fault::Remote(object_store::Error::NotFound { .. })) => Ok(None),
+        Err(RemoteFault::Remote(object_store::Error::NotFound { .. })) => Ok(None),
         Err(fault) => Err(fault),
     }
 }

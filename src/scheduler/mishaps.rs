@@ -13,7 +13,7 @@ use super::budget::Budget;
 use super::{Outcome, Scheduler};
 use crate::explain::History;
 use crate::pipeline::graph::Graph;
-use crate::pipeline::problem::Source;
+use crate::pipeline::problem::SourceText;
 use crate::plan::{self, Context};
 use crate::progress::{Event, Progress};
 use crate::store::Store;
@@ -120,7 +120,7 @@ fn run(
 fn graph(folder: &Path) -> Graph {
     let path = folder.join("mishaps.ron");
     std::fs::write(&path, PIPELINE).unwrap();
-    crate::pipeline::load(&[Source::read(&path).unwrap()], &[]).unwrap()
+    crate::pipeline::load(&[SourceText::read(&path).unwrap()], &[]).unwrap()
 }
 
 const FIT: usize = 1;

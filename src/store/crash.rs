@@ -8,7 +8,7 @@ use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
 use proptest::prelude::*;
 
 use super::error::StoreError;
-use super::files::disk::{Disk, Fault};
+use super::files::disk::{Disk, DiskFault};
 use super::fsck::look_through;
 use super::leases::Patience;
 use super::record::Record;
@@ -67,7 +67,7 @@ fn lookup(root: &Path, key: Digest) -> Lookup {
 /// The names of the operations of a life.
 fn operations() -> Vec<(String, std::path::PathBuf)> {
     let folder = tempfile::tempdir().unwrap();
-    let fault = Fault::crash(ENOUGH);
+    let fault = DiskFault::crash(ENOUGH);
     let done = fault.done();
     life(Disk::failing(fault), folder.path()).unwrap();
     let done = done.lock().unwrap();
@@ -76,7 +76,7 @@ fn operations() -> Vec<(String, std::path::PathBuf)> {
 
 /// A life that is cut short by a fault leaves a whole result or none, and the next life is like any
 /// other.
-fn cut_short(fault: fn(usize) -> Fault) -> Vec<String> {
+fn cut_short(fault: fn(usize) -> DiskFault) -> Vec<String> {
     let calm = life(Disk::default(), tempfile::tempdir().unwrap().path()).unwrap();
     let count = operations().len();
     let mut errors = Vec::new();
@@ -108,13 +108,13 @@ fn cut_short(fault: fn(usize) -> Fault) -> Vec<String> {
 
 #[test]
 fn a_commit_is_whole_or_not_there_wherever_the_machine_stops() {
-    let errors = cut_short(Fault::crash);
+    let errors = cut_short(DiskFault::crash);
     assert_eq!(errors.len(), operations().len());
 }
 
 #[test]
 fn a_full_disk_is_said_to_be_full_and_nothing_is_lost() {
-    let errors = cut_short(Fault::full);
+    let errors = cut_short(DiskFault::full);
     assert!(errors.len() > 10);
     errors.iter().for_each(|error| {
         assert!(
@@ -126,7 +126,7 @@ fn a_full_disk_is_said_to_be_full_and_nothing_is_lost() {
 
 #[test]
 fn a_store_that_cannot_be_written_is_said_to_be_so_and_nothing_is_lost() {
-    let errors = cut_short(Fault::read_only);
+    let errors = cut_short(DiskFault::read_only);
     errors.iter().for_each(|error| {
         assert!(
             error.contains("choose a folder that can be written"),
@@ -193,7 +193,7 @@ fn whatever_gets_its_name_was_flushed_before_and_a_record_comes_after_its_blobs(
 fn a_blob_that_fsck_puts_in_its_place_stays_there() {
     let folder = tempfile::tempdir().unwrap();
     let record = life(Disk::default(), folder.path()).unwrap();
-    let fault = Fault::crash(ENOUGH);
+    let fault = DiskFault::crash(ENOUGH);
     let done = fault.done();
     let store = store(Disk::failing(fault), folder.path()).unwrap();
     let blob = store.blobs.path(&record.files().next().unwrap().1.blob);
@@ -258,7 +258,7 @@ proptest! {
     fn what_was_committed_stays_and_what_was_not_is_whole_or_absent(acts in acts(), after in 0usize..160) {
         let folder = tempfile::tempdir().unwrap();
         let mut known = [false; 3];
-        if let Ok(store) = store(Disk::failing(Fault::crash(after)), folder.path()) {
+        if let Ok(store) = store(Disk::failing(DiskFault::crash(after)), folder.path()) {
             // The error, if any, is the end of the world, which was expected.
             let _ = act_all(&store, &acts, &mut known);
         }

@@ -26,7 +26,7 @@ use super::record::{Record, is_inside};
 use super::runs::Run;
 use super::view::View;
 use crate::key::Manifest;
-use fault::{Fault, Finding, Remedy};
+use fault::{Finding, Remedy, StoreFault};
 
 /// What a look through a store came to.
 #[derive(Debug, Default)]
@@ -79,7 +79,7 @@ pub fn look_through(store: &Store, out: &Path, mend: bool) -> Result<Report, Sto
 }
 
 impl Fsck<'_> {
-    fn note(&mut self, path: &Path, fault: Fault, of: Option<String>, remedy: Remedy) {
+    fn note(&mut self, path: &Path, fault: StoreFault, of: Option<String>, remedy: Remedy) {
         let path = self.relative(path);
         self.report.findings.push(Finding {
             path,
@@ -101,7 +101,7 @@ impl Fsck<'_> {
     fn remove(
         &mut self,
         entry: &Entry,
-        fault: Fault,
+        fault: StoreFault,
         of: Option<String>,
     ) -> Result<(), StoreError> {
         let remedy = match self.mend {
@@ -124,7 +124,7 @@ impl Fsck<'_> {
         for stray in &strays {
             self.remove(
                 stray,
-                Fault::WrongType {
+                StoreFault::WrongType {
                     found: stray.wrong_type().unwrap_or("file"),
                 },
                 None,
@@ -136,7 +136,7 @@ impl Fsck<'_> {
         for other in &others {
             self.remove(
                 other,
-                Fault::WrongType {
+                StoreFault::WrongType {
                     found: other.wrong_type().unwrap_or("file"),
                 },
                 None,
@@ -150,11 +150,11 @@ impl Fsck<'_> {
         let fault = match fs::read(&entry.path) {
             Ok(bytes) => match serde_json::from_slice(&bytes) {
                 Ok(content) => return Ok(Some(content)),
-                Err(error) => Fault::Garbled {
+                Err(error) => StoreFault::Garbled {
                     problem: error.to_string(),
                 },
             },
-            Err(error) => Fault::Unreadable {
+            Err(error) => StoreFault::Unreadable {
                 problem: error.to_string(),
             },
         };
@@ -171,11 +171,11 @@ impl Fsck<'_> {
             };
             let of = Some(record.stage.clone());
             if entry.path != self.store.results.path(&record.key) {
-                self.remove(&entry, Fault::OtherKey { key: record.key }, of)?;
+                self.remove(&entry, StoreFault::OtherKey { key: record.key }, of)?;
             } else if let Some((_, file)) = record.files().find(|(_, file)| !is_inside(&file.path))
             {
                 let problem = format!("the path {:?} leads out of its folder", file.path);
-                self.remove(&entry, Fault::Garbled { problem }, of)?;
+                self.remove(&entry, StoreFault::Garbled { problem }, of)?;
             } else {
                 records.insert(record.key, (entry, record));
             }
@@ -195,7 +195,7 @@ impl Fsck<'_> {
                 .find(|(_, file)| !self.sound.contains(&file.blob));
             match lost.map(|(output, file)| label(&record, output, file)) {
                 Some(file) => {
-                    self.remove(&entry, Fault::WithoutBlob { file }, Some(record.stage))?
+                    self.remove(&entry, StoreFault::WithoutBlob { file }, Some(record.stage))?
                 }
                 None => drop(whole.insert(key, record)),
             }
@@ -214,14 +214,14 @@ impl Fsck<'_> {
             if entry.path == self.store.manifests.path(&key) {
                 missing.remove(&key);
             } else {
-                self.remove(&entry, Fault::OtherKey { key }, None)?;
+                self.remove(&entry, StoreFault::OtherKey { key }, None)?;
             }
         }
         for key in missing {
             let of = Some(records[key].stage.clone());
             self.note(
                 &self.store.results.path(key),
-                Fault::WithoutManifest,
+                StoreFault::WithoutManifest,
                 of,
                 Remedy::None,
             );
@@ -232,7 +232,7 @@ impl Fsck<'_> {
     fn runs(&mut self) -> Result<(), StoreError> {
         for entry in self.store.files.entries("runs")? {
             match entry.wrong_type() {
-                Some(found) => self.remove(&entry, Fault::WrongType { found }, None)?,
+                Some(found) => self.remove(&entry, StoreFault::WrongType { found }, None)?,
                 None => drop(self.parse::<Run>(&entry)?),
             }
         }
@@ -276,7 +276,7 @@ impl Fsck<'_> {
             // The program makes no symbolic links there, so one is not ours even if it leads to a
             // sound file.
             if !entry.file_type().is_dir() && (entry.path_is_symlink() || !is_sound()) {
-                self.note(entry.path(), Fault::Shown, None, Remedy::None);
+                self.note(entry.path(), StoreFault::Shown, None, Remedy::None);
             }
         }
     }
@@ -284,9 +284,9 @@ impl Fsck<'_> {
     /// What interrupted runs leave, and what is not ours: named, but never touched.
     fn leftovers(&mut self) -> Result<(), StoreError> {
         for (folder, fault) in [
-            ("work", Fault::Interrupted),
-            ("leases", Fault::Lease),
-            ("tmp", Fault::Temporary),
+            ("work", StoreFault::Interrupted),
+            ("leases", StoreFault::Lease),
+            ("tmp", StoreFault::Temporary),
         ] {
             for entry in self.store.files.entries(folder)? {
                 self.note(&entry.path, fault.clone(), None, Remedy::None);
@@ -300,7 +300,7 @@ impl Fsck<'_> {
                 .to_string_lossy()
                 .into_owned();
             if !FOLDERS.contains(&&*name) && !FILES.contains(&&*name) {
-                self.note(&entry.path, Fault::Stray, None, Remedy::None);
+                self.note(&entry.path, StoreFault::Stray, None, Remedy::None);
             }
         }
         Ok(())

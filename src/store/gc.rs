@@ -19,7 +19,7 @@ use super::census::Entry;
 use super::error::{At, StoreError};
 use super::files::parent;
 use super::usage::sizes;
-use survey::Survey;
+use survey::Inventory;
 
 /// A blob without a result is left alone for so long: its result may be on its way, from another
 /// host.
@@ -91,7 +91,7 @@ impl Garbage {
 
     /// What goes by a policy. Changes nothing.
     pub fn of(store: &Store, policy: &Policy) -> Result<Self, StoreError> {
-        let survey = Survey::of(store)?;
+        let survey = Inventory::of(store)?;
         // Two sets: a limit of size may take results of earlier runs that would otherwise be kept,
         // but never those of the latest.
         let kept = survey.of_last_runs(policy.keep_last);

@@ -16,7 +16,7 @@ use crate::{convert, ply};
 
 /// An image set to write: its artifact, and the folder whose EXR files are to be taken as they are.
 #[derive(Clone, Copy)]
-pub struct Source<'s> {
+pub struct Exported<'s> {
     /// The images.
     pub images: &'s ImageSet,
     /// The artifact's folder, if its EXR files are to stand in for PNGs.
@@ -31,11 +31,11 @@ pub struct Source<'s> {
 pub fn export(
     folder: &Path,
     layout: Layout,
-    train: Source,
-    test: Option<Source>,
+    train: Exported,
+    test: Option<Exported>,
     surface: &Surface,
 ) -> Result<Vec<String>, LayoutError> {
-    let photos = |source: Source| {
+    let photos = |source: Exported| {
         source
             .images
             .views
@@ -63,7 +63,7 @@ pub fn export(
     Ok(notes)
 }
 
-fn part<'p>(photos: &'p [Photo], source: Option<Source<'p>>) -> Part<'p> {
+fn part<'p>(photos: &'p [Photo], source: Option<Exported<'p>>) -> Part<'p> {
     let exr = source.and_then(|source| source.exr);
     Part { photos, exr }
 }

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use crate::cli::output::{print, size, tell};
 use crate::error::Error;
-use crate::remote::{Fault, Remote, Traffic};
+use crate::remote::{Remote, RemoteFault, Traffic};
 use crate::store::Store;
 
 /// Which stores.
@@ -42,10 +42,10 @@ impl Transfer {
         Ok(())
     }
 
-    fn failed(&self, fault: Fault) -> Error {
+    fn failed(&self, fault: RemoteFault) -> Error {
         match fault {
             // A fault of the local store must not be told as the remote's.
-            Fault::Local(error) => error.into(),
+            RemoteFault::Local(error) => error.into(),
             fault => Error::Remote {
                 address: self.remote.clone(),
                 fault,

@@ -8,19 +8,19 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 #[cfg(test)]
-pub use fault::Fault;
+pub use fault::DiskFault;
 
 /// A file system.
 #[derive(Default)]
 pub struct Disk {
     #[cfg(test)]
-    fault: Option<Fault>,
+    fault: Option<DiskFault>,
 }
 
 impl Disk {
     /// A file system that will fail.
     #[cfg(test)]
-    pub fn failing(fault: Fault) -> Self {
+    pub fn failing(fault: DiskFault) -> Self {
         Self { fault: Some(fault) }
     }
 
@@ -179,7 +179,7 @@ mod fault {
     use std::sync::{Arc, Mutex};
 
     /// Lets a number of operations pass, and refuses the others.
-    pub struct Fault {
+    pub struct DiskFault {
         left: Mutex<usize>,
         kind: io::ErrorKind,
         /// Whether only operations that take room are refused.
@@ -187,7 +187,7 @@ mod fault {
         done: Arc<Mutex<Vec<(String, PathBuf)>>>,
     }
 
-    impl Fault {
+    impl DiskFault {
         fn new(after: usize, kind: io::ErrorKind, growing: bool) -> Self {
             Self {
                 left: Mutex::new(after),

@@ -8,7 +8,7 @@ use artifacts_schema::Digest;
 use rayon::prelude::*;
 
 use super::Fsck;
-use super::fault::{Fault, Remedy};
+use super::fault::{Remedy, StoreFault};
 use crate::store::blobs::digest_file;
 use crate::store::census::{Entry, References};
 use crate::store::error::{At, StoreError};
@@ -40,7 +40,7 @@ impl Fsck<'_> {
                         .map(|(_, of)| of.clone());
                     self.remove(
                         entry,
-                        Fault::Unreadable {
+                        StoreFault::Unreadable {
                             problem: error.to_string(),
                         },
                         of,
@@ -64,7 +64,12 @@ impl Fsck<'_> {
         let of = references.get(&digest).map(|(_, of)| of.clone());
         if of.is_none() {
             // No damage: a process that runs just now may be about to put the record for it.
-            self.note(&entry.path, Fault::Orphan { bytes }, None, Remedy::None);
+            self.note(
+                &entry.path,
+                StoreFault::Orphan { bytes },
+                None,
+                Remedy::None,
+            );
         }
         if !entry.data.permissions().readonly() {
             let remedy = if self.mend {
@@ -79,7 +84,7 @@ impl Fsck<'_> {
                     .protect(&entry.path)
                     .at("protect", &entry.path)?;
             }
-            self.note(&entry.path, Fault::Writable, of, remedy);
+            self.note(&entry.path, StoreFault::Writable, of, remedy);
         }
         Ok(())
     }
@@ -114,7 +119,7 @@ impl Fsck<'_> {
             }
             self.note(
                 &entry.path,
-                Fault::Misnamed { blob: found },
+                StoreFault::Misnamed { blob: found },
                 Some(of.clone()),
                 remedy,
             );
@@ -122,17 +127,17 @@ impl Fsck<'_> {
         }
         let known = entry.digest().and_then(|name| references.get(&name));
         let fault = match known {
-            Some((expected, _)) if bytes < *expected => Fault::Truncated {
+            Some((expected, _)) if bytes < *expected => StoreFault::Truncated {
                 bytes,
                 expected: *expected,
             },
-            Some((expected, _)) if bytes > *expected => Fault::Grown {
+            Some((expected, _)) if bytes > *expected => StoreFault::Grown {
                 bytes,
                 expected: *expected,
             },
             // A name that is no digest says nothing of which bytes were there.
-            _ if entry.digest().is_none() => Fault::Misnamed { blob: found },
-            _ => Fault::Changed,
+            _ if entry.digest().is_none() => StoreFault::Misnamed { blob: found },
+            _ => StoreFault::Changed,
         };
         self.remove(entry, fault, known.map(|(_, of)| of.clone()))
     }

@@ -12,7 +12,7 @@ pub struct Finding {
     pub path: String,
     /// What is wrong.
     #[serde(flatten)]
-    pub fault: Fault,
+    pub fault: StoreFault,
     /// What it belongs to, if anything does: `fit: field/field.safetensors`.
     pub of: Option<String>,
     /// What was done about it.
@@ -22,7 +22,7 @@ pub struct Finding {
 /// What is wrong.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "fault", rename_all = "snake_case")]
-pub enum Fault {
+pub enum StoreFault {
     /// A blob of the right size has other bytes than its name says.
     Changed,
     /// A blob is shorter than it was.
@@ -72,7 +72,7 @@ pub enum Remedy {
     Mended,
 }
 
-impl Fault {
+impl StoreFault {
     /// Whether something is lost or wrong; what interrupted runs leave is neither.
     pub fn is_damage(&self) -> bool {
         !matches!(
@@ -82,7 +82,7 @@ impl Fault {
     }
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for StoreFault {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Self::Changed => f.write_str("its bytes have changed"),

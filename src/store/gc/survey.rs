@@ -21,7 +21,7 @@ use crate::store::{Store, state};
 const INTERRUPTED: Duration = Duration::from_secs(7 * 24 * 3600);
 
 /// What the store has, and who used it.
-pub(super) struct Survey {
+pub(super) struct Inventory {
     runs: Vec<(Entry, Run)>,
     pub(super) records: BTreeMap<Digest, Record>,
     pinned: BTreeSet<Digest>,
@@ -29,7 +29,7 @@ pub(super) struct Survey {
     used: BTreeMap<Digest, usize>,
 }
 
-impl Survey {
+impl Inventory {
     /// Reads what a store has.
     pub(super) fn of(store: &Store) -> Result<Self, StoreError> {
         let mut runs = Vec::new();

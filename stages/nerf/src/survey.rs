@@ -21,7 +21,7 @@ const SHARE: usize = 8;
 const CHUNK: usize = 4096;
 
 /// Scratch space of a task.
-pub type Survey = (Features, Activations);
+pub type SurveyScratch = (Features, Activations);
 
 /// Marks the cells that no camera can see, between its near and far and within its image, as empty
 /// for good.
@@ -81,7 +81,7 @@ fn sees(
 
 /// One update of the grid: all seen cells at first, then some at random and some of the occupied,
 /// each at a random point in it. The optical depth of a cell is that of the shortest marching step.
-pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<Survey>) {
+pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<SurveyScratch>) {
     let round = u64::from(field.occupancy.updates);
     let cells = cells_to_look_at(field, rng, round);
     let shortest = field.stride().shortest;
@@ -125,7 +125,7 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
 fn densities(
     field: &Field,
     cells: &[u32],
-    (features, scratch): &mut Survey,
+    (features, scratch): &mut SurveyScratch,
     rng: &Rng,
     round: u64,
 ) -> Vec<f32> {

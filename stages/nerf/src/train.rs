@@ -15,7 +15,7 @@ use crate::kernels::hash::encode_backward;
 use crate::loss::psnr;
 use crate::options::TrainOptions;
 use crate::pool::Pool;
-use crate::survey::{self, Survey};
+use crate::survey::{self, SurveyScratch};
 use compute::rng::Rng;
 use formats::Camera;
 use rayon::prelude::*;
@@ -62,7 +62,7 @@ pub struct Trainer {
     parts: Vec<Contribution>,
     features: Features,
     blocks: Pool<Block>,
-    survey: Pool<Survey>,
+    survey: Pool<SurveyScratch>,
     /// The gradient to one level's entries; zero between steps.
     d_tables: Pool<Vec<[f32; FEATURES]>>,
 }

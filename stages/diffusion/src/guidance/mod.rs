@@ -19,7 +19,7 @@ mod vsd;
 pub use invalid_option::InvalidOption;
 pub(crate) use invalid_option::{at_least_one, at_most, decay, positive};
 pub use loss::Loss;
-pub use rsd::{Rsd, Weight, kappa};
+pub use rsd::{Rsd, Weighting, kappa};
 pub use rule::{LoraTraining, Rule};
 pub use sds::Sds;
 pub use timesteps::Timesteps;
@@ -47,7 +47,7 @@ pub enum Prompt {
 
 /// A noised batch and what the prior says of it; arrays `[N, C, h, w]` in scaled latent units.
 #[derive(Clone, Copy, Debug)]
-pub struct Estimate<'a> {
+pub struct Prediction<'a> {
     /// The current latent z' = z + h.
     pub latent: &'a Array,
     /// The noise eps that was added.

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::invalid_option::{InvalidOption, at_least_one, positive};
-use super::{Estimate, Rule, Timesteps};
+use super::{Prediction, Rule, Timesteps};
 use crate::schedule::{Schedule, scale};
 
 /// Options of renoised score distillation.
@@ -20,13 +20,13 @@ pub struct Rsd {
     /// Which timesteps it looks at.
     pub timesteps: Timesteps,
     /// How much a timestep counts.
-    pub weight: Weight,
+    pub weight: Weighting,
 }
 
 /// How much a timestep counts: the omega of g = omega (z' - x0_hat).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub enum Weight {
+pub enum Weighting {
     /// All count the same.
     One,
     /// a_t' kappa(t, t') with t' = t - spacing: what squared distances between renoised latents
@@ -43,21 +43,21 @@ impl Default for Rsd {
         Self {
             rate: 0.02,
             timesteps: Timesteps::ANNEALED,
-            weight: Weight::One,
+            weight: Weighting::One,
         }
     }
 }
 
 impl Rule for Rsd {
     /// The direction omega (z' - x0_hat), where x0_hat is the guided estimate of the clean latent.
-    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    fn direction(&self, schedule: &Schedule, estimate: &Prediction) -> Array {
         let to_clean = towards_clean(schedule, estimate);
         match self.weight {
-            Weight::One => to_clean,
+            Weighting::One => to_clean,
             // The gradient of |z_t' - zhat_t'|^2 / 2 by z': a_t' since z_t' = a_t' z' + s_t' eps,
             // and kappa since the difference is kappa (z' - x0_hat). Under `L1` both weights are
             // the same: kappa is above 0.
-            Weight::Renoised { spacing } => scale(&to_clean, estimate.t, |t| {
+            Weighting::Renoised { spacing } => scale(&to_clean, estimate.t, |t| {
                 renoised(schedule, t, spacing).0 * kappa(schedule, t, spacing)
             }),
         }
@@ -75,14 +75,14 @@ impl Rule for Rsd {
         positive("guidance.rate", self.rate)?;
         self.timesteps.check()?;
         match self.weight {
-            Weight::One => Ok(()),
-            Weight::Renoised { spacing } => at_least_one("guidance.weight.spacing", spacing),
+            Weighting::One => Ok(()),
+            Weighting::Renoised { spacing } => at_least_one("guidance.weight.spacing", spacing),
         }
     }
 }
 
 /// z' - x0_hat: descending it moves the latent to the network's estimate.
-pub(super) fn towards_clean(schedule: &Schedule, estimate: &Estimate) -> Array {
+pub(super) fn towards_clean(schedule: &Schedule, estimate: &Prediction) -> Array {
     // x0_hat is held fixed: no gradient goes back through the network.
     sub(
         estimate.latent,

@@ -2,7 +2,7 @@
 
 use compute::Array;
 
-use super::{Estimate, InvalidOption, Timesteps};
+use super::{InvalidOption, Prediction, Timesteps};
 use crate::schedule::Schedule;
 
 /// A guidance rule: how a latent follows what the networks say of it.
@@ -10,7 +10,7 @@ use crate::schedule::Schedule;
 /// A new rule is a file beside this one with an `impl Rule`, and a variant of [`super::Guidance`].
 pub trait Rule {
     /// The direction g that the latent descends, of the latent's shape `[N, C, h, w]`.
-    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array;
+    fn direction(&self, schedule: &Schedule, estimate: &Prediction) -> Array;
 
     /// Step size of the residual's optimiser.
     fn rate(&self) -> f64;

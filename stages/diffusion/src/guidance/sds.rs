@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::invalid_option::{InvalidOption, positive};
-use super::{Estimate, Rule, Timesteps};
+use super::{Prediction, Rule, Timesteps};
 use crate::schedule::{Schedule, scale};
 
 /// Options of score distillation sampling.
@@ -32,7 +32,7 @@ impl Default for Sds {
 
 impl Rule for Sds {
     /// The direction (1 - alpha_bar) (eps_hat - eps).
-    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    fn direction(&self, schedule: &Schedule, estimate: &Prediction) -> Array {
         // eps_hat - eps = (a / s) (z' - x0_hat): RSD's direction with another weight. So what makes
         // the two differ is mostly which timesteps they look at.
         let surplus = sub(

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::invalid_option::{InvalidOption, at_least_one, not_negative, positive, share};
-use super::{Estimate, LoraTraining, Rule, Timesteps, rsd};
+use super::{LoraTraining, Prediction, Rule, Timesteps, rsd};
 use crate::schedule::{Schedule, scale};
 
 /// Options of variational score distillation.
@@ -67,7 +67,7 @@ impl Default for Vsd {
 impl Rule for Vsd {
     /// The direction (1 - alpha_bar) (eps_prior - eps_lora) = (1 - alpha_bar) a (v_prior - v_lora),
     /// plus the anchor.
-    fn direction(&self, schedule: &Schedule, estimate: &Estimate) -> Array {
+    fn direction(&self, schedule: &Schedule, estimate: &Prediction) -> Array {
         let disagreement = sub(
             estimate.velocity,
             // Without a LoRA the two agree, and nothing but the anchor is left.

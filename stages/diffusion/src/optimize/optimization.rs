@@ -8,7 +8,7 @@ use super::{
     Denoiser, GuidanceLog, LoraState, OptimizeError, Optimized, Options, Query, Residual, State,
     StepLog, ViewLatents, view,
 };
-use crate::guidance::{Estimate, LoraTraining, at_most, classifier_free};
+use crate::guidance::{LoraTraining, Prediction, at_most, classifier_free};
 
 /// The optimisation step by step, for callers that keep its state.
 pub struct Optimization<'a> {
@@ -174,7 +174,7 @@ impl<'a> Optimization<'a> {
                 .lora_velocity(&query, &batch.cameras, &lora.parameters)
         });
         let lora_velocity = lora_velocity.as_ref();
-        let estimate = Estimate {
+        let estimate = Prediction {
             latent,
             noise,
             noisy: &noisy,

@@ -2,7 +2,7 @@
 //! Guidance from another mean at scale s moves it to negative + s (positive - negative), as x0_hat is linear in
 //! the mean.
 
-use diffusion::guidance::{Guidance, Rsd, Sds, Timesteps, Vsd, Weight};
+use diffusion::guidance::{Guidance, Rsd, Sds, Timesteps, Vsd, Weighting};
 use diffusion::optimize::{Moments, Optimizer, Options, ViewLatents, optimize};
 
 use crate::gaussian::{Gaussian, view};
@@ -92,7 +92,7 @@ fn rsd_ends_at_the_guided_mean() {
 fn rsd_in_the_renoised_weight_ends_at_the_mean() {
     let rsd = Rsd {
         rate: 0.002,
-        weight: Weight::Renoised { spacing: 1 },
+        weight: Weighting::Renoised { spacing: 1 },
         ..Rsd::default()
     };
     assert_ends_at(0.3, &end(Guidance::Rsd(rsd), 1.0, adam(1e-15)));

@@ -3,7 +3,7 @@
 use compute::elementwise::{scale, sub};
 use compute::{Array, Device, Rng};
 use diffusion::guidance::{
-    Estimate, Loss, Prompt, Rsd, Rule, Sds, Vsd, Weight, classifier_free, kappa,
+    Loss, Prediction, Prompt, Rsd, Rule, Sds, Vsd, Weighting, classifier_free, kappa,
 };
 use diffusion::schedule::Schedule;
 
@@ -41,8 +41,8 @@ impl Draw {
         &'a self,
         velocity: &'a Array,
         lora_velocity: Option<&'a Array>,
-    ) -> Estimate<'a> {
-        Estimate {
+    ) -> Prediction<'a> {
+        Prediction {
             latent: &self.latent,
             noise: &self.noise,
             noisy: &self.noisy,
@@ -52,7 +52,7 @@ impl Draw {
         }
     }
 
-    fn rsd(&self, weight: Weight) -> Array {
+    fn rsd(&self, weight: Weighting) -> Array {
         Rsd {
             weight,
             ..Rsd::default()
@@ -89,7 +89,7 @@ fn the_renoised_difference_is_kappa_times_the_distance_to_the_estimate() {
     let d = draw();
     let renoised = d.schedule.add_noise(&d.latent, &d.noise, &[979, 499]);
     let clean = d.schedule.clean(&d.noisy, &d.positive, &T);
-    let to_clean = halves(&d.rsd(Weight::One));
+    let to_clean = halves(&d.rsd(Weighting::One));
     for (i, t) in T.into_iter().enumerate() {
         let kappa = kappa(&d.schedule, t, 1);
         let ratio = d.schedule.s(t - 1) / d.schedule.s(t);
@@ -114,7 +114,7 @@ fn the_noise_surplus_is_the_distance_to_the_estimate_weighted() {
     let d = draw();
     for ((sds, rsd), t) in halves(&d.sds())
         .iter()
-        .zip(halves(&d.rsd(Weight::One)))
+        .zip(halves(&d.rsd(Weighting::One)))
         .zip(T)
     {
         assert_close(
@@ -131,9 +131,9 @@ fn under_l1_rsd_and_sds_are_the_same_update() {
     // (c) All weights are positive, and a sign knows no weight.
     let d = draw();
     let sign = |direction: &Array| Loss::L1.gradient(direction).to_vec();
-    let rsd = sign(&d.rsd(Weight::One));
+    let rsd = sign(&d.rsd(Weighting::One));
     assert_eq!(rsd, sign(&d.sds()));
-    assert_eq!(rsd, sign(&d.rsd(Weight::Renoised { spacing: 1 })));
+    assert_eq!(rsd, sign(&d.rsd(Weighting::Renoised { spacing: 1 })));
     assert_ne!(rsd, sign(&scale(&d.sds(), -1.0)));
 }
 
@@ -149,8 +149,8 @@ fn kappa_is_small_for_neighbouring_timesteps_and_one_for_all_the_way() {
 #[test]
 fn the_renoised_weight_is_what_squared_distances_give() {
     let d = draw();
-    let one = halves(&d.rsd(Weight::One));
-    let renoised = halves(&d.rsd(Weight::Renoised { spacing: 1 }));
+    let one = halves(&d.rsd(Weighting::One));
+    let renoised = halves(&d.rsd(Weighting::Renoised { spacing: 1 }));
     for ((one, renoised), t) in one.iter().zip(&renoised).zip(T) {
         let weight = d.schedule.a(t - 1) * kappa(&d.schedule, t, 1);
         assert_close(renoised, one.iter().map(|&g| weight * f64::from(g)), 1e-8);
@@ -198,7 +198,7 @@ fn the_anchor_adds_a_share_of_rsd() {
     let added = sub(&vsd(0.25), &vsd(0.0));
     assert_close(
         &added.to_vec(),
-        d.rsd(Weight::One)
+        d.rsd(Weighting::One)
             .to_vec()
             .iter()
             .map(|&g| 0.25 * f64::from(g)),

@@ -16,13 +16,13 @@ const DECAY: f32 = 0.95;
 const DRAWING: u32 = 64;
 
 /// The cells that some camera sees, a bit each, and how many there are before each word.
-pub struct Survey {
+pub struct GpuSurvey {
     seen: Buffer,
     before_seen: Buffer,
     words: usize,
 }
 
-impl Survey {
+impl GpuSurvey {
     /// For a field whose cells have been marked as seen or not.
     pub fn new(resident: &Resident, field: &Field) -> Self {
         let words = field.occupancy.cells().div_ceil(32);
@@ -159,7 +159,7 @@ mod tests {
             .occupancy
             .see(&(0..cells).map(|cell| cell % 3 > 0).collect::<Vec<_>>());
         let resident = Resident::new(device.open_gpu().unwrap(), &field);
-        let survey = Survey::new(&resident, &field);
+        let survey = GpuSurvey::new(&resident, &field);
         let rng = Rng::new(3, "survey test");
         for round in 0..24 {
             survey.update(&resident, &field, &rng, round);

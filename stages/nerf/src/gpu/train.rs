@@ -6,7 +6,7 @@ use super::batch::Batch;
 use super::moments::{Gradients, Moments};
 use super::params::{Outcome, Pass};
 use super::resident::{Resident, entries};
-use super::survey::Survey;
+use super::survey::GpuSurvey;
 use super::trace::{Rays, Traced, by_256, start};
 use super::work::{self, Extent, PARTS, Work};
 use crate::field::Field;
@@ -23,7 +23,7 @@ pub struct GpuTrainer {
     pub(crate) host: Trainer,
     gpu: Arc<Gpu>,
     resident: Resident,
-    survey: Survey,
+    survey: GpuSurvey,
     moments: Moments,
     /// Gradient to the table, two numbers of two words per entry.
     d_table: Buffer,
@@ -36,7 +36,7 @@ impl GpuTrainer {
     pub fn new(gpu: &Arc<Gpu>, host: Trainer) -> Self {
         let resident = Resident::new(gpu, &host.field);
         Self {
-            survey: Survey::new(&resident, &host.field),
+            survey: GpuSurvey::new(&resident, &host.field),
             moments: Moments::new(gpu, &host),
             d_table: zeros(gpu, 4 * host.field.table.len()),
             gpu: gpu.clone(),

@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::adapter::{self, Found};
 use super::counts::Counts;
 use super::error::GpuError;
-use super::fault::{Fault, lock, watch};
+use super::fault::{FirstError, lock, watch};
 use super::pipeline::Pipelines;
 use super::pool::Pool;
 use super::recorder::Recorder;
@@ -41,7 +41,7 @@ pub struct Gpu {
     pub(super) memory: AtomicU64,
     pub(super) pool: Arc<Pool>,
     pub(super) work: Mutex<Work>,
-    fault: Fault,
+    fault: FirstError,
 }
 
 /// What operators of several threads share.
@@ -84,7 +84,7 @@ impl Gpu {
                     reason: error.to_string(),
                 }
             })?;
-        let fault = Fault::default();
+        let fault = FirstError::default();
         let pool = Arc::default();
         watch(&device, &fault, &pool);
         let work = Work {

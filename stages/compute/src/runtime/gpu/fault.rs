@@ -10,7 +10,7 @@ use super::error::GpuError;
 use super::pool::Pool;
 
 /// The fault that the device has told of.
-pub type Fault = Arc<Mutex<Option<GpuError>>>;
+pub type FirstError = Arc<Mutex<Option<GpuError>>>;
 
 /// Runs what computes on a GPU, and gives the fault that stopped it, if one did.
 pub fn attempt<T>(run: impl FnOnce() -> T) -> Result<T, GpuError> {
@@ -38,7 +38,7 @@ pub fn full(pool: &Pool) -> GpuError {
 
 /// Keeps the first fault that the driver tells of; a loss, which other faults may come of, before
 /// any other.
-pub fn watch(device: &wgpu::Device, fault: &Fault, pool: &Arc<Pool>) {
+pub fn watch(device: &wgpu::Device, fault: &FirstError, pool: &Arc<Pool>) {
     // The pool keeps the device alive, which must not keep the pool.
     let errors = fault.clone();
     let losses = fault.clone();

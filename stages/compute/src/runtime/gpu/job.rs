@@ -3,7 +3,7 @@
 
 use super::context::Gpu;
 use super::fault::{lock, too_large};
-use super::kernel::{Kernel, Pieces, Source};
+use super::kernel::{Kernel, KernelSource, Pieces};
 use super::params::Params;
 use super::pipeline::{Pipeline, Pipelines};
 use super::pool::Buffer;
@@ -28,7 +28,7 @@ pub struct Job<'a, P> {
 
 /// A job whose parameters are bytes.
 pub(super) struct Command<'a> {
-    pub source: &'a Source,
+    pub source: &'a KernelSource,
     pub arrays: &'a [&'a Buffer],
     pub params: &'a [u8],
     pub groups: [u32; 3],

@@ -10,13 +10,13 @@ use super::template::expand;
 /// A kernel whose parameters are a `P`.
 #[derive(Clone, Debug)]
 pub struct Kernel<P> {
-    source: Source,
+    source: KernelSource,
     parameters: PhantomData<fn(P)>,
 }
 
 /// What decides the text of a kernel, and so tells it from others.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Source {
+pub struct KernelSource {
     /// Its name, for messages.
     pub name: &'static str,
     /// Extents that are known when it is compiled.
@@ -41,7 +41,7 @@ impl<P: Params> Kernel<P> {
         arrays: [usize; 2],
     ) -> Kernel<P> {
         Kernel {
-            source: Source {
+            source: KernelSource {
                 name,
                 constants: Vec::new(),
                 head: String::new(),
@@ -79,12 +79,12 @@ impl<P: Params> Kernel<P> {
     }
 
     /// What decides its text.
-    pub fn source(&self) -> &Source {
+    pub fn source(&self) -> &KernelSource {
         &self.source
     }
 }
 
-impl Source {
+impl KernelSource {
     /// Its text for arrays that lie in so many pieces each; `None` if one cannot lie in pieces.
     pub fn text(&self, pieces: &Pieces) -> Option<String> {
         let constants: String = self

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::kernel::{Pieces, Source};
+use super::kernel::{KernelSource, Pieces};
 
 /// The layouts that kernels of equally many arrays share.
 struct Layout {
@@ -25,7 +25,7 @@ pub struct Pipeline {
 pub struct Pipelines {
     layouts: BTreeMap<[usize; 2], Layout>,
     /// Of each source, for arrays in so many pieces.
-    pipelines: BTreeMap<Source, BTreeMap<Vec<u32>, Pipeline>>,
+    pipelines: BTreeMap<KernelSource, BTreeMap<Vec<u32>, Pipeline>>,
 }
 
 impl Pipelines {
@@ -34,7 +34,7 @@ impl Pipelines {
     pub fn get(
         &mut self,
         device: &wgpu::Device,
-        source: &Source,
+        source: &KernelSource,
         pieces: &Pieces,
     ) -> Option<Pipeline> {
         // The counts alone tell pieces apart: a device has one window.

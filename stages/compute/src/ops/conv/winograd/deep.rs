@@ -25,7 +25,7 @@ const TASKS: usize = 6;
 const CHANNELS: usize = 4;
 
 /// Where transformed kernels come from.
-pub enum Source<'a> {
+pub enum TransformedKernels<'a> {
     /// All are there.
     Whole(Kernels<'a>),
     /// They are transformed as they are needed.
@@ -33,7 +33,7 @@ pub enum Source<'a> {
 }
 
 /// Convolves, by all threads.
-pub fn convolve(task: &Task, source: &Source) -> Buffer {
+pub fn convolve(task: &Task, source: &TransformedKernels) -> Buffer {
     let g = task.g;
     let mut out = Buffer::stale(g.batch * g.outputs * g.pixels());
     let all = g.batch * down(g);
@@ -82,7 +82,7 @@ fn multiply(
     task: &Task,
     inputs: &[f32],
     panels: usize,
-    source: &Source,
+    source: &TransformedKernels,
     outputs: Range<usize>,
 ) -> Buffer {
     let channels = task.g.channels;
@@ -93,13 +93,17 @@ fn multiply(
         // In the same steps of depth as `band`, so that both give the same bits.
         let old = if first == 0 { Old::Forget } else { Old::Keep };
         let part = match source {
-            Source::Parts(stored) => stored.transform_part(outputs.clone(), depth.clone()),
-            Source::Whole(_) => Buffer::stale(0),
+            TransformedKernels::Parts(stored) => {
+                stored.transform_part(outputs.clone(), depth.clone())
+            }
+            TransformedKernels::Whole(_) => Buffer::stale(0),
         };
         let part = Kernels::new(&part, depth.len());
         let kernels = |block: usize, spot: usize| match source {
-            Source::Whole(all) => all.at(outputs.start / BLOCK + block, spot, depth.clone()),
-            Source::Parts(_) => part.at(block, spot, 0..depth.len()),
+            TransformedKernels::Whole(all) => {
+                all.at(outputs.start / BLOCK + block, spot, depth.clone())
+            }
+            TransformedKernels::Parts(_) => part.at(block, spot, 0..depth.len()),
         };
         let mut sums = MatrixMut::new(&mut sums, panels * rows, SPOTS * COLUMNS);
         // At one spot, kernels of all outputs and a panel's tiles stay in the first two caches.

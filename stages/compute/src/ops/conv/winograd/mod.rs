@@ -23,7 +23,7 @@ use std::sync::OnceLock;
 
 use super::geometry::Geometry;
 use crate::runtime::cpu::buffer::Buffer;
-use deep::Source;
+use deep::TransformedKernels;
 use extents::{COLUMNS, SIDE, SPOTS};
 use task::Task;
 use weights::{Kernels, StoredKernels};
@@ -55,7 +55,7 @@ pub fn convolve(task: &Task, stored: StoredKernels, kept: Option<&OnceLock<Buffe
         (true, Some(kernels)) => band::convolve(task, &kernels),
         // Bands want all kernels; for few channels these are small.
         (true, None) => band::convolve(task, &Kernels::new(&stored.transform(), channels)),
-        (false, Some(kernels)) => deep::convolve(task, &Source::Whole(kernels)),
-        (false, None) => deep::convolve(task, &Source::Parts(stored)),
+        (false, Some(kernels)) => deep::convolve(task, &TransformedKernels::Whole(kernels)),
+        (false, None) => deep::convolve(task, &TransformedKernels::Parts(stored)),
     }
 }
