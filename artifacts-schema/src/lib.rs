@@ -2,6 +2,13 @@
 //!
 //! Knows files, units and conventions (`docs/artifacts.md`); knows nothing of stages, keys or the
 //! store.
+//!
+//! ```
+//! use artifacts_schema::Digest;
+//!
+//! let digest: Digest = blake3::hash(b"what is in an artifact").into();
+//! assert_eq!(digest.to_string().parse::<Digest>().ok(), Some(digest));
+//! ```
 
 pub mod artifact;
 pub mod cameras;

@@ -1,5 +1,14 @@
 //! The stage kinds, one file each: thin over the libraries beside them. Knows nothing of the
 //! runner.
+//!
+//! ```
+//! use stages::Stage;
+//! use stages::fit::Fit;
+//!
+//! let fit = Fit { steps: 0, ..Fit::default() };
+//! let refused = fit.check().unwrap_err().to_string();
+//! assert!(refused.contains("steps"), "{refused}");
+//! ```
 
 pub mod back_projection;
 pub mod checkpoint;

@@ -24,6 +24,19 @@
 //! processor has is taken when the program runs; the environment variable `COMPUTE_SIMD`
 //! (`portable` or `avx2`) limits it. Maps and reductions give the same bits at every width, matrix
 //! products do not.
+//!
+//! ```
+//! use compute::Device;
+//! use compute::linear::{linear, linear_backward_input};
+//!
+//! let device = Device::cpu();
+//! let x = device.array(&[1, 2], vec![1.0, 2.0]); // [N, K]
+//! let weight = device.array(&[3, 2], vec![1.0, 0.0, 0.0, 1.0, 1.0, 1.0]); // [M, K]
+//! let y = linear(&x, &weight, None); // [N, M]
+//! assert_eq!(y.to_vec(), [1.0, 2.0, 3.0]);
+//! let dx = linear_backward_input(&y, &weight);
+//! assert_eq!(dx.to_vec(), [4.0, 5.0]);
+//! ```
 
 #[cfg(test)]
 mod check;

@@ -1,4 +1,14 @@
 //! The latent upscaler: UNet, VAE, text encoder, noise schedule, LoRA and guidance.
+//!
+//! ```
+//! use compute::Device;
+//! use diffusion::{ModelSource, Prior};
+//!
+//! // The small prior that the program carries.
+//! let prior = Prior::load(&ModelSource::Embedded, &Device::cpu())?;
+//! assert_eq!(prior.unet.config().out_channels, 16);
+//! # Ok::<(), diffusion::ModelError>(())
+//! ```
 
 pub mod call;
 pub mod config;

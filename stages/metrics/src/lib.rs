@@ -4,6 +4,15 @@
 //! Knows pictures as plain slices of sRGB-encoded numbers. Knows nothing of stages, artefacts,
 //! cameras or fields: whoever calls it decides which pictures may be compared. What each figure
 //! measures is told on its function and, for readers of results, in `docs/metrics.md`.
+//!
+//! ```
+//! use metrics::{Image, psnr};
+//!
+//! let truth = [0.5; 4 * 4 * 3];
+//! let render = [0.6; 4 * 4 * 3];
+//! let decibels = psnr(Image::new(4, 4, &truth), Image::new(4, 4, &render));
+//! assert!((decibels - 20.0).abs() < 1e-3, "a tenth off everywhere");
+//! ```
 
 mod consistency;
 mod eigen;

@@ -7,6 +7,17 @@
 //!
 //! [`Training`] and [`Renderer`] do the same on whatever device was chosen; on a GPU the same
 //! adapter and driver give the same bits.
+//!
+//! ```
+//! use formats::Camera;
+//! use glam::DMat4;
+//! use nerf::{Field, FieldConfig, RenderOptions, render};
+//!
+//! let field = Field::new(&FieldConfig::default(), [[-1.0, -1.0, -3.0], [1.0, 1.0, -1.0]], 7);
+//! let camera = Camera::centered((8, 6), 8.0, DMat4::IDENTITY, [1.0, 3.0]);
+//! let image = render(&field, &camera, &RenderOptions::default());
+//! assert_eq!(image.rgb.len(), 8 * 6 * 3);
+//! ```
 
 mod adam;
 mod batch;

@@ -3,6 +3,13 @@
 //! Everything here follows `docs/conventions.md`: OpenGL axes, pixel centres at +0.5, sRGB-encoded
 //! photos, depth along the view axis. Readers bring foreign conventions into these at the door;
 //! nothing behind them knows others.
+//!
+//! ```
+//! // A drawn scene: four views of 16x12 pixels, one ray each.
+//! let drawn = scene::still_life(4, (16, 12), 1, 0);
+//! assert_eq!(drawn.photos.len(), 4);
+//! assert_eq!(drawn.photos[0].pixels.rgb.len(), 16 * 12 * 3);
+//! ```
 
 mod colmap;
 mod downscale;
