@@ -33,6 +33,9 @@ pub struct Told {
     pub provenance: Provenance,
 }
 
+/// By name: the digests of what a stage read.
+type Inputs = BTreeMap<String, String>;
+
 impl Told {
     /// Reads a field by its file, its folder, or the folder of the stage that made it.
     pub fn read(path: &Path) -> Result<Self, String> {
@@ -110,27 +113,37 @@ impl<'s> Lineage<'s> {
 
     /// The photos that a field was made from, if the store has them.
     pub fn photos<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
-        // Later trainings may have seen enlargements alone.
-        let root = self.root(told)?;
-        self.first(root.as_ref().unwrap_or(told), PHOTOS)
+        let inputs = self.first_inputs(told)?;
+        self.first(&inputs, PHOTOS)
     }
 
     /// The largest pictures that a field was trained on, if the store has them.
     pub fn pictures<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
-        self.first(told, PICTURES)
+        self.first(&told.provenance.inputs, PICTURES)
     }
 
     /// The photos that were held out beside those that a field was made from, if the store has
     /// them.
     pub fn held_out<A: Artifact>(&self, told: &Told) -> Result<Option<A>, StoreError> {
-        let root = self.root(told)?;
-        let root = root.as_ref().unwrap_or(told);
-        let beside = |name: &str| self.held_out.get(root.input(name)?);
+        let inputs = self.first_inputs(told)?;
+        let beside = |name: &str| self.held_out.get(inputs.get(name)?);
         self.artifact(PHOTOS.into_iter().find_map(beside))
     }
 
-    fn first<A: Artifact>(&self, told: &Told, names: [&str; 2]) -> Result<Option<A>, StoreError> {
-        self.artifact(names.into_iter().find_map(|name| self.input(told, name)))
+    /// The inputs of the training that a field began with: later ones may have seen enlargements
+    /// alone.
+    fn first_inputs(&self, told: &Told) -> Result<Inputs, StoreError> {
+        let root = self.root(told)?;
+        Ok(root.as_ref().unwrap_or(told).provenance.inputs.clone())
+    }
+
+    fn first<A: Artifact>(
+        &self,
+        inputs: &Inputs,
+        names: [&str; 2],
+    ) -> Result<Option<A>, StoreError> {
+        let artifact = |name: &str| self.artifacts.get(inputs.get(name)?);
+        self.artifact(names.into_iter().find_map(artifact))
     }
 
     fn artifact<A: Artifact>(&self, output: Option<&Output>) -> Result<Option<A>, StoreError> {

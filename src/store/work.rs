@@ -105,9 +105,8 @@ impl<'s> Work<'s> {
         if !to.exists() {
             // Under another name until it is whole: one cut short would not be copied again.
             let partial = to.with_extension("part");
-            let copied = fs::copy(from, &partial).and_then(|_| fs::rename(&partial, to));
             // Without it the stage takes longer, and comes to its result all the same.
-            let _ = copied;
+            let _ = fs::copy(from, &partial).and_then(|_| fs::rename(&partial, to));
         }
     }
 

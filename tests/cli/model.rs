@@ -168,6 +168,31 @@ fn a_lora_under_kohyas_names_is_the_same_with_alpha_over_rank() {
 }
 
 #[test]
+fn alphas_for_patterns_of_layers_are_refused() {
+    let space = Space::new();
+    save(&space.path("in.safetensors"), &inputs());
+    let [down, up] = ["A", "B"].map(|matrix| format!("{LORA}.lora_{matrix}.weight"));
+    let lora = BTreeMap::from([
+        (&down[..], reals(4, &[3, 128])),
+        (&up[..], reals(5, &[128, 3])),
+    ]);
+    save(&space.path("lora.safetensors"), &lora);
+    let ask = |pattern: &str| {
+        let options = json!({"lora_alpha": 3, "alpha_pattern": {pattern: 6}});
+        fs::write(space.path("adapter_config.json"), options.to_string()).unwrap();
+        let lora = space.path("lora.safetensors");
+        ask(&space, "out", &["--lora", lora.to_str().unwrap()])
+    };
+    assert_eq!(ask("attn1.to_q").code, 0);
+    let said = ask(".*to_q");
+    assert!(
+        said.code == 3 && said.err.contains("alpha_pattern"),
+        "{}",
+        said.err
+    );
+}
+
+#[test]
 fn a_prompt_becomes_ids_and_states() {
     let space = Space::new();
     let model = tiny_x4();

@@ -54,7 +54,10 @@ fn name(question: &str, files: &[PathBuf]) -> Digest {
     let whole = |path: &PathBuf| {
         let path = std::path::absolute(path).ok()?;
         // JSON holds text alone. Other paths are escaped in quotes, where no absolute path begins.
-        Some(path.to_str().map_or(format!("{path:?}"), str::to_owned))
+        Some(
+            path.to_str()
+                .map_or_else(|| format!("{path:?}"), str::to_owned),
+        )
     };
     let whole: Vec<String> = files.iter().filter_map(whole).collect();
     digest(&(question, whole))
@@ -74,6 +77,18 @@ mod tests {
     use super::super::clock::Clock;
     use super::*;
     use crate::store::{Store, World};
+
+    #[cfg(unix)]
+    #[test]
+    fn paths_that_are_no_text_have_answers_of_their_own() {
+        use std::os::unix::ffi::OsStrExt;
+        let file = |byte: u8| {
+            vec![std::path::PathBuf::from(std::ffi::OsStr::from_bytes(&[
+                byte,
+            ]))]
+        };
+        assert_ne!(name("q", &file(0xff)), name("q", &file(0xfe)));
+    }
 
     /// The answer to a question that is asked so long after the files were written.
     fn ask(root: &Path, files: &[PathBuf], answer: u32, after: Duration) -> u32 {

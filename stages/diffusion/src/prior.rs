@@ -132,7 +132,7 @@ fn check_widths(
     text: &TextConfig,
 ) -> Result<(), ModelError> {
     let latent = vae.latent_channels;
-    let mut pairs = vec![
+    let pairs = [
         (
             "in_channels",
             unet.in_channels,
@@ -145,16 +145,14 @@ fn check_widths(
             latent,
             "the autoencoder's latent channels",
         ),
-    ];
-    // A configuration may name a width for each block, but there is one text encoder.
-    for block in 0..unet.block_out_channels.len() {
-        pairs.push((
+        (
             "cross_attention_dim",
-            unet.cross_attention_dim.of(block),
+            // That of all blocks: a configuration with several is refused.
+            unet.cross_attention_dim.of(0),
             text.hidden_size,
             "the text encoder's width",
-        ));
-    }
+        ),
+    ];
     match pairs.iter().find(|(_, is, needed, _)| is != needed) {
         Some((field, is, needed, what)) => Err(ModelError::field(
             file.name(),

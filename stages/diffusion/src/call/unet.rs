@@ -47,19 +47,7 @@ impl UnetCall {
         let &[n, _, h, w] = sample.shape() else {
             unreachable!("the shape was checked")
         };
-        let width = config.cross_attention_dim.of(0);
-        // One text goes to all blocks.
-        let blocks = 0..config.block_out_channels.len();
-        let other = blocks.map(|block| config.cross_attention_dim.of(block));
-        if let Some(other) = other.into_iter().find(|other| *other != width) {
-            let problem = format!("is {width} and {other}; one text has one width");
-            return Err(ModelError::field(
-                "unet/config.json",
-                "cross_attention_dim",
-                problem,
-            ));
-        }
-        let width = Some(width);
+        let width = Some(config.cross_attention_dim.of(0));
         let output = [Some(n), Some(config.out_channels), Some(h), Some(w)];
         let labels = |classes| each(inputs, "class_labels", classes as u32, n);
         Ok(Self {

@@ -186,6 +186,14 @@ mod tests {
             refusal(r#"{"in_channels": 99999999}"#),
             "`in_channels` is 99999999; it must be from 1 to 65536"
         );
+        assert_eq!(
+            refusal(r#"{"cross_attention_dim": [1024, 1024, 512, 1024]}"#),
+            "`cross_attention_dim` is 1024 and 512; one text goes to all blocks"
+        );
+        assert_eq!(
+            refusal(r#"{"freq_shift": 160}"#),
+            "`freq_shift` is half of the first block's channels"
+        );
     }
 
     #[test]

@@ -138,6 +138,16 @@ impl UnetConfig {
             ("num_class_embeds", &[self.num_class_embeds.unwrap_or(1)]),
         ];
         check_sizes(file, &sizes)?;
+        let widths = self.cross_attention_dim.all();
+        if let Some(other) = widths.iter().find(|width| **width != widths[0]) {
+            let problem = format!("is {} and {other}; one text goes to all blocks", widths[0]);
+            return Err(ModelError::field(file, "cross_attention_dim", problem));
+        }
+        // Frequencies are divided by the difference.
+        if (self.block_out_channels[0] / 2) as f32 == self.freq_shift {
+            let problem = "is half of the first block's channels";
+            return Err(ModelError::field(file, "freq_shift", problem));
+        }
         if !self.block_out_channels[0].is_multiple_of(2) {
             // Half of them are the timestep's sines, half its cosines.
             return Err(ModelError::field(

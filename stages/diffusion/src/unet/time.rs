@@ -50,11 +50,6 @@ impl TimeEmbedding {
         // Four times the first block's width is fixed in diffusers' UNet.
         let width = 4 * config.block_out_channels[0];
         let linear_1 = Linear::read(&root.at("time_embedding.linear_1"), first, width)?;
-        if (first / 2) as f32 == config.freq_shift {
-            let problem =
-                "is half of the first block's channels: frequencies are divided by the difference";
-            return Err(ModelError::field("unet/config.json", "freq_shift", problem));
-        }
         let class = |count| root.weight("class_embedding.weight", &[count, width]);
         Ok(Self {
             device: linear_1.device().clone(),
