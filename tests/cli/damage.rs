@@ -2,12 +2,13 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use serde_json::json;
 
 use crate::checkpoint::in_work;
-use crate::space::{Said, Space, assert_same_files, signal, wait_until};
+use crate::cut::cut_after;
+use crate::files::{assert_same_files, assert_still_holds};
+use crate::space::{Said, Space, signal, wait_until};
 
 /// As `tiny.ron`, but with enough to draw that there is time to be killed.
 const SLOW: [&str; 4] = [
@@ -36,15 +37,17 @@ fn killed_at_any_moment_a_run_loses_nothing_and_ends_as_if_undisturbed() {
     let space = Space::new();
     slow(&space, "calm");
     let arguments = [&SLOW[..], &["--store", "wild/store", "--out", "wild/out"]].concat();
-    let mut hit = 0;
-    for pause in [3, 10, 20, 40, 80, 160, 320] {
-        let mut child = space.spawn(&arguments);
-        std::thread::sleep(Duration::from_millis(pause));
-        hit += usize::from(child.try_wait().unwrap().is_none());
-        child.kill().unwrap();
-        child.wait().unwrap();
+    let mut kills = 0;
+    // After 1, 2, 4, 8 … files, until a run has come to its end.
+    loop {
+        let said = cut_after(1 << kills, "-KILL", "wild", &space, &arguments);
+        if said.code == 0 {
+            break;
+        }
+        assert_eq!(said.code, -1, "{}", said.err);
+        kills += 1;
     }
-    assert!(hit > 0, "every run had ended before it was killed");
+    assert!(kills > 0, "the first run had ended before it was killed");
     slow(&space, "wild");
     assert_same_files(&space, "calm/out", "wild/out");
     assert_eq!(
@@ -125,7 +128,7 @@ fn a_lost_or_changed_blob_is_noticed_and_only_its_stage_runs_again() {
             (&run.last()["ran"], &run.last()["cached"]),
             (&json!(["up"]), &json!(["again", "scene"]))
         );
-        assert!(space.files("out") == before);
+        assert_still_holds(&space, "out", &before);
     }
 }
 

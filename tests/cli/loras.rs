@@ -2,8 +2,9 @@
 
 use std::fs;
 
-use crate::model::{ask, inputs, save};
+use crate::model_run::{ask, inputs};
 use crate::space::Space;
+use crate::tensors::save;
 
 /// One round of guidance on three small views, in which the LoRA learns.
 const LEARNT: &str = r#"(

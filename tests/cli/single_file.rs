@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use crate::model::{Tensor, save, tiny_x4};
+use crate::model_run::tiny_x4;
 use crate::space::Space;
+use crate::tensors::{Tensor, save};
 
 /// Names and shapes of a small single file, and what diffusers makes of each.
 const ROWS: &str = include_str!("../../stages/diffusion/tests/golden/single_file.json");

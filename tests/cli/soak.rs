@@ -3,15 +3,15 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::space::{Said, Space, signal};
+use crate::cut::cut_after;
+use crate::space::Space;
 use crate::whole::{SHORT, pipeline};
 
-/// A moment that kills come within: much of a run, so that some runs end.
-const LONGEST: u64 = 1200;
+/// The most files that a run has written when it is killed: much of a run, so that some runs end.
+const MOST: u64 = 200;
 
 /// Numbers that look random (Marsaglia 2003, xorshift).
 struct Dice(u64);
@@ -66,16 +66,6 @@ fn life(number: u64) -> Vec<String> {
     own.iter().chain(SHORT).map(ToString::to_string).collect()
 }
 
-fn run_on(space: &Space, number: u64, pause: u64, name: &str) -> Said {
-    let arguments = life(number);
-    let mut child = space.spawn(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
-    std::thread::sleep(Duration::from_millis(pause));
-    if child.try_wait().unwrap().is_none() {
-        signal(&child, name);
-    }
-    Space::wait(child)
-}
-
 fn soak(kills: usize) {
     let given = std::env::var("SRNERF_SOAK_SEED").ok();
     let seed = given
@@ -95,12 +85,14 @@ fn soak(kills: usize) {
     space.ok(&calm.iter().map(String::as_str).collect::<Vec<_>>());
     let calm = digests(&space, "calm");
     while killed < kills {
-        let pause = dice.below(LONGEST);
+        let files = dice.below(MOST) as usize;
         let name = ["-KILL", "-TERM"][dice.below(2) as usize];
-        let said = run_on(&space, number, pause, name);
+        let arguments = life(number);
+        let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
+        let said = cut_after(files, name, "wild", &space, &arguments);
         assert!(
             [-1, 75, 143, 0].contains(&said.code),
-            "{} after {pause} ms: {}",
+            "{} after {files} files: {}",
             said.code,
             said.err
         );
@@ -108,12 +100,12 @@ fn soak(kills: usize) {
         killed += usize::from(said.code != 0);
         assert!(
             digests(&space, "wild").is_subset(&calm),
-            "after {pause} ms and {name}"
+            "after {files} files and {name}"
         );
         let checked = space.say(&["store", "fsck", "--store=wild", "--out=wild-out"]);
         assert_eq!(
             checked.code, 0,
-            "after {pause} ms and {name}: {}{}",
+            "after {files} files and {name}: {}{}",
             checked.out, checked.err
         );
     }

@@ -1,9 +1,8 @@
 //! A folder of its own for each transcript, and the command run in it.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -19,7 +18,7 @@ pub const TINY: &str = r#"(
     },
 )"#;
 
-/// A folder with a pipeline, removed in the end.
+/// A folder with a pipeline, removed in the end unless the test fails.
 pub struct Space {
     folder: tempfile::TempDir,
 }
@@ -113,36 +112,14 @@ impl Space {
     pub fn mode(&self, name: &str) -> u32 {
         fs::metadata(self.path(name)).unwrap().permissions().mode()
     }
-
-    /// All files under a folder with their bytes.
-    pub fn files(&self, folder: &str) -> BTreeMap<PathBuf, Vec<u8>> {
-        let mut files = BTreeMap::new();
-        collect(&self.path(folder), &mut files);
-        files
-            .into_iter()
-            .map(|(path, bytes)| (path.strip_prefix(self.path(folder)).unwrap().into(), bytes))
-            .collect()
-    }
 }
 
-/// Two folders of a space hold the same files. Says which one differs first.
-pub fn assert_same_files(space: &Space, one: &str, other: &str) {
-    let ours = space.files(one);
-    let theirs = space.files(other);
-    let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
-    for name in names {
-        let shown = name.display();
-        match (ours.get(name), theirs.get(name)) {
-            (Some(a), Some(b)) => {
-                let differs = a.iter().zip(b).position(|(a, b)| a != b);
-                let sizes = format!("{} and {} bytes", a.len(), b.len());
-                assert!(
-                    a == b,
-                    "{shown} of {one} and {other}: {sizes}, byte {differs:?} differs"
-                );
-            }
-            (Some(_), None) => panic!("{shown} is in {one} and not in {other}"),
-            (None, _) => panic!("{shown} is in {other} and not in {one}"),
+impl Drop for Space {
+    /// Whoever looks into a failed test finds its folder.
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.folder.disable_cleanup(true);
+            println!("the folder is kept: {}", self.folder.path().display());
         }
     }
 }
@@ -168,15 +145,4 @@ pub fn signal(child: &Child, name: &str) {
             .unwrap()
             .success()
     );
-}
-
-fn collect(folder: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
-    for entry in fs::read_dir(folder).into_iter().flatten() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            collect(&path, files);
-        } else {
-            files.insert(path.clone(), fs::read(&path).unwrap());
-        }
-    }
 }

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use crate::model::{Tensor, save};
 use crate::space::{Said, Space};
+use crate::tensors::{Tensor, save};
 use crate::whole::pipeline;
 
 /// A file of the upsampler's crate.

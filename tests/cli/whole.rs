@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use crate::space::{Space, assert_same_files};
+use crate::files::assert_same_files;
+use crate::space::Space;
 
 /// `smoke.ron` with one round and the fewest of everything.
 pub const SHORT: &[&str] = &[

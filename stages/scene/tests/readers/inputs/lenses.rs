@@ -1,6 +1,6 @@
 //! Lenses, boxes and places of cameras.
 
-use crate::{capture, for_frames, holds, read, refusal, ring, transforms};
+use super::{capture, for_frames, holds, read, refusal, ring, transforms};
 use glam::DVec3;
 use serde_json::json;
 

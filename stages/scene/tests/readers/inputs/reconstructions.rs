@@ -1,7 +1,7 @@
 //! COLMAP's reconstructions.
 
+use super::{holds, photo, ring, save};
 use crate::common::{colmap, words};
-use crate::{holds, photo, ring, save};
 use formats::Camera;
 use glam::DQuat;
 use image::{ImageFormat, RgbImage};

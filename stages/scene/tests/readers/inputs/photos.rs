@@ -1,6 +1,6 @@
 //! The photos themselves: masks, orientation, damage and formats.
 
-use crate::{SIZE, capture, for_frames, holds, photo, read, refusal, save, transforms};
+use super::{SIZE, capture, for_frames, holds, photo, read, refusal, save, transforms};
 use image::{ImageFormat, Luma, Rgb, Rgb32FImage, RgbImage};
 use serde_json::json;
 use std::path::Path;

@@ -1,6 +1,5 @@
 //! What tests of readers share: cameras that are known, photos of one colour, and files with a bit
 //! of damage.
-#![allow(dead_code, clippy::unwrap_used)] // Each test file is a program of its own that uses some of it.
 
 use std::path::{Path, PathBuf};
 

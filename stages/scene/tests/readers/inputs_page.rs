@@ -1,12 +1,9 @@
 //! `docs/inputs.md` says what becomes of every format and field: each of its rows is tried.
-#![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
-
-mod common;
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use common::{SIZE, colmap, known_cameras, write_photo};
+use crate::common::{SIZE, colmap, known_cameras, write_photo};
 use formats::Distortion;
 use glam::DQuat;
 use scene::{Reader, SceneData, SceneError, Transforms};

@@ -1,6 +1,6 @@
 //! How files of poses name photos, and what of them is left out, set aside or refused.
 
-use crate::{capture, for_frames, holds, read, refusal, rewrite, transforms};
+use super::{capture, for_frames, holds, read, refusal, rewrite, transforms};
 use scene::{Reader, Transforms};
 use serde_json::json;
 

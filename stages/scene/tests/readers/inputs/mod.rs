@@ -1,9 +1,6 @@
 //! Inputs of the kinds that people bring, each with what they expect: how many photos are read,
 //! what a warning says, what a refusal says.
-#![allow(clippy::unwrap_used)] // The helpers of tests are tests too.
 
-#[path = "../common/mod.rs"]
-mod common;
 mod lenses;
 mod paths;
 mod photos;
