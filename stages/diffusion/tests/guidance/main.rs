@@ -6,5 +6,7 @@
 mod fixed_points;
 mod gaussian;
 mod golden;
+mod options;
 mod rules;
 mod run;
+mod state;

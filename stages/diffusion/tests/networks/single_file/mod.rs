@@ -2,6 +2,7 @@
 //! wrote which of its tensors becomes which, and what diffusers computes by them.
 
 mod refusals;
+mod tensors;
 mod written;
 
 use std::collections::BTreeMap;
