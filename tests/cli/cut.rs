@@ -30,7 +30,7 @@ pub fn cut_after(
             signal(&child, signal_name);
             break;
         }
-        std::thread::sleep(Duration::from_millis(1));
+        std::thread::sleep(Duration::from_millis(2));
     }
     Space::wait(child)
 }
