@@ -1,16 +1,18 @@
 //! Worlds that the program draws itself, traced analytically at any resolution, so that the
 //! high-resolution truth is really known.
 //!
-//! `table` and `sculpture` say what stands where, `texture` and `glyphs` what it is made of,
-//! `shape` and `world` where rays meet it, `light` how bright it is, `render` what a pixel is;
-//! `still_life` and `object` say from where it is seen.
+//! `table`, `room` and `sculpture` say what stands where, `solids` what they share, `texture` and
+//! `glyphs` what it is made of, `shape` and `world` where rays meet it, `light` how bright it is,
+//! `render` what a pixel is; `still_life` and `object` say from where it is seen.
 
 mod glyphs;
 mod light;
 mod object;
 mod render;
+mod room;
 mod sculpture;
 mod shape;
+mod solids;
 mod still_life;
 mod table;
 mod texture;

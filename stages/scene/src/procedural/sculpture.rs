@@ -9,7 +9,7 @@ use glam::{Mat3, Vec3, vec2, vec3};
 
 use super::glyphs::Text;
 use super::shape::Shape;
-use super::table::{block, rod, solid, wire_ball};
+use super::solids::{block, rod, solid, wire_ball};
 use super::texture::{Surface, hex};
 use super::world::{Solid, World};
 

@@ -6,16 +6,15 @@
 //! strokes of 0.009 to 0.014, joints of 0.013 and the star's inner spokes are there to see, and are
 //! gone at a quarter of that.
 
+use compute::Rng;
 use glam::{Mat3, Vec2, Vec3, vec2, vec3};
 
-use compute::Rng;
-
 use super::glyphs::Text;
+use super::room::room;
 use super::shape::Shape;
-use super::texture::{Star, Surface, hex};
+use super::solids::{block, rod, solid, wire_ball};
+use super::texture::{Surface, hex};
 use super::world::{Solid, World};
-
-const WALL_Z: f32 = -1.25;
 
 /// The world of `seed`: the same things, each turned a little differently.
 pub(super) fn still_life(seed: u64) -> World {
@@ -35,77 +34,6 @@ pub(super) fn still_life(seed: u64) -> World {
         vec![tin(turn(12, 0.0))],
     ];
     World::new(room(), things)
-}
-
-pub(super) fn solid(shape: Shape, surface: Surface, turn: Mat3, place: Vec3) -> Solid {
-    Solid {
-        shape,
-        surface,
-        turn,
-        place,
-    }
-}
-
-pub(super) fn block(half: Vec3) -> Shape {
-    Shape::Block { half }
-}
-
-/// Wall, poster and table: what is behind everything, and so casts no shadow on anything.
-fn room() -> Vec<Solid> {
-    let brick = Surface::Brick {
-        brick: hex(0xbf7a5c),
-        mortar: hex(0xd8cfc0),
-        size: vec2(0.235, 0.082),
-    };
-    let wood = Surface::Wood {
-        light: hex(0xc99a63),
-        dark: hex(0x7a4a25),
-        width: 0.3,
-    };
-    vec![
-        solid(
-            block(vec3(4.5, 2.5, 0.1)),
-            brick,
-            Mat3::IDENTITY,
-            vec3(0.0, 1.5, WALL_Z - 0.1),
-        ),
-        solid(
-            block(vec3(4.5, 0.05, 2.2)),
-            wood,
-            Mat3::IDENTITY,
-            vec3(0.0, -0.05, WALL_Z + 2.2),
-        ),
-        poster(),
-    ]
-}
-
-/// A resolution chart on the wall.
-fn poster() -> Solid {
-    let line = |text, y, cell| Text::centred(text, vec2(0.20, y), cell);
-    let texts = vec![
-        line("E F P", 0.225, 0.0150),
-        line("T O Z L", 0.085, 0.0110),
-        line("P E C F D", -0.025, 0.0090),
-        line("E D F C Z P", -0.12, 0.0075),
-        line("F E L O P Z D", -0.20, 0.0062),
-    ];
-    let star = Star {
-        middle: vec2(-0.265, 0.0),
-        radius: 0.175,
-        spokes: 24.0,
-    };
-    let surface = Surface::Print {
-        paper: hex(0xf1ede2),
-        ink: hex(0x24262b),
-        texts,
-        star: Some(star),
-    };
-    solid(
-        block(vec3(0.49, 0.275, 0.008)),
-        surface,
-        Mat3::IDENTITY,
-        vec3(0.36, 0.86, WALL_Z + 0.008),
-    )
 }
 
 /// A leaning sheet of text.
@@ -242,54 +170,6 @@ fn turned_about(thing: Solid, turn: Mat3, at: Vec3) -> Solid {
         turn: turn * thing.turn,
         ..thing
     }
-}
-
-/// A capsule from point to point.
-pub(super) fn rod(from: Vec3, to: Vec3, radius: f32, surface: Surface) -> Solid {
-    let (along, length) = (to - from).normalize_and_length();
-    // A capsule is round and its patterns run along it, so any side serves.
-    let side = along.any_orthonormal_vector();
-    let turn = Mat3::from_cols(side, along, side.cross(along));
-    solid(
-        Shape::Capsule {
-            radius,
-            half_length: length / 2.0,
-        },
-        surface,
-        turn,
-        (from + to) / 2.0,
-    )
-}
-
-/// The thirty edges of an icosahedron in thin wire.
-pub(super) fn wire_ball(turn: Mat3, middle: Vec3) -> Vec<Solid> {
-    const SIZE: f32 = 0.11;
-    let golden = (1.0 + 5f32.sqrt()) / 2.0;
-    let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
-    let corners: Vec<Vec3> = signs
-        .into_iter()
-        .flat_map(|(a, b)| {
-            [
-                vec3(0.0, a, b * golden),
-                vec3(a, b * golden, 0.0),
-                vec3(b * golden, 0.0, a),
-            ]
-        })
-        .collect();
-    let wire = Surface::Plain {
-        color: hex(0x2a2d33),
-        gloss: 0.8,
-    };
-    let place = |corner: Vec3| middle + turn * corner * SIZE;
-    let pairs = corners
-        .iter()
-        .enumerate()
-        .flat_map(|(i, a)| corners[i + 1..].iter().map(move |b| (*a, *b)));
-    // Neighbouring corners of this icosahedron are 2 apart, all others more than 3.
-    pairs
-        .filter(|(a, b)| a.distance(*b) < 2.5)
-        .map(|(a, b)| rod(place(a), place(b), 0.005, wire.clone()))
-        .collect()
 }
 
 fn checkered_ball(turn: Mat3) -> Solid {
