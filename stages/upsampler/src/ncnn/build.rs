@@ -4,20 +4,20 @@
 
 use std::collections::BTreeMap;
 
+use super::activation::activation;
 use super::blob::{Blob, Ratio, greatest_common_divisor};
 use super::graph::{Graph, Step};
 use super::kinds::{all_images, binary, convolution, eltwise, interp, unknown};
-use super::layer::{Function, Operation};
+use super::layer::Operation;
 use super::param::Layer;
 use super::parameters::Parameters;
+use super::shuffle::{FACTOR, shuffle, unshuffle};
 use super::weights::Weights;
 use crate::error::UpsamplerError;
 use crate::network::Facts;
 
 /// More channels than any network has.
 const CHANNELS: usize = 1 << 16;
-/// The largest factor of a shuffle.
-const FACTOR: usize = 16;
 
 /// The values that have been named so far.
 struct Builder {
@@ -205,16 +205,7 @@ impl Builder {
                     },
                 ],
             ) => {
-                let same = |operation| {
-                    Ok((
-                        operation,
-                        Blob::Images {
-                            channels,
-                            ratio,
-                            reach,
-                        },
-                    ))
-                };
+                let images = (channels, ratio, reach);
                 match layer.kind.as_str() {
                     "Convolution" => {
                         let (operation, outputs, side) =
@@ -231,82 +222,13 @@ impl Builder {
                             },
                         ))
                     }
-                    "ReLU" => same(Operation::Function(Function::Leaky(
-                        parameters.number(0, 0.0)? as f32,
-                    ))),
-                    "Sigmoid" => same(Operation::Function(Function::Sigmoid)),
-                    "Swish" => same(Operation::Function(Function::Swish)),
-                    "Clip" => {
-                        let [low, high] = [
-                            // Without bounds ncnn's Clip leaves every number as it is.
-                            parameters.number(0, f64::from(f32::MIN))?,
-                            parameters.number(1, f64::from(f32::MAX))?,
-                        ];
-                        if low > high {
-                            return Err(
-                                layer.wrong(format!("leaves nothing between {low} and {high}"))
-                            );
-                        }
-                        same(Operation::Function(Function::Clamp(
-                            low as f32,
-                            high as f32,
-                        )))
-                    }
-                    "PReLU" => match parameters.count(0, 0)? {
-                        1 => {
-                            let slope = weights.plain(layer, &[1])?.to_vec()[0];
-                            same(Operation::Function(Function::Leaky(slope)))
-                        }
-                        count if count == channels => {
-                            same(Operation::Prelu(weights.plain(layer, &[count])?))
-                        }
-                        count => {
-                            Err(layer.wrong(format!("has {count} slopes for {channels} channels")))
-                        }
-                    },
-                    "PixelShuffle" => {
-                        let factor = parameters.count(0, 1)?;
-                        // Mode 1 orders the channels in another way than PyTorch.
-                        parameters.must_be(1, "mode", 0)?;
-                        let whole =
-                            (1..=FACTOR).contains(&factor) && channels % (factor * factor) == 0;
-                        let larger = Ratio::new(factor, 1).and_then(|factor| ratio.times(factor));
-                        let (true, Some(ratio)) = (whole, larger) else {
-                            return Err(
-                                layer.wrong(format!("shuffles {channels} channels by {factor}"))
-                            );
-                        };
-                        let channels = channels / (factor * factor);
-                        Ok((
-                            Operation::Shuffle(factor),
-                            Blob::Images {
-                                channels,
-                                ratio,
-                                reach,
-                            },
-                        ))
-                    }
-                    "Reorg" => {
-                        let factor = parameters.count(0, 1)?;
-                        parameters.must_be(1, "mode", 0)?;
-                        // Sides must be multiples of `factor`: the denominator joins the grain.
-                        let smaller = Ratio::new(1, factor).and_then(|factor| ratio.times(factor));
-                        let (true, Some(smaller)) = ((1..=FACTOR).contains(&factor), smaller)
-                        else {
-                            return Err(layer.wrong(format!("reorders by {factor}")));
-                        };
-                        let channels = channels * factor * factor;
-                        let reach = reach + factor as f64 / ratio.value();
-                        Ok((
-                            Operation::Unshuffle(factor),
-                            Blob::Images {
-                                channels,
-                                ratio: smaller,
-                                reach,
-                            },
-                        ))
-                    }
-                    "Interp" => interp(layer, [channels as f64, reach], ratio, parameters),
+                    "ReLU" | "Sigmoid" | "Swish" | "Clip" | "PReLU" => Ok((
+                        activation(layer, channels, parameters, weights)?,
+                        blobs[0].clone(),
+                    )),
+                    "PixelShuffle" => shuffle(layer, images, parameters),
+                    "Reorg" => unshuffle(layer, images, parameters),
+                    "Interp" => interp(layer, images, parameters),
                     _ => Err(unknown(layer)),
                 }
             }

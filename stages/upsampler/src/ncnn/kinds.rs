@@ -212,8 +212,7 @@ pub fn eltwise(
 /// An enlargement or reduction by a fixed ratio.
 pub fn interp(
     layer: &Layer,
-    [channels, reach]: [f64; 2],
-    ratio: Ratio,
+    (channels, ratio, reach): (usize, Ratio, f64),
     parameters: &mut Parameters,
 ) -> Result<(Operation, Blob), UpsamplerError> {
     let kind = parameters.count(0, 0)?;
@@ -248,7 +247,7 @@ pub fn interp(
     Ok((
         operation,
         Blob::Images {
-            channels: channels as usize,
+            channels,
             ratio: larger,
             reach,
         },

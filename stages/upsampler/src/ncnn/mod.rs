@@ -2,6 +2,7 @@
 //! of the layers, `.bin`. The layers that super-resolution networks are made of are computed as the
 //! graph says; anything else is refused by the layer's name and line.
 
+mod activation;
 mod blob;
 mod build;
 mod graph;
@@ -9,6 +10,7 @@ mod kinds;
 mod layer;
 mod param;
 mod parameters;
+mod shuffle;
 mod weights;
 
 use std::collections::BTreeMap;
