@@ -8,7 +8,7 @@ use crate::exposure::{Exposure, Exposures};
 use crate::field::Field;
 use crate::kernels::slope::positions_backward;
 use crate::options::TrainOptions;
-use crate::poses::Poses;
+use crate::poses::{Gauge, Poses};
 use crate::samples::Samples;
 use crate::tensors::{FieldError, Tensors};
 use glam::Vec3;
@@ -55,6 +55,13 @@ impl Corrections {
                 .poses
                 .as_ref()
                 .map(|options| Poses::new(options, cameras())),
+        }
+    }
+
+    /// From now on the field, which stays as it is, holds the cameras in place.
+    pub fn trust_field(&mut self) {
+        if let Some(poses) = &mut self.poses {
+            poses.gauge = Gauge::Field;
         }
     }
 

@@ -38,11 +38,23 @@ impl Default for PoseOptions {
     }
 }
 
+/// What says where all cameras together are. Photos do not: a field that moves with them shows the
+/// same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gauge {
+    /// The poses as they are given: what the cameras' moves have in common is taken back.
+    Given,
+    /// A field that stays as it is.
+    Field,
+}
+
 /// The poses of all views in training.
 #[derive(Clone, Debug)]
 pub struct Poses {
     options: PoseOptions,
     given: Vec<Camera>,
+    /// What keeps the whole in place.
+    pub gauge: Gauge,
     /// By view: a turn as twice a quaternion's vector part over its real part, which is nearly the
     /// rotation vector and needs no sine, and a shift in parts of the camera's distance.
     dials: Dials,
@@ -98,6 +110,7 @@ impl Poses {
             options: options.clone(),
             dials: Dials::new(given.len()),
             given,
+            gauge: Gauge::Given,
         }
     }
 
@@ -128,8 +141,10 @@ impl Poses {
         let progress = f64::from(done) / f64::from(all.saturating_sub(self.options.start).max(1));
         let rate = self.options.rate * FINAL.powf(progress.min(1.0));
         self.dials.step(&gradient, rate, done + 1);
-        // After Adam, whose steps differ by camera and so move the whole.
-        self.hold();
+        if self.gauge == Gauge::Given {
+            // After Adam, whose steps differ by camera and so move the whole.
+            self.hold();
+        }
     }
 
     /// Takes back what all cameras have in common, a turn, a shift and a growth about their middle

@@ -59,6 +59,8 @@ pub struct Trainer {
     pub(crate) corrections: Corrections,
     pub(crate) sampler: Sampler,
     pub(crate) survey_rng: Rng,
+    /// The field stays as it is: only what is learnt about the views changes.
+    frozen: bool,
     parts: Vec<Contribution>,
     features: Features,
     blocks: Pool<Block>,
@@ -73,12 +75,32 @@ impl Trainer {
     ///
     /// Panics if a view's sizes do not fit together or there is no view.
     pub fn new(mut field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
-        assert!(!views.is_empty(), "training needs at least one view");
-        views.iter().for_each(TrainView::check);
         survey::see(
             &mut field,
             &views.iter().map(|view| &view.camera).collect::<Vec<_>>(),
         );
+        Self::begin(field, views, options, seed)
+    }
+
+    /// Learns about the views alone, by a field that stays as it is. The field holds the cameras in
+    /// place, so what they have in common is not taken back.
+    ///
+    /// Panics as [`Trainer::new`] does.
+    pub(crate) fn of_views(
+        field: Field,
+        views: Vec<TrainView>,
+        options: &TrainOptions,
+        seed: u64,
+    ) -> Self {
+        let mut trainer = Self::begin(field, views, options, seed);
+        trainer.frozen = true;
+        trainer.corrections.trust_field();
+        trainer
+    }
+
+    fn begin(field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
+        assert!(!views.is_empty(), "training needs at least one view");
+        views.iter().for_each(TrainView::check);
         Self {
             step: 0,
             pixels: PIXELS[0],
@@ -86,6 +108,7 @@ impl Trainer {
             network_moments: Moments::new(field.network.weights.len()),
             sampler: Sampler::new(&views, seed),
             survey_rng: Rng::new(seed, "occupancy update"),
+            frozen: false,
             parts: (0..PARTS).map(|_| Contribution::default()).collect(),
             features: Features::default(),
             blocks: Pool::default(),
@@ -132,13 +155,15 @@ impl Trainer {
         // One bad batch (an infinite density, say) must not put NaN into moments that live for
         // thousands of steps.
         if stats.loss.is_finite() {
-            self.descend(&parts);
+            if !self.frozen {
+                self.descend(&parts);
+            }
             let pulls = parts.iter().map(|part| &part.pulls);
             self.corrections
                 .descend(pulls, &self.options, self.step, &mut self.views);
         }
         self.step += 1;
-        if self.step.is_multiple_of(OCCUPANCY_EVERY) {
+        if !self.frozen && self.step.is_multiple_of(OCCUPANCY_EVERY) {
             survey::update(&mut self.field, &self.survey_rng, &self.survey);
         }
         self.pixels = self.next_pixels(stats.samples);
