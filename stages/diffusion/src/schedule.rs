@@ -29,7 +29,7 @@ pub struct SchedulerConfig {
 pub enum Prediction {
     /// The velocity v = a eps - s z (Salimans and Ho 2022).
     Velocity,
-    /// The noise eps.
+    /// The noise eps that was added.
     Noise,
 }
 

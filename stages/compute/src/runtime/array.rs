@@ -84,7 +84,8 @@ impl Array {
         }
     }
 
-    /// The same values under another shape of the same size, without a copy.
+    /// These values under another shape of as many elements, without a copy. Panics if it has more
+    /// or fewer.
     pub fn reshape(&self, shape: &[usize]) -> Array {
         let expected: usize = shape.iter().product();
         assert_eq!(

@@ -30,7 +30,7 @@ use time::TimeEmbedding;
 pub use tape::Tape;
 pub use text::TextContext;
 
-/// The denoising network.
+/// The UNet of a latent upscaler, which predicts noise or velocities of noised latents.
 pub struct Unet {
     config: UnetConfig,
     device: Device,
@@ -47,7 +47,7 @@ pub struct Unet {
 pub struct Input<'a> {
     /// The samples `[N, C, h, w]`, any h and w.
     pub sample: &'a Array,
-    /// One timestep each.
+    /// The timestep of each sample, as many as there are samples.
     pub timesteps: &'a [u32],
     /// One class each, if the network knows classes (the x4 upscaler's noise levels).
     pub class_labels: &'a [u32],
@@ -97,7 +97,7 @@ impl Unet {
         Ok(unet)
     }
 
-    /// The network's configuration.
+    /// What its `config.json` says.
     pub fn config(&self) -> &UnetConfig {
         &self.config
     }

@@ -13,7 +13,8 @@ use crate::layers::{GroupNorm, Moments};
 pub(super) enum Statistics {
     /// Each over what it is given.
     Own,
-    /// The same, and what they found is kept: for each normalisation, one entry per tile.
+    /// Each over what it is given. What it found is kept: for each normalisation, one entry per
+    /// tile.
     Gather(Vec<Vec<Moments>>),
     /// Those of all tiles together, for each normalisation.
     Pooled(Vec<Moments>),

@@ -144,7 +144,8 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
     })
 }
 
-/// Reads `points3D.bin`.
+/// Adds the points of `points3D.bin` to a model. Fails with the place in the file and what is wrong
+/// there.
 pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, POINT, |cursor| {
         // Its number, to which nothing that is read here refers.

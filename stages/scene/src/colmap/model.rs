@@ -33,7 +33,7 @@ impl Model {
     }
 }
 
-/// A registered photo.
+/// A photo that COLMAP registered, as `images.txt` or `images.bin` has it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Image {
     /// Its path in the folder of photos.
@@ -78,7 +78,7 @@ pub(super) fn model_by_number(number: i32) -> Result<(&'static str, usize), Stri
         .ok_or_else(|| unsupported(&format!("number {number}")))
 }
 
-/// The same by name, in any case.
+/// A camera model by its name, in any case.
 pub(super) fn model_by_name(name: &str) -> Result<(&'static str, usize), String> {
     let known = MODELS
         .iter()

@@ -91,7 +91,7 @@ impl Buffer {
         Buffer { values, start, len }
     }
 
-    /// `len` zeros.
+    /// A buffer of `len` zeros, which begins with a cache line.
     pub fn zeros(len: usize) -> Buffer {
         // `vec!` asks for zeroed memory, so that nothing is filled twice.
         if len < SMALLEST {

@@ -12,7 +12,7 @@ use crate::runtime::format::Format;
 /// The numbers of one weight.
 #[derive(Clone, Copy)]
 pub enum Values<'a> {
-    /// Ready to use.
+    /// Numbers that are used where they lie.
     F32(&'a [f32]),
     /// Little-endian `f32` that may lie at any address.
     Bytes(&'a [[u8; 4]]),

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The smallest buffer.
+/// Bytes of the smallest buffer: shorter ones are rounded up, so that there are few sizes.
 const SMALLEST: u64 = 256;
 
 /// Bytes on the device, which return to their pool when dropped.

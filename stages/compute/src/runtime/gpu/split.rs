@@ -21,11 +21,11 @@ struct Array<'t> {
 /// How a kernel uses an array that lies in pieces.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Use {
-    /// `x[i]`
+    /// `x[i]` as a value.
     Get,
     /// `x[i] = value`, or one component of it: `.w`
     Put(String),
-    /// `atomicAdd(&x[i], value)`
+    /// An atomic function, here `atomicAdd(&x[i], value)`.
     Call(String),
 }
 

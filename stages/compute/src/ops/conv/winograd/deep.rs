@@ -26,7 +26,7 @@ const CHANNELS: usize = 4;
 
 /// Where transformed kernels come from.
 pub enum TransformedKernels<'a> {
-    /// All are there.
+    /// All of them, transformed before.
     Whole(Kernels<'a>),
     /// They are transformed as they are needed.
     Parts(StoredKernels<'a>),

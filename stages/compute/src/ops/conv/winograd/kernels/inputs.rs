@@ -26,7 +26,7 @@ pub struct TransformInputs<'a> {
     pub source: [&'a [f32]; SIGHT],
     /// Zeros before them, which the first tile sees.
     pub zeros: usize,
-    /// Space.
+    /// Scratch space between the transform down the lines and the one along them.
     pub lines: &'a mut Lines,
     /// (S, P): the tiles' numbers at each spot.
     pub spots: MatrixMut<'a>,

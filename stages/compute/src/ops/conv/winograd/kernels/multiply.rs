@@ -15,7 +15,7 @@ const CHAIN: usize = 32;
 pub struct Multiply<'a> {
     /// (C, R), C at most [`DEPTH`].
     pub kernels: &'a [f32],
-    /// (C, P).
+    /// (C, P), P the tiles of a panel.
     pub tiles: &'a [f32],
     /// (R, P), or fewer rows.
     pub sums: MatrixMut<'a>,

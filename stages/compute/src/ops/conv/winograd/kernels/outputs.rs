@@ -100,7 +100,7 @@ impl TransformOutputs<'_> {
         }
     }
 
-    /// The same of the first `pixels` only: at the image's edge.
+    /// Finishes and stores the first `pixels` of a quad, which ends beyond the image's edge.
     /// SAFETY: that of [`Kernel::run`].
     #[inline(always)]
     unsafe fn write_some<V: Quads>(&mut self, quad: [V; SIDE], at: usize, pixels: usize) {
