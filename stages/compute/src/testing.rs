@@ -1,5 +1,5 @@
 //! The GPU that tests use, of this crate and of those that bring kernels of their own, and the
-//! mishaps that it may have. It knows no operator.
+//! failures that it may have. It knows no operator.
 
 use crate::runtime::device::{Device, GpuError};
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use super::array::Array;
-use super::cpu::buffer::Buffer;
+use super::cpu::buffer::HostBuffer;
 use super::cpu::values::Values;
 use super::device::{Backend, Device};
 use super::gpu::context::Gpu;
@@ -26,7 +26,7 @@ pub struct Weight {
     storage: Storage,
     precision: Precision,
     /// Where the CPU keeps its transformed kernels, if it is to.
-    transformed: Option<Arc<OnceLock<Buffer>>>,
+    transformed: Option<Arc<OnceLock<HostBuffer>>>,
 }
 
 #[derive(Clone)]
@@ -192,7 +192,7 @@ impl Weight {
     }
 
     /// The place for transformed kernels, for CPU kernels only.
-    pub(crate) fn transformed(&self) -> Option<&OnceLock<Buffer>> {
+    pub(crate) fn transformed(&self) -> Option<&OnceLock<HostBuffer>> {
         self.transformed.as_deref()
     }
 

@@ -23,7 +23,7 @@ use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
 use crate::network::Network;
 use crate::source::ModelSource;
 use crate::weights::Weights;
-use layer::{Gathered, Layer, Pass, Walk};
+use layer::{Gathered, Layer, Pass, WalkState};
 use tape::Kept;
 use time::TimeEmbedding;
 
@@ -177,8 +177,8 @@ impl Unet {
         )
     }
 
-    fn enter(&self, input: &Input) -> Walk {
-        Walk {
+    fn enter(&self, input: &Input) -> WalkState {
+        WalkState {
             x: self.conv_in.forward(input.sample),
             skips: Vec::new(),
         }
@@ -201,7 +201,7 @@ impl Unet {
         sample: bool,
     ) -> LoraGradients {
         let pass = Pass::new(&tape.embedding, text, input);
-        let mut walk = Walk {
+        let mut walk = WalkState {
             x: self.backward_head(&tape, dy),
             skips: Vec::new(),
         };

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::buffer::Buffer;
+use super::buffer::HostBuffer;
 use super::chunks::{CHUNK, fill};
 use super::simd::vectorize;
 use crate::runtime::format::Format;
@@ -60,8 +60,8 @@ impl<'a> Values<'a> {
         }
     }
 
-    pub fn to_buffer(self) -> Buffer {
-        let mut out = Buffer::stale(self.len());
+    pub fn to_buffer(self) -> HostBuffer {
+        let mut out = HostBuffer::uninitialised(self.len());
         fill(&mut out, CHUNK, |i, out| self.widen(i * CHUNK, out));
         out
     }
