@@ -89,8 +89,8 @@ impl Exposure {
         [0, 1, 2].map(|c| self.lift[c] - PIVOT * (self.gain[c] - 1.0))
     }
 
-    /// The colour of which a photo shows this.
-    pub fn undone(&self, shown: [f32; 3]) -> [f32; 3] {
+    /// The colour of which a photo shows this: the inverse of the affine map.
+    pub fn inverse(&self, shown: [f32; 3]) -> [f32; 3] {
         [0, 1, 2].map(|c| (shown[c] - self.lift[c]) / self.gain[c])
     }
 }
@@ -192,7 +192,7 @@ mod tests {
     fn undoing_an_exposure_gives_the_colour_back() {
         let exposure = Exposure::of(&VECTOR);
         let shown = [0, 1, 2].map(|c| exposure.gain[c] * 0.4 + exposure.lift[c]);
-        let back = exposure.undone(shown);
+        let back = exposure.inverse(shown);
         assert!(back.iter().all(|c| (c - 0.4).abs() < 1e-6), "{back:?}");
         let offset = exposure.offset();
         assert!((0..3).all(|c| (offset[c] - VECTOR[3 + c]).abs() < 1e-6));

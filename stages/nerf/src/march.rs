@@ -1,4 +1,4 @@
-//! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or
+//! Where along a ray the field is sampled. Knows the occupancy grid, and nothing of densities or
 //! colours.
 
 use formats::{Camera, Ray};

@@ -129,13 +129,14 @@ impl Poses {
         let rate = self.options.rate * FINAL.powf(progress.min(1.0));
         self.parameters.step(&gradient, rate, done + 1);
         // After Adam, whose steps differ by camera and so move the whole.
-        self.hold();
+        self.fix_gauge();
     }
 
-    /// Takes back what all cameras have in common, a turn, a shift and a growth about their middle
-    /// (to first order, by least squares over places and turns): photos say nothing about it, and
-    /// cameras that are not refined with these stay valid.
-    fn hold(&mut self) {
+    /// Takes back the similarity that all cameras have in common: a turn, a shift and a growth about
+    /// their middle, to first order and by least squares over places and turns. Photos do not
+    /// determine it (the gauge freedom of bundle adjustment), and cameras that are not refined with
+    /// these stay valid.
+    fn fix_gauge(&mut self) {
         let count = self.given.len() as f64;
         let middle = self.given.iter().map(Camera::position).sum::<DVec3>() / count;
         let scale = self.given.iter().map(distance).sum::<f64>() / count;
@@ -152,7 +153,7 @@ impl Poses {
                 ]
             })
             .collect();
-        let common = Common::of(&moves);
+        let common = Similarity::of(&moves);
         let own = self
             .given
             .iter()
@@ -175,14 +176,14 @@ impl Poses {
     }
 }
 
-/// What moves of several cameras have in common.
-struct Common {
+/// A similarity of the world to first order: what moves of several cameras have in common.
+struct Similarity {
     turn: DVec3,
     shift: DVec3,
     growth: f64,
 }
 
-impl Common {
+impl Similarity {
     /// Of places about their middle, turns and shifts. The three parts do not mix in the sum of
     /// squares, since places have no mean and a turn moves at right angles to them.
     fn of(moves: &[[DVec3; 3]]) -> Self {
@@ -277,7 +278,7 @@ mod tests {
                 poses.parameters.values[i] =
                     view_vector(turn, shift / distance(given) + DVec3::Y * own);
             }
-            poses.hold();
+            poses.fix_gauge();
             poses.parameters.values
         };
         let most = |numbers: &[f32]| numbers.iter().fold(0.0f32, |most, x| most.max(x.abs()));
