@@ -148,7 +148,7 @@ fn field_facts(path: &Path) -> Vec<(String, Value)> {
         .collect();
     let mut facts = vec![("norms".to_owned(), Value::Object(norms))];
     if let Ok(field) = convert::field(field) {
-        let full = field.fullness();
+        let full = field.occupancy_counts();
         let part = |count: usize| count as f64 / full.cells as f64;
         let occupancy = json!({"cells": full.cells, "seen_by_cameras": part(full.seen), "occupied": part(full.occupied)});
         facts.push(("occupancy".to_owned(), occupancy));

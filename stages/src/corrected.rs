@@ -37,7 +37,7 @@ pub fn photos(images: &ImageSet, trained: &Trained) -> ImageSet {
 /// A photo at the common exposure.
 fn undone(view: View, exposure: &Exposure) -> View {
     let Pixels { rgb, alpha, .. } = view.pixels.encoded();
-    let undone = |shown: &[f32; 3]| exposure.undone(*shown);
+    let undone = |shown: &[f32; 3]| exposure.inverse(*shown);
     let shown = rgb.as_chunks().0;
     let is_told = |shown: &[f32; 3]| {
         let colors = shown.iter().zip(undone(shown));

@@ -114,12 +114,12 @@ fn seeded(sights: &[Sight], options: &SplatOptions) -> Result<Cloud, SeedError> 
         let coverage: Vec<f32> = sight.picture.pixels.iter().map(|pixel| pixel[3]).collect();
         // Places first, from all cameras, and then colours: a splat's colour is a mean over the
         // cameras that see it.
-        seeds.look(&sight.camera, &sight.depth, &coverage);
+        seeds.add_view(&sight.camera, &sight.depth, &coverage);
     }
     let mut cloud = seeds.cloud(options.degree)?;
     let mut colors = Colors::new(&cloud);
     for sight in sights {
-        colors.look(&cloud, &sight.camera, &sight.picture, &sight.depth);
+        colors.add_view(&cloud, &sight.camera, &sight.picture, &sight.depth);
     }
     colors.settle(&mut cloud);
     Ok(cloud)

@@ -183,7 +183,7 @@ fn every_disturbance_costs_at_most_half_a_db_once_it_is_learnt() {
     }
 }
 
-/// The same in seconds: a smaller scene, fewer steps, and only what is learnt against what is not.
+/// All corrections against all disturbances in seconds: a smaller scene and fewer steps.
 #[test]
 fn what_is_learnt_about_photos_wins_back_much_of_what_disturbs_them() {
     let size = small();

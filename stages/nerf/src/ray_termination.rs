@@ -1,5 +1,5 @@
-//! Which samples of some rays are seen: densities from front to back, until little of what lies
-//! behind would show. Knows nothing of colours or gradients.
+//! Early ray termination: which samples of some rays are visible. Densities are looked up from front
+//! to back, until little of what lies behind would show. Knows nothing of colours or gradients.
 
 use crate::composite;
 use crate::exponential::exp;
@@ -10,27 +10,27 @@ use crate::positions::Positions;
 use crate::samples::Samples;
 use std::ops::Range;
 
-/// Samples of every ray that are looked at together: enough to fill the kernels, few enough not to
+/// Samples of every ray whose densities are looked up together: enough to fill the kernels, few enough not to
 /// go far behind a surface.
 const WAVE: usize = 16;
-/// In an image, samples of less weight than this are left out. Haze before a surface is most of
+/// In an image, samples of less compositing weight than this are left out. Haze before a surface is most of
 /// what rays pass through, and all of it together shows less than half a step of an 8-bit value.
-pub const FAINT: f32 = 1e-4;
-/// The row of a sample that is not seen.
+pub const MIN_WEIGHT: f32 = 1e-4;
+/// The row of a sample that is not visible.
 const NONE: u32 = u32::MAX;
 
-/// The search for the ends of some rays, wave by wave: [`Look::ask`] says which features it needs
-/// next, and [`Look::answer`] goes on once they are there.
+/// The search for the last visible sample of some rays, wave by wave: [`RayTermination::request`] says
+/// which features it needs next, and [`RayTermination::advance`] goes on once they are there.
 #[derive(Default)]
-pub struct Look {
-    /// By sample that is seen: its place among the features.
+pub struct RayTermination {
+    /// By sample: its row among the features, [`NONE`] where it is not visible. After
+    /// [`RayTermination::keep_visible`] visible samples alone have one.
     pub rows: Vec<u32>,
-    /// How many samples were looked at.
-    pub looked: usize,
-    /// By place among the features: what the density network gives there, rows of [`GEOMETRY`]
-    /// numbers. Kept by [`Look::along`] alone.
+    /// Samples whose density was computed so far.
+    pub queried: usize,
+    /// [feature row][[`GEOMETRY`]]: outputs of the density network. Kept by [`RayTermination::run`] alone.
     pub geometry: Vec<f32>,
-    /// The least weight of a sample that is seen.
+    /// The least compositing weight of a visible sample.
     least: f32,
     open: Vec<Open>,
     /// The next samples of the open rays and where they are; once asked for, the place of the first
@@ -42,13 +42,13 @@ pub struct Look {
     depths: Vec<f32>,
 }
 
-/// A ray whose end is not found yet.
+/// A ray whose last visible sample is not found yet.
 struct Open {
     rest: Range<usize>,
     optical_depth: f32,
 }
 
-impl Look {
+impl RayTermination {
     /// Begins with the rays of `samples`.
     pub fn start(&mut self, samples: &Samples) {
         self.open.clear();
@@ -58,8 +58,8 @@ impl Look {
         }));
         self.rows.clear();
         self.rows.resize(samples.t.len(), NONE);
-        self.looked = 0;
-        // Training leaves nothing faint out; `along` sets a bound of its own.
+        self.queried = 0;
+        // Training leaves nothing faint out; `run` sets a bound of its own.
         self.least = 0.0;
         self.next_wave(samples);
     }
@@ -73,25 +73,25 @@ impl Look {
                 .map(|sample| sample as u32),
         );
         self.positions.clear();
-        // Made ahead, in the threads of the parts: `ask` runs in one thread and only copies.
+        // Made ahead, in the threads of the parts: `request` runs in one thread and only copies.
         self.positions.gather(&samples.positions, &self.wave);
         self.positions.pad();
     }
 
     /// Adds the positions of the next samples of every open ray to `features`; whether there are
     /// any.
-    pub fn ask(&mut self, features: &mut Features) -> bool {
+    pub fn request(&mut self, features: &mut Features) -> bool {
         self.first = features.positions.len();
         features
             .positions
             .extend(&self.positions, 0..self.positions.len());
-        self.looked += self.wave.len();
+        self.queried += self.wave.len();
         !self.wave.is_empty()
     }
 
-    /// Notes which samples of the wave are seen, closes the rays that end, and goes on to the next
+    /// Notes which samples of the wave are visible, closes the rays that end, and goes on to the next
     /// wave.
-    pub fn answer(
+    pub fn advance(
         &mut self,
         field: &Field,
         samples: &Samples,
@@ -108,8 +108,9 @@ impl Look {
         self.close(samples);
     }
 
-    /// The same, which keeps what the density network gives.
-    fn answer_and_keep(
+    /// [`RayTermination::advance`] that also keeps the density network's outputs, which rendering
+    /// would otherwise compute again.
+    fn advance_and_keep(
         &mut self,
         field: &Field,
         samples: &Samples,
@@ -145,7 +146,7 @@ impl Look {
             let wave = (self.first + row..).zip(ray.rest.start..ray.rest.start + seen);
             for ((row, sample), depth) in wave.zip(depths) {
                 let next = transmittance * exp(-depth);
-                // What is not a number is not faint: it is to be seen.
+                // What is not a number is not faint: it is to be visible.
                 let faint = transmittance - next < self.least;
                 if !faint {
                     self.rows[sample] = row as u32;
@@ -154,14 +155,14 @@ impl Look {
             }
             row += length;
             ray.rest.start += length;
-            // A ray goes on only if all of its wave was seen and some of it is left.
+            // A ray goes on only if all of its wave was visible and some of it is left.
             seen == length && !ray.rest.is_empty()
         });
         self.next_wave(samples);
     }
 
-    /// Drops the samples that are not seen.
-    pub fn cut(&mut self, samples: &mut Samples) {
+    /// Drops the samples that are not visible.
+    pub fn keep_visible(&mut self, samples: &mut Samples) {
         let kept: Vec<u32> = (0..self.rows.len() as u32)
             .filter(|&sample| self.rows[sample as usize] != NONE)
             .collect();
@@ -169,8 +170,8 @@ impl Look {
         samples.keep(&kept);
     }
 
-    /// The whole search on one thread, for samples of at least this weight.
-    pub fn along(
+    /// The whole search on one thread, for samples of at least the weight `least`.
+    pub fn run(
         &mut self,
         field: &Field,
         samples: &mut Samples,
@@ -182,10 +183,10 @@ impl Look {
         self.geometry.clear();
         self.start(samples);
         self.least = least;
-        while self.ask(features) {
+        while self.request(features) {
             features.look_ups(field).for_each(LookUp::run);
-            self.answer_and_keep(field, samples, features, scratch);
+            self.advance_and_keep(field, samples, features, scratch);
         }
-        self.cut(samples);
+        self.keep_visible(samples);
     }
 }

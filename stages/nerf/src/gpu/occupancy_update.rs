@@ -8,21 +8,21 @@ use crate::field::Field;
 use compute::kernels::{Buffer, Gpu, zeros};
 use compute::rng::Rng;
 
-/// Updates that look at every cell, before sampling starts.
+/// Updates that measure every cell, before sampling starts.
 const WARM_UP: u32 = 16;
-/// What a cell keeps of its value when it is looked at again.
+/// What a cell keeps of its value when it is measured again.
 const DECAY: f32 = 0.95;
 /// Workgroups that take turns at drawing cells.
 const DRAWING: u32 = 64;
 
 /// The cells that some camera sees, a bit each, and how many there are before each word.
-pub struct GpuSurvey {
+pub struct GpuOccupancyUpdate {
     seen: Buffer,
     before_seen: Buffer,
     words: usize,
 }
 
-impl GpuSurvey {
+impl GpuOccupancyUpdate {
     /// For a field whose cells have been marked as seen or not.
     pub fn new(resident: &Resident, field: &Field) -> Self {
         let words = field.occupancy.cells().div_ceil(32);
@@ -41,13 +41,14 @@ impl GpuSurvey {
         }
     }
 
-    /// Update number `round`.
+    /// Updates the grid and what follows from it. `round` is how many updates came before: it
+    /// decides which cells are drawn.
     pub fn update(&self, resident: &Resident, field: &Field, rng: &Rng, round: u32) {
         if round < WARM_UP {
-            self.look(resident, field, [&self.seen, &self.before_seen], rng, round);
+            self.fold_fresh(resident, field, [&self.seen, &self.before_seen], rng, round);
         } else {
             let marked = self.draw(resident, rng, round);
-            self.look(
+            self.fold_fresh(
                 resident,
                 field,
                 [&marked, &scan(resident, &marked, self.words)],
@@ -62,7 +63,7 @@ impl GpuSurvey {
     fn draw(&self, resident: &Resident, rng: &Rng, round: u32) -> Buffer {
         let gpu = &*resident.gpu;
         let [low, high] = rng.key();
-        // A set, so that a cell that is drawn twice is looked at once.
+        // A set, so that a cell that is drawn twice is measured once.
         let marked = zeros(gpu, self.words);
         let occupied = scan(resident, &resident.bits, self.words);
         for (part, set) in [
@@ -90,7 +91,14 @@ impl GpuSurvey {
     }
 
     /// Folds fresh optical depths of a set of cells into the grid.
-    fn look(&self, resident: &Resident, field: &Field, set: [&Buffer; 2], rng: &Rng, round: u32) {
+    fn fold_fresh(
+        &self,
+        resident: &Resident,
+        field: &Field,
+        set: [&Buffer; 2],
+        rng: &Rng,
+        round: u32,
+    ) {
         let grid = &field.occupancy;
         let [low, high] = rng.key();
         let update = Update {
@@ -116,7 +124,7 @@ impl GpuSurvey {
             ..
         } = resident;
         let arrays = [set[0], set[1], levels, table, weights, values];
-        start(gpu, &programs.survey, &arrays, update, TURNS);
+        start(gpu, &programs.occupancy_update, &arrays, update, TURNS);
     }
 }
 
@@ -157,13 +165,13 @@ mod tests {
         let cells = field.occupancy.cells();
         field
             .occupancy
-            .see(&(0..cells).map(|cell| cell % 3 > 0).collect::<Vec<_>>());
+            .set_seen(&(0..cells).map(|cell| cell % 3 > 0).collect::<Vec<_>>());
         let resident = Resident::new(device.open_gpu().unwrap(), &field);
-        let survey = GpuSurvey::new(&resident, &field);
+        let occupancy_update = GpuOccupancyUpdate::new(&resident, &field);
         let rng = Rng::new(3, "survey test");
         for round in 0..24 {
-            survey.update(&resident, &field, &rng, round);
-            crate::survey::update(&mut field, &rng, &Pool::default());
+            occupancy_update.update(&resident, &field, &rng, round);
+            crate::occupancy_update::update(&mut field, &rng, &Pool::default());
         }
         let values = resident.gpu.read(&resident.values, cells);
         for (cell, (got, expected)) in values.iter().zip(&field.occupancy.values).enumerate() {

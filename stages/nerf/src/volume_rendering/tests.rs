@@ -1,9 +1,9 @@
-//! The gradients of a block of rays against finite differences, and what its fog and its cut do.
+//! The gradients of a bundle of rays against finite differences, and what its fog and its cut do.
 
 use super::*;
 use crate::config::FieldConfig;
 use crate::kernels::hash::encode_backward;
-use crate::look::{FAINT, Look};
+use crate::ray_termination::{MIN_WEIGHT, RayTermination};
 use compute::rng::Rng;
 use half::f16;
 
@@ -38,7 +38,7 @@ fn field() -> Field {
 
 /// Rays through the box, with the gradients that a loss would send back: a linear loss, different
 /// for each ray.
-fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
+fn rays() -> (Vec<Segment>, Vec<f32>, Vec<RayOutputGradient>) {
     let rng = Rng::new(12, "block test");
     let segment = |i: u64| {
         let direction = [0.3 * rng.normal(0, i), 0.3 * rng.normal(1, i), 1.0];
@@ -53,7 +53,7 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
             depth: [0.0, 1.0, 0.0],
         }
     };
-    let gradient = |i: u64| SeenGradient {
+    let gradient = |i: u64| RayOutputGradient {
         rgb: [2, 3, 4].map(|c| rng.normal(c, i)),
         transmittance: rng.normal(5, i),
     };
@@ -64,24 +64,24 @@ fn rays() -> (Vec<Segment>, Vec<f32>, Vec<SeenGradient>) {
     )
 }
 
-/// Marched and looked along: what a block needs, and how many samples were looked at.
-fn look(field: &Field, least: f32) -> (Samples, Features, Look) {
+/// The visible samples of [`rays`], their features and their rows among these.
+fn visible_samples(field: &Field, least: f32) -> (Samples, Features, RayTermination) {
     let mut samples = Samples::default();
     let mut features = Features::default();
-    let mut look = Look::default();
+    let mut termination = RayTermination::default();
     let (segments, jitter, _) = rays();
     segments
         .into_iter()
         .zip(jitter)
         .for_each(|(segment, jitter)| samples.march(field, segment, jitter));
-    look.along(
+    termination.run(
         field,
         &mut samples,
         &mut features,
         &mut Activations::default(),
         least,
     );
-    (samples, features, look)
+    (samples, features, termination)
 }
 
 const REGULARIZER: Regularizer = Regularizer {
@@ -91,16 +91,16 @@ const REGULARIZER: Regularizer = Regularizer {
 };
 
 fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient) {
-    let (samples, features, look) = look(field, 0.0);
-    let d_seen = rays().2;
-    let mut block = Block::default();
-    let rays = Rays {
+    let (samples, features, termination) = visible_samples(field, 0.0);
+    let d_outputs = rays().2;
+    let mut renderer = VolumeRenderer::default();
+    let rays = RayBundle {
         samples: &samples,
-        range: 0..d_seen.len(),
+        range: 0..d_outputs.len(),
         features: &features,
-        rows: &look.rows,
+        rows: &termination.rows,
     };
-    let linear = |(seen, d): (&Seen, &SeenGradient)| {
+    let linear = |(seen, d): (&RayOutput, &RayOutputGradient)| {
         let colors = seen
             .rgb
             .iter()
@@ -109,16 +109,23 @@ fn loss_and_gradient(field: &Field, regularizer: Regularizer) -> (f64, Gradient)
             .sum::<f64>();
         colors + f64::from(seen.transmittance * d.transmittance)
     };
-    let seen: f64 = block
+    let seen: f64 = renderer
         .forward(field, &rays)
         .iter()
-        .zip(&d_seen)
+        .zip(&d_outputs)
         .map(linear)
         .sum();
     let mut passed = FieldGradient::default();
     passed.clear(field);
     let transposed = field.network.transposed();
-    let distortion = block.backward(field, &transposed, &rays, &d_seen, regularizer, &mut passed);
+    let distortion = renderer.backward(
+        field,
+        &transposed,
+        &rays,
+        &d_outputs,
+        regularizer,
+        &mut passed,
+    );
     passed.pad();
     let mut table = vec![[0.0; 2]; field.table.len()];
     for (level, d) in field.levels.iter().zip(&passed.levels) {
@@ -232,22 +239,24 @@ fn what_is_faint_is_left_out_and_hardly_missed() {
         .iter_mut()
         .step_by(GEOMETRY)
         .for_each(|w| *w *= 4.0);
-    let (all, features, whole) = look(&field, 0.0);
-    let (kept, _, thinned) = look(&field, FAINT);
+    let (all, features, whole) = visible_samples(&field, 0.0);
+    let (kept, _, thinned) = visible_samples(&field, MIN_WEIGHT);
     assert!(!kept.t.is_empty() && kept.t.len() < all.t.len());
-    let see = |samples: &Samples, look: &Look| {
-        let rays = Rays {
+    let see = |samples: &Samples, termination: &RayTermination| {
+        let rays = RayBundle {
             samples,
             range: 0..samples.rays.len(),
             features: &features,
-            rows: &look.rows,
+            rows: &termination.rows,
         };
-        let mut block = Block::default();
-        let seen = block.forward_from(&field, &rays, &look.geometry).to_vec();
-        assert_eq!(seen, block.forward(&field, &rays), "the same densities");
+        let mut renderer = VolumeRenderer::default();
+        let seen = renderer
+            .forward_from(&field, &rays, &termination.geometry)
+            .to_vec();
+        assert_eq!(seen, renderer.forward(&field, &rays), "the same densities");
         seen
     };
-    let most = all.rays.iter().map(|ray| ray.len()).max().unwrap() as f32 * FAINT;
+    let most = all.rays.iter().map(|ray| ray.len()).max().unwrap() as f32 * MIN_WEIGHT;
     for (thin, whole) in see(&kept, &thinned).iter().zip(see(&all, &whole)) {
         assert!((thin.transmittance - whole.transmittance).abs() <= most);
     }
@@ -257,17 +266,17 @@ fn what_is_faint_is_left_out_and_hardly_missed() {
 fn what_a_wall_hides_is_cut_off() {
     let mut field = field();
     let see = |field: &Field| {
-        let (samples, features, look) = look(field, 0.0);
-        let rays = Rays {
+        let (samples, features, termination) = visible_samples(field, 0.0);
+        let rays = RayBundle {
             samples: &samples,
             range: 0..samples.rays.len(),
             features: &features,
-            rows: &look.rows,
+            rows: &termination.rows,
         };
         (
-            Block::default().forward(field, &rays).to_vec(),
+            VolumeRenderer::default().forward(field, &rays).to_vec(),
             samples.t.len(),
-            look.looked,
+            termination.queried,
         )
     };
     let (seen, kept, before) = see(&field);
@@ -278,11 +287,11 @@ fn what_a_wall_hides_is_cut_off() {
         .matrix_mut(1)
         .iter_mut()
         .for_each(|w| *w = w.abs() * 100.0);
-    let (walled, kept, looked) = see(&field);
+    let (walled, kept, queried) = see(&field);
     assert!(kept < before / 2, "{kept} of {before}");
     assert!(
-        looked < before,
-        "a ray that has ended is not looked along any further"
+        queried < before,
+        "a ray that has ended is not queried along any further"
     );
     assert!(
         walled.iter().zip(&seen).all(

@@ -1,7 +1,8 @@
-//! A block of rays through the field: from the features of their samples through the networks to
-//! what the rays see, and all the way back. Knows nothing of pixels, losses or optimisers.
+//! Volume rendering of a bundle of rays and its backward pass: from the hash features of their
+//! samples through the networks to each ray's colour, transmittance and distance. Knows nothing of
+//! pixels, losses or optimisers.
 //!
-//! The arrays of a block fit into the second-level cache; one thread takes a block from the
+//! The arrays of a bundle fit into the second-level cache; one thread takes a bundle from the
 //! features to the gradients.
 
 use crate::composite;
@@ -17,9 +18,9 @@ use crate::samples::Samples;
 use crate::spherical::harmonics_backward;
 use std::ops::Range;
 
-/// What one ray sees.
+/// What volume rendering gives for one ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct RayOutput {
     /// Colour without background: sum of w c.
     pub rgb: [f32; 3],
     /// What is left of the background: T_end.
@@ -28,12 +29,12 @@ pub struct Seen {
     pub distance: f32,
 }
 
-/// Gradients of a loss to what one ray sees.
+/// Gradients of a loss to a [`RayOutput`].
 #[derive(Clone, Copy, Debug, Default)]
-pub struct SeenGradient {
+pub struct RayOutputGradient {
     /// To the colour without background.
     pub rgb: [f32; 3],
-    /// To the transmittance.
+    /// To the transmittance of the whole ray.
     pub transmittance: f32,
 }
 
@@ -55,9 +56,9 @@ pub struct Regularizer {
 pub struct FieldGradient {
     /// Summed, in the layout of the networks' weights.
     pub weights: Vec<f32>,
-    /// Sample positions.
+    /// Sample positions in unit space.
     pub positions: Positions,
-    /// `[level][position]`.
+    /// `[level][position]`: gradients to the looked-up features.
     pub levels: Vec<Vec<[f32; FEATURES]>>,
     /// The gradient to the direction of every ray, where it is asked for.
     pub directions: Option<Vec<[f32; 3]>>,
@@ -83,27 +84,27 @@ impl FieldGradient {
     }
 }
 
-/// The rays of a block.
+/// Rays that are rendered together.
 #[derive(Clone)]
-pub struct Rays<'a> {
+pub struct RayBundle<'a> {
     /// These and others, with their samples.
     pub samples: &'a Samples,
-    /// Which of them are the block's; at least one.
+    /// Which of them are the bundle's; at least one.
     pub range: Range<usize>,
-    /// What was looked up.
+    /// Hash features of all samples and of some that turned out not to be visible.
     pub features: &'a Features,
-    /// By sample: its place among the features.
+    /// By sample: its row among the features.
     pub rows: &'a [u32],
 }
 
-impl Rays<'_> {
+impl RayBundle<'_> {
     /// The samples of all rays.
     fn span(&self) -> Range<usize> {
         let rays = &self.samples.rays[self.range.clone()];
         rays[0].start..rays[rays.len() - 1].end
     }
 
-    /// Every ray with the places of its samples among the block's.
+    /// Every ray with the places of its samples among the bundle's.
     fn each(&self) -> impl Iterator<Item = (&Segment, Range<usize>)> {
         let rays = &self.samples.rays[self.range.clone()];
         let first = rays[0].start;
@@ -114,22 +115,23 @@ impl Rays<'_> {
     }
 }
 
-/// What a forward pass leaves for the backward pass, and scratch space, to be used again and again.
+/// What a forward pass leaves for the backward pass, and scratch space. Used again for the next
+/// bundle, so that nothing is allocated anew.
 #[derive(Default)]
-pub struct Block {
+pub struct VolumeRenderer {
     /// Free for others between a backward pass and the next forward pass.
     pub activations: Activations,
     sigma: Vec<f32>,
     colors: Vec<[f32; 3]>,
     weights: Vec<f32>,
-    seen: Vec<Seen>,
+    outputs: Vec<RayOutput>,
     d_weights: Vec<f32>,
     d_sigma: Vec<f32>,
 }
 
-impl Block {
-    /// What each ray sees.
-    pub fn forward(&mut self, field: &Field, rays: &Rays<'_>) -> &[Seen] {
+impl VolumeRenderer {
+    /// Renders a bundle. The outputs are in the order of its rays.
+    pub fn forward(&mut self, field: &Field, rays: &RayBundle<'_>) -> &[RayOutput] {
         let span = rays.span();
         let rows = rays.rows[span.clone()].iter().map(|&row| row as usize);
         rays.features
@@ -138,9 +140,14 @@ impl Block {
         self.shade(field, rays)
     }
 
-    /// The same for densities that are known: `geometry` has a row of [`GEOMETRY`] numbers for each
-    /// place among the features.
-    pub fn forward_from(&mut self, field: &Field, rays: &Rays<'_>, geometry: &[f32]) -> &[Seen] {
+    /// Renders a bundle whose densities are known: `geometry` has a row of [`GEOMETRY`] outputs of the
+    /// density network for each row of features.
+    pub fn forward_from(
+        &mut self,
+        field: &Field,
+        rays: &RayBundle<'_>,
+        geometry: &[f32],
+    ) -> &[RayOutput] {
         let span = rays.span();
         let into = &mut self.activations.geometry;
         into.clear();
@@ -152,8 +159,8 @@ impl Block {
         self.shade(field, rays)
     }
 
-    /// From the density network's outputs to what each ray sees.
-    fn shade(&mut self, field: &Field, rays: &Rays<'_>) -> &[Seen] {
+    /// From the density network's outputs to those of the rays.
+    fn shade(&mut self, field: &Field, rays: &RayBundle<'_>) -> &[RayOutput] {
         let span = rays.span();
         self.sigma.clear();
         self.sigma.extend(
@@ -165,12 +172,12 @@ impl Block {
         );
         self.color(field, rays);
         self.composite(rays);
-        &self.seen
+        &self.outputs
     }
 
-    fn color(&mut self, field: &Field, rays: &Rays<'_>) {
+    fn color(&mut self, field: &Field, rays: &RayBundle<'_>) {
         self.activations
-            .see(rays.each().map(|(segment, ray)| (segment.view, ray)));
+            .set_directions(rays.each().map(|(segment, ray)| (segment.view, ray)));
         field.network.color(&mut self.activations);
         let rows = self
             .activations
@@ -182,39 +189,40 @@ impl Block {
             .extend(rows.map(|row| [sigmoid(row[0]), sigmoid(row[1]), sigmoid(row[2])]));
     }
 
-    fn composite(&mut self, rays: &Rays<'_>) {
+    fn composite(&mut self, rays: &RayBundle<'_>) {
         let t = &rays.samples.t[rays.span()];
         let dt = &rays.samples.dt[rays.span()];
         self.weights.resize(t.len(), 0.0);
-        self.seen.clear();
+        self.outputs.clear();
         for (_, ray) in rays.each() {
             let weights = &mut self.weights[ray.clone()];
             let transmittance =
                 composite::weights(&self.sigma[ray.clone()], &dt[ray.clone()], weights);
-            let mut seen = Seen {
+            let mut output = RayOutput {
                 transmittance,
-                ..Seen::default()
+                ..RayOutput::default()
             };
             for ((weight, t), color) in weights.iter().zip(&t[ray.clone()]).zip(&self.colors[ray]) {
-                seen.distance += weight * t;
-                seen.rgb
+                output.distance += weight * t;
+                output
+                    .rgb
                     .iter_mut()
                     .zip(color)
                     .for_each(|(sum, color)| *sum += weight * color);
             }
-            self.seen.push(seen);
+            self.outputs.push(output);
         }
     }
 
-    /// The backward pass of the last [`Block::forward`]: adds to the gradient of the networks'
+    /// The backward pass of the last [`VolumeRenderer::forward`]: adds to the gradient of the networks'
     /// weights, appends the one to the hash features, and returns the distortion loss (unweighted,
     /// summed over rays).
     pub fn backward(
         &mut self,
         field: &Field,
         transposed: &Transposed,
-        rays: &Rays<'_>,
-        d_seen: &[SeenGradient],
+        rays: &RayBundle<'_>,
+        d_outputs: &[RayOutputGradient],
         regularizer: Regularizer,
         gradient: &mut FieldGradient,
     ) -> f32 {
@@ -222,10 +230,10 @@ impl Block {
         self.d_weights.resize(self.sigma.len(), 0.0);
         // Not cleared: the backward pass of the weights writes all of it.
         self.d_sigma.resize(self.sigma.len(), 0.0);
-        // Rows of padding must not bring the gradients of the block before.
+        // Rows of padding must not bring the gradients of the bundle before.
         self.activations.color.fill(0.0);
         let mut distortion = 0.0;
-        for (r, ((segment, ray), d)) in rays.each().zip(d_seen).enumerate() {
+        for (r, ((segment, ray), d)) in rays.each().zip(d_outputs).enumerate() {
             distortion += self.ray_backward(rays, r, segment, ray, d, regularizer);
         }
         field
@@ -249,11 +257,11 @@ impl Block {
     /// distortion loss.
     fn ray_backward(
         &mut self,
-        rays: &Rays<'_>,
+        rays: &RayBundle<'_>,
         r: usize,
         segment: &Segment,
         ray: Range<usize>,
-        d: &SeenGradient,
+        d: &RayOutputGradient,
         regularizer: Regularizer,
     ) -> f32 {
         let weights = &self.weights[ray.clone()];
@@ -288,7 +296,7 @@ impl Block {
         composite::weights_backward(
             dt,
             weights,
-            self.seen[r].transmittance,
+            self.outputs[r].transmittance,
             d_weights,
             d.transmittance,
             d_sigma,
@@ -313,7 +321,7 @@ impl Block {
     }
 
     /// Appends the gradients to the rays' directions, of which only colours know.
-    fn append_directions(&self, field: &Field, rays: &Rays<'_>, to: &mut FieldGradient) {
+    fn append_directions(&self, field: &Field, rays: &RayBundle<'_>, to: &mut FieldGradient) {
         let Some(directions) = &mut to.directions else {
             return;
         };
@@ -322,7 +330,7 @@ impl Block {
         directions.extend(rays.map(|((segment, _), d)| harmonics_backward(segment.view, &d)));
     }
 
-    fn append(&self, rays: &Rays<'_>, width: usize, to: &mut FieldGradient) {
+    fn append(&self, rays: &RayBundle<'_>, width: usize, to: &mut FieldGradient) {
         to.positions.extend(&rays.samples.positions, rays.span());
         for (l, level) in to.levels.iter_mut().enumerate() {
             let rows = self

@@ -1,5 +1,5 @@
-// Looks at a random point in each cell of a set, 64 at a time, and folds the optical depth of the
-// shortest step there into the grid.
+// Measures the density at a random point in each cell of a set, 64 at a time, and folds the optical
+// depth of the shortest step there into the grid.
 @group(0) @binding(1) var<storage, read> members: array<u32>;
 @group(0) @binding(2) var<storage, read> before: array<u32>;
 @group(0) @binding(3) var<storage, read> levels: array<Level>;

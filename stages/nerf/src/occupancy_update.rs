@@ -11,21 +11,21 @@ use formats::Camera;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Updates that look at every cell, before sampling starts.
+/// Updates that measure every cell, before sampling starts.
 const WARM_UP: u32 = 16;
-/// After the warm-up an update looks at one in so many of the seen cells, and at as many of the
+/// After the warm-up an update measures one in so many of the seen cells, and at as many of the
 /// occupied ones.
 const SHARE: usize = 8;
-/// Cells one task looks at: enough for a level of the hash grid to be worth fetching, and not too
+/// Cells one task measures: enough for a level of the hash grid to be worth fetching, and not too
 /// many to remember.
 const CHUNK: usize = 4096;
 
-/// Scratch space of a task.
-pub type SurveyScratch = (Features, Activations);
+/// Scratch space of a task: the features of its cells, and the density network's activations.
+pub type UpdateScratch = (Features, Activations);
 
 /// Marks the cells that no camera can see, between its near and far and within its image, as empty
 /// for good.
-pub fn see(field: &mut Field, cameras: &[&Camera]) {
+pub fn mark_unseen_cells(field: &mut Field, cameras: &[&Camera]) {
     let grid = &field.occupancy;
     let views: Vec<_> = cameras
         .iter()
@@ -52,7 +52,7 @@ pub fn see(field: &mut Field, cameras: &[&Camera]) {
                 .any(|(camera, window, range)| sees(camera, *window, *range, center, radius))
         })
         .collect();
-    field.occupancy.see(&seen);
+    field.occupancy.set_seen(&seen);
 }
 
 /// Whether any of a ball around a world point may be in a camera's view, of which `window` is its
@@ -81,9 +81,9 @@ fn sees(
 
 /// One update of the grid: all seen cells at first, then some at random and some of the occupied,
 /// each at a random point in it. The optical depth of a cell is that of the shortest marching step.
-pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<SurveyScratch>) {
+pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<UpdateScratch>) {
     let round = u64::from(field.occupancy.updates);
-    let cells = cells_to_look_at(field, rng, round);
+    let cells = cells_to_update(field, rng, round);
     let shortest = field.stride().shortest;
     let fresh: Vec<f32> = cells
         // Fixed chunks, joined in their order: threads change nothing.
@@ -96,9 +96,9 @@ pub fn update(field: &mut Field, rng: &Rng, scratch: &Pool<SurveyScratch>) {
     field.occupancy.update(&cells, &optical_depths);
 }
 
-fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
+fn cells_to_update(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
     let seen = field.occupancy.seen_cells();
-    // At first nothing is known: one look at a part of the cells would leave the others marked as
+    // At first nothing is known: measuring a part of the cells would leave the others marked as
     // occupied, and rays would march through them.
     if field.occupancy.updates < WARM_UP {
         return seen;
@@ -115,7 +115,7 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
         let drawn: Vec<u32> = (0..from.len() / SHARE).into_par_iter().map(draw).collect();
         drawn
             .into_iter()
-            // As a set of bits, cells that were drawn twice are looked at once, and in ascending
+            // As a set of bits, cells that were drawn twice are measured once, and in ascending
             // order, which the tables' cache lines like.
             .for_each(|cell| set[cell as usize / 64] |= 1 << (cell % 64));
     }
@@ -125,7 +125,7 @@ fn cells_to_look_at(field: &Field, rng: &Rng, round: u64) -> Vec<u32> {
 fn densities(
     field: &Field,
     cells: &[u32],
-    (features, scratch): &mut SurveyScratch,
+    (features, scratch): &mut UpdateScratch,
     rng: &Rng,
     round: u64,
 ) -> Vec<f32> {
@@ -184,7 +184,7 @@ mod tests {
     fn every_point_of_every_ray_lies_in_a_seen_cell() {
         let mut field = field();
         let camera = camera();
-        see(&mut field, &[&camera]);
+        mark_unseen_cells(&mut field, &[&camera]);
         assert!(field.occupancy.seen_cells().len() < field.occupancy.cells());
         for i in 0..16 * 12 {
             let px = f64::from(i % 16) + 0.1;

@@ -1,14 +1,14 @@
-//! Asks a field about single points rather than rays: their colours, and how full its box is. Knows
-//! nothing of cameras.
+//! Point queries: colours and densities of a field at single points rather than along rays, and how
+//! much of its box is occupied. Knows nothing of cameras.
 
 use crate::exponential::sigmoid;
 use crate::field::Field;
 use crate::network::{Activations, COLOR_OUTPUT};
 
-/// How full a field's box is, in cells of its occupancy grid.
+/// How much of a field's box may hold something, in cells of its occupancy grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fullness {
-    /// All cells.
+pub struct OccupancyCounts {
+    /// All cells of the grid.
     pub cells: usize,
     /// Those that some camera sees.
     pub seen: usize,
@@ -29,7 +29,7 @@ impl Field {
         );
         self.network.density(&mut activations);
         // A point is a ray of its own here, with its own direction.
-        activations.see(
+        activations.set_directions(
             directions
                 .iter()
                 .enumerate()
@@ -72,9 +72,9 @@ impl Field {
             .collect()
     }
 
-    /// How full the box is.
-    pub fn fullness(&self) -> Fullness {
-        Fullness {
+    /// Counts the cells of the occupancy grid. They are those of the last occupancy update.
+    pub fn occupancy_counts(&self) -> OccupancyCounts {
+        OccupancyCounts {
             cells: self.occupancy.cells(),
             seen: self.occupancy.seen_cells().len(),
             occupied: self.occupancy.occupied_cells().len(),
@@ -112,8 +112,8 @@ mod tests {
             "outside there is nothing: {densities:?}"
         );
         assert_eq!(
-            field.fullness(),
-            Fullness {
+            field.occupancy_counts(),
+            OccupancyCounts {
                 cells: 16,
                 seen: 16,
                 occupied: 16

@@ -1,29 +1,29 @@
-//! Six numbers of every view, which Adam turns while a field is trained. Knows nothing of what they
-//! mean.
+//! Six learnt parameters of every view, and the Adam optimiser that moves them while a field is
+//! trained. Knows nothing of what they mean.
 
 use crate::tensors::{FieldError, Tensors, take};
 
-/// How many numbers a view has.
+/// Parameters of a view.
 pub const COUNT: usize = 6;
 const BETA1: f32 = 0.9;
 /// A view has few pixels in a batch, so its gradients scatter more than a field's.
 const BETA2: f32 = 0.999;
 const EPSILON: f32 = 1e-12;
 
-/// The numbers of one view, or a gradient to them.
-pub type Dial = [f32; COUNT];
+/// The parameters of one view, or a gradient to them.
+pub type ViewVector = [f32; COUNT];
 
-/// The numbers of all views, with Adam's moments (Kingma and Ba 2015).
+/// The parameters of all views, with Adam's moments (Kingma and Ba 2015).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Dials {
-    /// The numbers, view by view.
-    pub values: Vec<Dial>,
-    first: Vec<Dial>,
-    second: Vec<Dial>,
+pub struct ViewParameters {
+    /// By view, in the trainer's order.
+    pub values: Vec<ViewVector>,
+    first: Vec<ViewVector>,
+    second: Vec<ViewVector>,
 }
 
-impl Dials {
-    /// All zero.
+impl ViewParameters {
+    /// All zero, moments too.
     pub fn new(views: usize) -> Self {
         let zero = || vec![[0.0; COUNT]; views];
         Self {
@@ -34,7 +34,7 @@ impl Dials {
     }
 
     /// Step number `n`, from 1.
-    pub fn step(&mut self, gradient: &[Dial], rate: f64, n: u32) {
+    pub fn step(&mut self, gradient: &[ViewVector], rate: f64, n: u32) {
         let n = i32::try_from(n).unwrap_or(i32::MAX);
         // In f64: 1 - 0.999^n has few digits in f32 while n is small.
         let correction = (1.0 - f64::from(BETA2).powi(n)).sqrt() / (1.0 - f64::from(BETA1).powi(n));
@@ -62,10 +62,10 @@ impl Dials {
             .into()
     }
 
-    /// Takes up what [`Dials::tensors`] gave.
+    /// Takes up what [`ViewParameters::tensors`] gave.
     pub fn read(&mut self, prefix: &str, tensors: &Tensors) -> Result<(), FieldError> {
         let shape = [self.values.len(), COUNT];
-        let part = |name: &str| -> Result<Vec<Dial>, FieldError> {
+        let part = |name: &str| -> Result<Vec<ViewVector>, FieldError> {
             Ok(take(tensors, &format!("{prefix}.{name}"), &shape)?
                 .as_chunks()
                 .0
@@ -77,7 +77,7 @@ impl Dials {
         Ok(())
     }
 
-    fn parts(&self) -> [(&'static str, &Vec<Dial>); 3] {
+    fn parts(&self) -> [(&'static str, &Vec<ViewVector>); 3] {
         [
             ("values", &self.values),
             ("first", &self.first),
@@ -87,7 +87,7 @@ impl Dials {
 }
 
 /// Sums of gradients in the order that they come in.
-pub fn sum<'a>(views: usize, parts: impl Iterator<Item = &'a Vec<Dial>>) -> Vec<Dial> {
+pub fn sum<'a>(views: usize, parts: impl Iterator<Item = &'a Vec<ViewVector>>) -> Vec<ViewVector> {
     let mut sum = vec![[0.0; COUNT]; views];
     for part in parts {
         let of_all = sum.as_flattened_mut().iter_mut();
@@ -104,23 +104,27 @@ mod tests {
 
     #[test]
     fn the_first_step_has_the_size_of_the_rate_and_numbers_without_a_gradient_stay() {
-        let mut dials = Dials::new(2);
-        dials.step(&[[0.3, -7.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]], 0.01, 1);
-        let [a, b, ..] = dials.values[0];
+        let mut parameters = ViewParameters::new(2);
+        parameters.step(&[[0.3, -7.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]], 0.01, 1);
+        let [a, b, ..] = parameters.values[0];
         assert!(
             (a + 0.01).abs() < 1e-6 && (b - 0.01).abs() < 1e-6,
             "{a} {b}"
         );
-        assert_eq!(dials.values[1], [0.0; 6]);
+        assert_eq!(parameters.values[1], [0.0; 6]);
     }
 
     #[test]
     fn they_come_back_from_tensors_bit_by_bit() {
-        let mut dials = Dials::new(2);
-        dials.step(&[[0.1; 6], [-0.2; 6]], 0.01, 1);
-        let mut back = Dials::new(2);
-        back.read("x", &dials.tensors("x")).unwrap();
-        assert_eq!(back, dials);
-        assert!(Dials::new(3).read("x", &dials.tensors("x")).is_err());
+        let mut parameters = ViewParameters::new(2);
+        parameters.step(&[[0.1; 6], [-0.2; 6]], 0.01, 1);
+        let mut back = ViewParameters::new(2);
+        back.read("x", &parameters.tensors("x")).unwrap();
+        assert_eq!(back, parameters);
+        assert!(
+            ViewParameters::new(3)
+                .read("x", &parameters.tensors("x"))
+                .is_err()
+        );
     }
 }

@@ -1,5 +1,5 @@
-// How many of each ray's samples are seen: densities from front to back, until little of what lies
-// behind would show. A workgroup follows 16 rays, four samples of each at a time, and nothing of
+// Early ray termination: how many samples of each ray are visible. Densities are computed from front
+// to back, until little of what lies behind would show. A workgroup follows 16 rays, four samples of each at a time, and nothing of
 // them goes through device memory.
 @group(0) @binding(1) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(2) var<storage, read> bits: array<u32>;
