@@ -20,7 +20,7 @@ const RUNS: usize = 16;
 /// An entry of a manifest that differs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Change {
-    /// The entry, as in [`crate::key::walk`].
+    /// The entry, as in [`Manifest`].
     pub path: String,
     /// Its text before; `None` where there was none.
     pub before: Option<String>,
