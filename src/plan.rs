@@ -3,6 +3,7 @@
 
 mod cost;
 mod forecast;
+pub mod inputs;
 mod sources;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,11 +13,12 @@ use stages::Source;
 
 pub use self::cost::{Basis, Cost, Experience};
 pub use self::forecast::Forecast;
+pub use self::inputs::Inputs;
 pub use self::sources::{SourceError, sources};
 
 use crate::explain::{Change, History, Reason, diff};
 use crate::key::{Manifest, Recipe};
-use crate::pipeline::graph::{Graph, Node, Wire};
+use crate::pipeline::graph::{Graph, Node};
 use crate::remote::Remote;
 use crate::store::Store;
 use crate::store::error::StoreError;
@@ -71,9 +73,6 @@ pub struct Found {
     /// Its result.
     pub record: Record,
 }
-
-/// The digests of a stage's inputs, by input name.
-pub type Inputs = BTreeMap<&'static str, Digest>;
 
 impl Context<'_> {
     fn recipe<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Recipe<'r> {
@@ -173,13 +172,7 @@ impl Context<'_> {
                 Some(place) => Some(&cached.get::<usize>(place)?.record),
                 None => self.given.get(&from),
             };
-            let digest = |wire: &Wire| {
-                Some((
-                    wire.input,
-                    result(wire.from)?.outputs.get(wire.output)?.digest,
-                ))
-            };
-            let inputs: Inputs = node.wires.iter().filter_map(digest).collect();
+            let inputs = inputs::digests(node, result);
             // Without the digest of every input there is no key. The scheduler looks again once the
             // others have run.
             if inputs.len() < node.wires.len() || self.forced.contains(&at) {

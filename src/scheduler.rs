@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use stages::Message;
 
 use crate::explain::Reason;
-use crate::plan::{Assessment, Context, Found, Inputs};
+use crate::plan::{Assessment, Context, Found, Inputs, inputs};
 use crate::progress::{Event, Progress};
 use crate::store::error::StoreError;
 use crate::store::record::Record;
@@ -213,17 +213,8 @@ impl Scheduler<'_> {
     }
 
     fn inputs(&self, at: usize, records: &BTreeMap<usize, Record>) -> Inputs {
-        let wires = &self.context.graph.nodes[at].wires;
-        let digest = |wire: &crate::pipeline::graph::Wire| {
-            Some((
-                wire.input,
-                self.result(wire.from, records)?
-                    .outputs
-                    .get(wire.output)?
-                    .digest,
-            ))
-        };
-        wires.iter().filter_map(digest).collect()
+        let node = &self.context.graph.nodes[at];
+        inputs::digests(node, |from| self.result(from, records))
     }
 
     /// The result of a stage that others read: of this run, or given to it.

@@ -21,7 +21,7 @@ use super::session::Session;
 use super::tuning;
 use crate::compare::{self, Comparison};
 use crate::error::Error;
-use crate::plan::{Context, Forecast};
+use crate::plan::{self, Context, Forecast};
 use crate::progress::{self, Event, Verbosity};
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
@@ -193,19 +193,14 @@ fn inputs(
     forecasts: &BTreeMap<usize, Forecast>,
     folder: &Path,
 ) -> Result<BTreeMap<String, PathBuf>, StoreError> {
-    let mut inputs = BTreeMap::new();
-    for wire in &context.graph.nodes[at].wires {
-        let record = forecasts
-            .get(&wire.from)
-            .and_then(Forecast::assessment)
-            .and_then(|a| a.verdict.as_ref().ok());
-        if let Some(output) = record.and_then(|record| record.outputs.get(wire.output)) {
-            let folder = folder.join("in").join(wire.input);
-            output.show(context.store, &folder)?;
-            inputs.insert(wire.input.to_owned(), folder);
-        }
-    }
-    Ok(inputs)
+    let result = |from: usize| forecasts.get(&from)?.record();
+    let outputs = plan::inputs::read(&context.graph.nodes[at], result).into_iter();
+    let show = |(input, output): (&str, &Output)| {
+        let folder = folder.join("in").join(input);
+        output.show(context.store, &folder)?;
+        Ok((input.to_owned(), folder))
+    };
+    outputs.map(show).collect()
 }
 
 /// The files that differ between a result and what was computed now.

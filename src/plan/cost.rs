@@ -7,10 +7,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use artifacts_schema::Digest;
 use stages::{Estimate, Extension};
 
-use super::{Context, Inputs};
+use super::{Context, Inputs, inputs};
 use crate::explain::{Change, diff};
 use crate::key::Manifest;
-use crate::pipeline::graph::{Node, Wire};
+use crate::pipeline::graph::Node;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
@@ -158,7 +158,8 @@ impl Context<'_> {
     ) -> Cost {
         let node = &self.graph.nodes[at];
         let sized = node.wires.iter().all(|wire| record(wire.from).is_some());
-        let guess = estimate(node, record);
+        // The stage's own estimate, by the sizes of those inputs that are there.
+        let guess = node.stage.estimate(&inputs::sizes(node, record));
         // Inputs are left out: they tell nothing of cost, and of a plan most are not known yet.
         let manifest = self.manifest(at, &Inputs::new());
         match experience.nearest(node, &manifest) {
@@ -170,16 +171,6 @@ impl Context<'_> {
             },
         }
     }
-}
-
-/// The stage's own estimate, by the sizes of those inputs that are there.
-fn estimate<'r>(node: &Node, record: impl Fn(usize) -> Option<&'r Record>) -> Estimate {
-    let size = |wire: &Wire| {
-        let output = record(wire.from)?.outputs.get(wire.output)?;
-        Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
-    };
-    node.stage
-        .estimate(&node.wires.iter().filter_map(size).collect())
 }
 
 impl Known {

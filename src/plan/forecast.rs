@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Assessment, Context, Inputs};
+use super::{Assessment, Context, Inputs, inputs};
 use crate::explain::Reason;
 use crate::key::Manifest;
 use crate::pipeline::graph::Node;
@@ -114,21 +114,13 @@ impl Context<'_> {
 }
 
 /// The digests of the inputs that are known already, and the stages that the others come from.
-fn known_inputs<'n>(
-    node: &'n Node,
+fn known_inputs(
+    node: &Node,
     upstream: &BTreeMap<usize, Forecast>,
-) -> (Inputs, BTreeMap<&'n str, usize>) {
-    let mut known = Inputs::new();
-    let mut unknown = BTreeMap::new();
-    for wire in &node.wires {
-        let record = match upstream.get(&wire.from) {
-            Some(Forecast::Cached(assessment)) => assessment.verdict.as_ref().ok(),
-            _ => None,
-        };
-        match record.and_then(|record| record.outputs.get(wire.output)) {
-            Some(output) => drop(known.insert(wire.input, output.digest)),
-            None => drop(unknown.insert(wire.input, wire.from)),
-        }
-    }
+) -> (Inputs, BTreeMap<&'static str, usize>) {
+    let known = inputs::digests(node, |from| upstream.get(&from)?.record());
+    let wires = node.wires.iter();
+    let unknown = wires.filter(|wire| !known.contains_key(wire.input));
+    let unknown = unknown.map(|wire| (wire.input, wire.from)).collect();
     (known, unknown)
 }

@@ -14,10 +14,10 @@ use super::states::Queued;
 use super::{News, Scheduler};
 use crate::explain::Reason;
 use crate::extension;
-use crate::pipeline::graph::Wire;
+use crate::plan::inputs;
 use crate::progress::Event;
 use crate::store::error::StoreError;
-use crate::store::record::Record;
+use crate::store::record::{Output, Record};
 use crate::store::results::Lookup;
 use crate::store::state;
 use crate::store::work::Work;
@@ -65,13 +65,8 @@ impl Scheduler<'_> {
     /// What a stage will take, now that its inputs are there.
     pub(super) fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
         let node = &self.context.graph.nodes[at];
-        let bytes = |wire: &Wire| {
-            let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
-            Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
-        };
-        let estimate = node
-            .stage
-            .estimate(&node.wires.iter().filter_map(bytes).collect());
+        let sizes = inputs::sizes(node, |from| self.result(from, records));
+        let estimate = node.stage.estimate(&sizes);
         Estimate {
             // A stage whose parameters keep it off the device must not wait for it.
             device: estimate.device && node.stage.uses_device(),
@@ -126,18 +121,14 @@ impl Scheduler<'_> {
         records: &BTreeMap<usize, Record>,
     ) -> Result<Task<'s>, StoreError> {
         let node = &self.context.graph.nodes[at];
-        let mut inputs = BTreeMap::new();
-        for wire in &node.wires {
-            if let Some(output) = self
-                .result(wire.from, records)
-                .and_then(|record| record.outputs.get(wire.output))
-            {
-                inputs.insert(
-                    wire.input.to_owned(),
-                    (work.input(wire.input, output)?, output.digest),
-                );
-            }
-        }
+        let outputs = inputs::read(node, |from| self.result(from, records)).into_iter();
+        let show = |(input, output): (&str, &Output)| {
+            Ok((
+                input.to_owned(),
+                (work.input(input, output)?, output.digest),
+            ))
+        };
+        let inputs = outputs.map(show).collect::<Result<_, StoreError>>()?;
         let replace = queued.reason == Reason::Forced;
         let extension = extension::extension_key(node.stage.extension(), &queued.manifest);
         // Who forces a stage wants all of it computed.
