@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use super::output::print;
-use crate::error::Error;
+use super::error::Error;
+use crate::terminal::output::print;
 
 /// Options of `completions`.
 #[derive(Args)]

@@ -5,11 +5,11 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
+use super::error::Error;
 use super::options::{self, Folders};
-use super::output::{print, print_json, size, table};
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::gc::{Doomed, Garbage, Policy, Why};
+use crate::terminal::output::{print, print_json, size, table};
 
 /// Options of `gc`.
 #[derive(Args)]

@@ -4,9 +4,9 @@ use clap::Args;
 use serde_json::Value;
 use stages::KINDS;
 
-use super::output::{print, print_json};
-use crate::error::Error;
+use super::error::Error;
 use crate::kinds::{page, schema, section};
+use crate::terminal::output::{print, print_json};
 
 /// Options of `kinds`.
 #[derive(Args)]

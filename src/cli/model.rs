@@ -3,8 +3,8 @@
 
 use clap::{Args, Subcommand};
 
+use super::error::Error;
 use super::{model_check, model_pull, model_run};
-use crate::error::Error;
 
 /// Options of `model`.
 #[derive(Args)]

@@ -3,12 +3,12 @@
 use clap::Args;
 use serde_json::json;
 
+use super::error::Error;
 use super::options::Folders;
-use super::output::{print, print_json, table};
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::pins::Pin as Kept;
 use crate::store::runs::Run;
+use crate::terminal::output::{print, print_json, table};
 
 /// Options of `pin`.
 #[derive(Args)]

@@ -14,19 +14,19 @@ use compute::device::attempt;
 use serde_json::{Value, json};
 use stages::{Io, Message, StageError};
 
+use super::error::Error;
 use super::options::{Changes, Choice};
-use super::output::{print, print_json, table};
 use super::run::{stop_on_signals, thread_pool};
 use super::session::Session;
 use super::tuning;
-use crate::compare::{self, Comparison};
-use crate::error::Error;
-use crate::plan::{self, Context, Forecast};
-use crate::progress::{self, Event, Verbosity};
+use crate::content::compare::{self, Comparison};
+use crate::runner::plan::{self, Context, Forecast};
+use crate::runner::task::{device_of, panic_text};
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
 use crate::store::record::{Output, Record};
-use crate::task::{device_of, panic_text};
+use crate::terminal::output::{print, print_json, table};
+use crate::terminal::progress::{self, Event, Verbosity};
 
 /// Options of `verify`.
 #[derive(Args)]

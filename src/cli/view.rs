@@ -10,11 +10,11 @@ use stages::convert;
 
 use super::artifact;
 use super::device;
+use super::error::Error;
 use super::named;
-use super::output::{print, tell};
-use crate::error::Error;
-use crate::lineage::{Lineage, Told};
+use crate::content::lineage::{Lineage, Told};
 use crate::store::Store;
+use crate::terminal::output::{print, tell};
 use crate::view::{Server, Subject};
 
 /// Options of `view`.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
 
-use crate::error::{FAILED, FOUND, PIPELINE, USAGE};
+use crate::terminal::exit::{FAILED, FOUND, PIPELINE, USAGE};
 
 /// Why there are no poses.
 #[derive(Debug, thiserror::Error, Diagnostic)]

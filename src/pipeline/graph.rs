@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use stages::Stage;
 
 use super::problem::nearest;
-use crate::experiment::{Experiment, arm_of};
+use crate::pipeline::experiment::{Experiment, arm_of};
 
 /// A stage in its place.
 pub struct Node {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Store;
 use super::error::{At, StoreError};
 use super::files::read_json;
-use crate::experiment::Experiment;
+use crate::pipeline::experiment::Experiment;
 
 /// What one run did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use stages::Message;
 use tokio::sync::broadcast::{self, Receiver, Sender};
 
-use crate::progress::Event;
+use crate::terminal::progress::Event;
 
 /// Points of a curve at most; one of more is thinned out.
 const MOST_POINTS: usize = 240;
