@@ -12,10 +12,12 @@ pub use gallery::Gallery;
 
 use serde_json::json;
 
-use crate::report::comparison::{Comparison, Scored};
+use crate::report::comparison::{Comparison, Scored, StageCost};
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::runs::Run;
+use crate::terminal::output::size;
+use crate::terminal::progress::{duration, figure};
 use graph::Graph;
 use html::{Html, escaped};
 
@@ -144,7 +146,7 @@ impl Page<'_> {
         let metric = self.comparison.metrics.first();
         let value = metric.and_then(|metric| arm.by_view(&metric.name).get(view).copied());
         match value {
-            Some(value) => format!("{} {}", arm.name, crate::terminal::progress::figure(value)),
+            Some(value) => format!("{} {}", arm.name, figure(value)),
             None => arm.name.clone(),
         }
     }
@@ -211,14 +213,7 @@ impl Page<'_> {
             let Some((at, number)) = self.gallery.place(view).zip(number) else {
                 continue;
             };
-            html.tag(
-                "h3",
-                &format!(
-                    "{view}: {} {}",
-                    metric.name,
-                    crate::terminal::progress::figure(*value)
-                ),
-            );
+            html.tag("h3", &format!("{view}: {} {}", metric.name, figure(*value)));
             html.put("<div class=\"row\">");
             let pictures = [
                 (self.gallery.photo(at), "photo"),
@@ -271,22 +266,15 @@ impl Page<'_> {
         Ok(())
     }
 
-    fn stage(
-        &self,
-        arm: &str,
-        stage: &str,
-        cost: &crate::report::comparison::StageCost,
-    ) -> Vec<String> {
+    fn stage(&self, arm: &str, stage: &str, cost: &StageCost) -> Vec<String> {
         let experiment = self.run.experiment.iter();
         let mut folders = experiment.flat_map(|experiment| experiment.folders(arm));
         // Of several seeds, the first that is in the run stands for all.
         let run = folders.find_map(|folder| self.run.stages.get(&format!("{folder}/{stage}")));
         let state = run.map_or("-".into(), |run| format!("{:?}", run.end).to_lowercase());
-        let memory = cost
-            .peak_memory
-            .map_or("-".into(), crate::terminal::output::size);
+        let memory = cost.peak_memory.map_or("-".into(), size);
         let why = run.and_then(|run| run.reason.clone()).unwrap_or_default();
-        let time = crate::terminal::progress::duration(cost.seconds);
+        let time = duration(cost.seconds);
         vec![arm.to_owned(), stage.to_owned(), state, time, memory, why]
     }
 
