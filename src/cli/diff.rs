@@ -17,7 +17,6 @@ use crate::store::record::Record;
 use crate::store::runs::Run;
 use crate::terminal::output::{print, print_json, table};
 
-/// Options of `diff`.
 #[derive(Args)]
 pub struct Diff {
     /// A run (@2 is the last but one; or 20261122T23), a key or its beginning, or a pipeline file

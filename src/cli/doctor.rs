@@ -16,7 +16,6 @@ use crate::terminal::output::{print, print_json, size};
 /// The most that the self-test may be off, of the largest number of a result.
 const TOLERANCE: f32 = 1e-5;
 
-/// Options of `doctor`.
 #[derive(Args)]
 pub struct Doctor {}
 

@@ -45,7 +45,6 @@ pub enum Error {
     /// Results that no file of tensors can hold.
     #[error(transparent)]
     Tensors(#[from] formats::tensor_file::WriteError),
-    /// An upsampler.
     #[error(transparent)]
     Upsampler(#[from] upsampler::UpsamplerError),
     /// A stage that there is not.
@@ -62,7 +61,6 @@ pub enum Error {
         "run that first, with the same --set, --salt and --store, or leave --only out"
     ))]
     NoInput {
-        /// The stage.
         stage: String,
         /// The first stage before it that has no result.
         missing: String,
@@ -76,16 +74,12 @@ pub enum Error {
          or run it all the same: --over-memory"
     ))]
     NoRoom {
-        /// The stage.
         stage: String,
-        /// What it needs.
         needed: String,
         /// How that is known.
         why: String,
-        /// What there is.
         there: String,
     },
-    /// The store.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Store(#[from] StoreError),

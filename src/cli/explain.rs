@@ -16,7 +16,6 @@ use crate::store::Store;
 use crate::store::manifest::Manifest;
 use crate::terminal::output::{print, print_json, table};
 
-/// Options of `explain`.
 #[derive(Args)]
 pub struct Explain {
     /// The stage: fit, or i3ds.2.optimize

@@ -11,7 +11,6 @@ use crate::store::Store;
 use crate::store::gc::{Doomed, Garbage, Policy, Why};
 use crate::terminal::output::{print, print_json, size, table};
 
-/// Options of `gc`.
 #[derive(Args)]
 pub struct Gc {
     /// Keep what the last runs of each pipeline used: how many

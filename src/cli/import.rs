@@ -12,7 +12,6 @@ use super::init::Init;
 use crate::import::{self, Imported, Places, Progress, Tool};
 use crate::terminal::output::tell;
 
-/// Options of `import`.
 #[derive(Args)]
 pub struct Import {
     /// A folder of photos, or a video

@@ -12,7 +12,6 @@ use super::error::Error;
 use crate::pipeline::init::{Photos, Purpose};
 use crate::terminal::output::{print, tell};
 
-/// Options of `init`.
 #[derive(Args)]
 pub struct Init {
     /// A folder of photos with poses (COLMAP, transforms.json, LLFF), or a transforms.json

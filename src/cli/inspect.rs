@@ -18,7 +18,6 @@ use crate::store::record::Record;
 use crate::store::view::View;
 use crate::terminal::output::{print, print_json, size, table};
 
-/// Options of `inspect`.
 #[derive(Args)]
 pub struct Inspect {
     /// A file (.exr, .safetensors, .json) or a stage of the pipeline

@@ -8,7 +8,6 @@ use super::error::Error;
 use crate::kinds::{page, schema, section};
 use crate::terminal::output::{print, print_json};
 
-/// Options of `kinds`.
 #[derive(Args)]
 pub struct Kinds {
     /// The kind, such as Fit; by default all of them, a line each

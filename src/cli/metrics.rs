@@ -12,7 +12,6 @@ use crate::store::results::Lookup;
 use crate::store::runs::Run;
 use crate::terminal::output::{print, print_json};
 
-/// Options of `metrics`.
 #[derive(Args)]
 pub struct Metrics {
     /// The pipeline's name; by default that of the last run

@@ -6,7 +6,6 @@ use clap::{Args, Subcommand};
 use super::error::Error;
 use super::{model_check, model_pull, model_run};
 
-/// Options of `model`.
 #[derive(Args)]
 pub struct Model {
     #[command(subcommand)]

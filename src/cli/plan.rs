@@ -22,7 +22,6 @@ use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
 use crate::terminal::output::{print, print_json, table};
 
-/// Options of `plan`.
 #[derive(Args)]
 pub struct Plan {
     #[command(flatten)]

@@ -12,7 +12,6 @@ use crate::report::page::{Gallery, Page};
 use crate::store::Store;
 use crate::terminal::output::{print, size};
 
-/// Options of `report`.
 #[derive(Args)]
 pub struct Report {
     /// The pipeline's name, or its file; by default that of the last run

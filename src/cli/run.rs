@@ -37,7 +37,6 @@ use ending::{Ending, verdict};
 /// Threads need deep stacks where one stage's work is stolen by another's thread.
 const STACK: usize = 16 << 20;
 
-/// Options of `run`.
 #[derive(Args)]
 pub struct Run {
     #[command(flatten)]

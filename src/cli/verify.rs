@@ -28,7 +28,6 @@ use crate::store::record::{Output, Record};
 use crate::terminal::output::{print, print_json, table};
 use crate::terminal::progress::{self, Event, Verbosity};
 
-/// Options of `verify`.
 #[derive(Args)]
 pub struct Verify {
     /// A stage (fit, i3ds.2.decode, i3ds.decode for all rounds); by default all that have results

@@ -17,7 +17,6 @@ use crate::store::Store;
 use crate::terminal::output::{print, tell};
 use crate::view::{Server, Subject};
 
-/// Options of `view`.
 #[derive(Args)]
 pub struct View {
     /// A field (field.safetensors, or the folder that it is in), a run (@2 is the last but one; or

@@ -17,7 +17,6 @@ use crate::store::census::{Producers, producers};
 use crate::store::record::Record;
 use crate::terminal::output::{flatten, print, print_json, table};
 
-/// Options of `whence`.
 #[derive(Args)]
 pub struct Whence {
     /// A file that a stage wrote, or a copy of it

@@ -27,7 +27,6 @@ const SPLIT: [&str; 2] = ["train", "test"];
 
 /// A field as it is written, and what it tells of itself.
 pub struct Told {
-    /// The field.
     pub field: Field,
     /// Where it comes from; of somebody else's field nothing is known.
     pub provenance: Provenance,

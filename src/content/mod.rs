@@ -22,7 +22,6 @@ const LARGEST: u64 = 16 << 30;
 /// What is in a file.
 #[derive(Debug, Default)]
 pub struct Content {
-    /// Its arrays.
     pub arrays: Vec<Array>,
     /// What else it says.
     pub facts: BTreeMap<String, Value>,

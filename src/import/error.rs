@@ -89,7 +89,6 @@ pub enum ImportError {
 }
 
 impl ImportError {
-    /// The exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::NoTool | Self::NotATool { .. } | Self::NoFfmpeg { .. } => USAGE,

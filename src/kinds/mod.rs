@@ -22,7 +22,6 @@ A parameter of a parameter is written with a dot, as `--set` takes it. Where a v
 parameters of its own, such as `Vsd(..)`, they stand in a table below.
 ";
 
-/// The whole page.
 pub fn page() -> String {
     let mut page = String::from(HEAD);
     for kind in KINDS {

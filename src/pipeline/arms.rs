@@ -21,7 +21,6 @@ const ROW: &str = "sr_nerf";
 
 /// One arm, and what it changes.
 pub struct Variant {
-    /// Its name.
     pub name: String,
     /// What it changes, in order.
     pub changes: Vec<Override>,

@@ -20,10 +20,8 @@ pub struct Experiment {
     pub row: String,
 }
 
-/// One arm.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Arm {
-    /// Its name.
     pub name: String,
     /// The values in which it differs from the pipeline's own, in RON, by the paths of `--set`.
     pub differences: BTreeMap<String, String>,

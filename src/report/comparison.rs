@@ -42,7 +42,6 @@ pub struct Comparison {
 /// A column.
 #[derive(Serialize)]
 pub struct Metric {
-    /// Its name.
     pub name: String,
     /// What it measures.
     pub definition: String,
@@ -53,7 +52,6 @@ pub struct Metric {
 /// An arm with its scores.
 #[derive(Serialize)]
 pub struct Scored {
-    /// Its name.
     pub name: String,
     /// In what it differs from the pipeline's own stages.
     pub differences: BTreeMap<String, String>,

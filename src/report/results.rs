@@ -13,9 +13,7 @@ use crate::terminal::progress::figure;
 
 /// A metrics artifact of a stage.
 pub struct Scores {
-    /// The stage.
     pub stage: String,
-    /// The output.
     pub output: String,
     /// The scores.
     pub metrics: Metrics,

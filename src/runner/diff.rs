@@ -13,7 +13,6 @@ use crate::store::manifest::Manifest;
 pub struct Side {
     /// What it is, in words.
     pub title: String,
-    /// Its stages.
     pub stages: BTreeMap<String, Part>,
 }
 

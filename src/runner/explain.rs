@@ -143,9 +143,7 @@ pub struct History<'s> {
 pub struct Past {
     /// When that run began.
     pub started: String,
-    /// The stage's key.
     pub key: Digest,
-    /// The stage's manifest.
     pub manifest: Manifest,
 }
 

@@ -30,7 +30,6 @@ use crate::store::results::Lookup;
 pub struct Context<'a> {
     /// The stages.
     pub graph: &'a Graph,
-    /// The store.
     pub store: &'a Store,
     /// A store that others share, if there is one.
     pub remote: Option<&'a Remote>,
@@ -55,7 +54,6 @@ pub struct Context<'a> {
 
 /// A stage whose inputs are all known.
 pub struct Assessment {
-    /// Its key.
     pub key: Digest,
     /// The digests of its inputs.
     pub inputs: Inputs,

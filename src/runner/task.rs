@@ -60,7 +60,6 @@ impl Failure {
 pub struct Task<'a> {
     /// The stage.
     pub node: &'a Node,
-    /// Its key.
     pub key: Digest,
     /// Its folder.
     pub work: Work<'a>,

@@ -33,7 +33,6 @@ pub struct Sum {
 pub enum Act {
     /// It ends well.
     Well,
-    /// It fails.
     Fail,
     /// It has a bug.
     Panic,

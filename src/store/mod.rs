@@ -46,7 +46,6 @@ use results::Results;
 
 /// A store in a folder.
 pub struct Store {
-    /// Its files.
     files: Arc<Files>,
     /// Blobs by digest.
     pub blobs: Arc<Blobs>,

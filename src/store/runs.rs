@@ -34,7 +34,6 @@ pub struct Run {
 /// What became of a stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageRun {
-    /// Its end.
     pub end: End,
     /// Its key, if all its inputs were known.
     pub key: Option<Digest>,
@@ -74,7 +73,6 @@ pub enum End {
     Ran,
     /// Its result was there.
     Cached,
-    /// It failed.
     Failed,
     /// It never began, or was stopped.
     Stopped,

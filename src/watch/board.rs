@@ -58,7 +58,6 @@ struct Card {
     shown: Option<Instant>,
 }
 
-/// The board.
 pub struct Board {
     pipeline: String,
     /// In the order of the pipeline.

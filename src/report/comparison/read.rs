@@ -15,7 +15,6 @@ use crate::store::runs::{End, Run, StageRun};
 
 /// What is read of an arm before it is compared.
 pub struct Read {
-    /// The arm.
     pub arm: Arm,
     /// Its scores, by run.
     pub runs: Vec<Views>,

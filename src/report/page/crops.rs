@@ -5,7 +5,6 @@ use super::gallery::Gallery;
 /// A square part of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Crop {
-    /// The view.
     pub view: usize,
     /// Its left column.
     pub left: usize,

@@ -17,7 +17,6 @@ const MOST_BYTES: usize = 14_000_000;
 
 /// A picture.
 pub struct Shown {
-    /// Its number.
     number: usize,
     /// Its pixels.
     pub picture: Picture,

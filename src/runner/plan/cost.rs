@@ -27,7 +27,6 @@ const PARAMETERS: &str = "params.";
 /// What a stage will take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cost {
-    /// Seconds.
     pub seconds: f64,
     /// Bytes of main memory at the worst moment. Of an earlier result it is what the whole program
     /// had then, with what ran beside it.

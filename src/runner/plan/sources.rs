@@ -11,7 +11,6 @@ use crate::store::Store;
 #[derive(Debug, thiserror::Error)]
 #[error("stage `{stage}`: {error}")]
 pub struct SourceError {
-    /// The stage.
     pub stage: String,
     /// What is wrong.
     pub error: StageError,

@@ -11,7 +11,6 @@ use crate::store::runs::StageRun;
 
 /// A stage that must run.
 pub struct Queued {
-    /// Its key.
     pub key: Digest,
     /// What is in the key.
     pub manifest: Manifest,
@@ -48,24 +47,16 @@ pub enum State {
     Over(StageRun),
 }
 
-/// A state without what is in it.
+/// A [`State`] without what is in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// [`State::Unneeded`].
     Unneeded,
-    /// [`State::Waiting`].
     Waiting,
-    /// [`State::Ready`].
     Ready,
-    /// [`State::Queued`].
     Queued,
-    /// [`State::Held`].
     Held,
-    /// [`State::Elsewhere`].
     Elsewhere,
-    /// [`State::Running`].
     Running,
-    /// [`State::Over`].
     Over,
 }
 

@@ -22,32 +22,26 @@ pub enum Event<'a> {
     },
     /// A stage's result came from the remote.
     Fetched {
-        /// The stage.
         stage: &'a str,
-        /// Its key.
         key: Digest,
         /// How many bytes came.
         bytes: u64,
     },
     /// A stage began.
     Started {
-        /// The stage.
         stage: &'a str,
-        /// Its key.
         key: Digest,
         /// Why it runs.
         reason: &'a str,
     },
     /// A stage said something.
     Said {
-        /// The stage.
         stage: &'a str,
         /// What it said.
         message: &'a Message,
     },
     /// A stage's result is committed.
     Finished {
-        /// The stage.
         stage: &'a str,
         /// How long it took.
         seconds: f64,
@@ -56,44 +50,29 @@ pub enum Event<'a> {
     },
     /// A stage failed.
     Failed {
-        /// The stage.
         stage: &'a str,
-        /// Why.
         error: &'a str,
         /// The arms that it is part of, which fail with it.
         arms: &'a [&'a str],
     },
     /// A stage was stopped half-way.
-    Stopped {
-        /// The stage.
-        stage: &'a str,
-    },
+    Stopped { stage: &'a str },
     /// A stage will not run since another failed.
     Blocked {
-        /// The stage.
         stage: &'a str,
         /// The one that failed.
         by: &'a str,
     },
     /// Another process computes a stage; its result will be used.
     Waiting {
-        /// The stage.
         stage: &'a str,
         /// The process.
         holder: &'a Holder,
     },
     /// Something is not as the user might expect.
-    Warning {
-        /// The stage.
-        stage: &'a str,
-        /// What.
-        text: &'a str,
-    },
+    Warning { stage: &'a str, text: &'a str },
     /// Something about the whole run is not as the user might expect.
-    Notice {
-        /// What.
-        text: &'a str,
-    },
+    Notice { text: &'a str },
     /// A moment passed.
     Tick,
 }
