@@ -9,11 +9,11 @@ use formats::shot::Rate;
 use serde_json::json;
 use stages::film::Show;
 
-use super::output::{print, print_json, tell};
+use super::error::Error;
 use super::{artifact, whole};
-use crate::error::Error;
 use crate::export::ffmpeg::{Codec, Ffmpeg, FfmpegError};
 use crate::export::webp;
+use crate::terminal::output::{print, print_json, tell};
 
 /// Options of `export video`.
 #[derive(Args)]

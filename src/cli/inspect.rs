@@ -9,16 +9,15 @@ use clap::Args;
 use serde_json::{Value, json};
 use stages::convert;
 
+use super::error::Error;
 use super::options::{Choice, PipelineOptions};
-use super::output::{print, print_json, size, table};
 use super::session::Session;
 use crate::content::Content;
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::record::Record;
 use crate::store::view::View;
+use crate::terminal::output::{print, print_json, size, table};
 
-/// Options of `inspect`.
 #[derive(Args)]
 pub struct Inspect {
     /// A file (.exr, .safetensors, .json) or a stage of the pipeline

@@ -72,7 +72,6 @@ pub struct Document {
 /// A pipeline once the files that it extends are laid under it.
 #[derive(Clone, Debug)]
 pub struct Pipeline {
-    /// Its name.
     pub name: String,
     /// The seed of everything random.
     pub seed: u64,
@@ -83,7 +82,6 @@ pub struct Pipeline {
 /// A stage or a loop.
 #[derive(Clone, Debug)]
 pub enum Node {
-    /// One stage.
     Stage(Box<AnyStage>),
     /// A loop over stages.
     Rounds(Rounds),

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use stages::Stage;
 
 use super::problem::nearest;
-use crate::experiment::{Experiment, arm_of};
+use crate::pipeline::experiment::{Experiment, arm_of};
 
 /// A stage in its place.
 pub struct Node {
@@ -26,7 +26,6 @@ pub struct Node {
 }
 
 impl Node {
-    /// All its names.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once(&self.name)
             .chain(&self.also)
@@ -54,7 +53,6 @@ pub struct Wire {
     pub input: &'static str,
     /// The stage that it comes from, as its place in [`Graph::nodes`].
     pub from: usize,
-    /// That stage's output.
     pub output: &'static str,
 }
 

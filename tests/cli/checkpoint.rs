@@ -98,10 +98,7 @@ fn a_training_that_is_killed_goes_on_with_the_same_bits_for_any_number_of_thread
             &folder,
             &["--threads", threads, "--checkpoint-every", every],
         )));
-        assert!(
-            space.files(&format!("{folder}/out")) == calm,
-            "{threads} threads"
-        );
+        space.assert_files(&format!("{folder}/out"), &calm);
     }
     for name in ["-KILL", "-TERM", "-INT", "-USR1"] {
         let folder = format!("cut{name}");
@@ -120,7 +117,7 @@ fn a_training_that_is_killed_goes_on_with_the_same_bits_for_any_number_of_thread
             "{name}"
         );
         assert!((1..=120).contains(&step), "{name}: {step}");
-        assert!(space.files(&format!("{folder}/out")) == calm, "{name}");
+        space.assert_files(&format!("{folder}/out"), &calm);
         assert!(
             fs::read_dir(space.path(&folder).join("store/work"))
                 .unwrap()

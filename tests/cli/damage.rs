@@ -125,7 +125,7 @@ fn a_lost_or_changed_blob_is_noticed_and_only_its_stage_runs_again() {
             (&run.last()["ran"], &run.last()["cached"]),
             (&json!(["up"]), &json!(["again", "scene"]))
         );
-        assert!(space.files("out") == before);
+        space.assert_files("out", &before);
     }
 }
 

@@ -1,14 +1,13 @@
 //! Every kind of damage that a store can take: `store fsck` finds it, names it and puts it out of
 //! reach, and the next run comes to the same results again.
 
-use std::collections::BTreeMap;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::space::{Said, Space};
+use crate::space::{Files, Said, Space};
 
 /// A store with the results of `tiny.ron`.
 struct Victim {
@@ -16,7 +15,7 @@ struct Victim {
     /// What `inspect up` says: the key, the outputs, their blobs.
     up: Value,
     /// What people see.
-    out: BTreeMap<PathBuf, Vec<u8>>,
+    out: Files,
 }
 
 impl Victim {
@@ -88,7 +87,7 @@ impl Victim {
                 .json()["outputs"],
             self.up["outputs"]
         );
-        assert!(self.space.files("out") == self.out);
+        self.space.assert_files("out", &self.out);
         assert_eq!(self.fsck(&[]).code, 0);
     }
 }

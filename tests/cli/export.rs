@@ -226,7 +226,7 @@ fn curves_and_scores_of_a_run_go_to_tensorboard() {
     assert!(bytes.windows(4).any(|part| part == b"loss"));
     // The same log makes the same file, over the one that is there.
     space.ok(&["export", "tensorboard", "-o", "curves"]);
-    assert_eq!(space.files("curves"), files);
+    space.assert_files("curves", &files);
     let said = space.say(&["export", "tensorboard", "-o", "fit.ron"]);
     assert_eq!(said.code, 2, "{}", said.err);
 }

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::model::{ask, inputs, save};
-use crate::space::Space;
+use crate::space::{Space, assert_same_files};
 
 /// Whether there is an adapter to test; said aloud if not, and a failure where the tests must not
 /// do without.
@@ -200,10 +200,7 @@ fn the_stages_of_a_field_give_the_same_files_in_each_run_and_say_where_they_ran(
             said.err
         );
     }
-    assert!(
-        space.files("one") == space.files("two"),
-        "the two runs differ"
-    );
+    assert_same_files(&space, "one", "two");
     let options = [
         "--device",
         "gpu:0",
@@ -252,10 +249,7 @@ fn every_stage_runs_with_a_gpu_and_two_runs_give_the_same_files() {
             said.err
         );
     }
-    assert!(
-        space.files("one") == space.files("two"),
-        "the two runs differ"
-    );
+    assert_same_files(&space, "one", "two");
     let latents = fs::read(space.path("one/golden/encode/latents/latents.safetensors")).unwrap();
     assert!(
         String::from_utf8_lossy(&latents).contains("gpu: "),

@@ -56,8 +56,8 @@ fn photos_without_poses_become_a_pipeline_that_runs() {
     let good = "4 of 4 photos have a pose, 20 points, mean reprojection error 0.50 pixels";
     assert!(said.err.contains(good), "{}", said.err);
     assert!(said.out.contains("wrote shoes.ron"), "{}", said.out);
-    assert_eq!(space.files("shoes"), before);
-    assert_eq!(space.files("shoes_posed/images"), before);
+    space.assert_files("shoes", &before);
+    space.assert_files("shoes_posed/images", &before);
     let plan = space.ok(&["plan", "shoes.ron"]);
     assert!(plan.out.contains("pictures"), "{}", plan.out);
     // Without CUDA the graphics card would need a window system.

@@ -120,7 +120,8 @@ fn any_number_of_threads_gives_the_same_bytes() {
     }
     let one = space.files("o1");
     assert!(one.len() > 6);
-    assert!(one == space.files("o2") && one == space.files("o5"));
+    space.assert_files("o2", &one);
+    space.assert_files("o5", &one);
 }
 
 #[test]

@@ -19,6 +19,9 @@ pub const TINY: &str = r#"(
     },
 )"#;
 
+/// Files by path, with their bytes.
+pub type Files = BTreeMap<PathBuf, Vec<u8>>;
+
 /// A folder with a pipeline, removed in the end.
 pub struct Space {
     folder: tempfile::TempDir,
@@ -115,7 +118,7 @@ impl Space {
     }
 
     /// All files under a folder with their bytes.
-    pub fn files(&self, folder: &str) -> BTreeMap<PathBuf, Vec<u8>> {
+    pub fn files(&self, folder: &str) -> Files {
         let mut files = BTreeMap::new();
         collect(&self.path(folder), &mut files);
         files
@@ -123,28 +126,37 @@ impl Space {
             .map(|(path, bytes)| (path.strip_prefix(self.path(folder)).unwrap().into(), bytes))
             .collect()
     }
+
+    /// A folder holds these files. Says which one differs first.
+    #[track_caller]
+    pub fn assert_files(&self, folder: &str, expected: &Files) {
+        assert_eq!(difference(&self.files(folder), expected), None, "{folder}");
+    }
 }
 
 /// Two folders of a space hold the same files. Says which one differs first.
+#[track_caller]
 pub fn assert_same_files(space: &Space, one: &str, other: &str) {
-    let ours = space.files(one);
-    let theirs = space.files(other);
-    let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
-    for name in names {
-        let shown = name.display();
-        match (ours.get(name), theirs.get(name)) {
-            (Some(a), Some(b)) => {
-                let differs = a.iter().zip(b).position(|(a, b)| a != b);
-                let sizes = format!("{} and {} bytes", a.len(), b.len());
-                assert!(
-                    a == b,
-                    "{shown} of {one} and {other}: {sizes}, byte {differs:?} differs"
-                );
-            }
-            (Some(_), None) => panic!("{shown} is in {one} and not in {other}"),
-            (None, _) => panic!("{shown} is in {other} and not in {one}"),
+    space.assert_files(other, &space.files(one));
+}
+
+/// What first tells files from those that are expected.
+fn difference(files: &Files, expected: &Files) -> Option<String> {
+    let names: BTreeSet<_> = files.keys().chain(expected.keys()).collect();
+    let told = |name: &PathBuf| match (files.get(name), expected.get(name)) {
+        (Some(a), Some(b)) if a == b => None,
+        (Some(a), Some(b)) => {
+            let byte = a.iter().zip(b).position(|(a, b)| a != b);
+            let sizes = format!("{} bytes, not {}", a.len(), b.len());
+            Some(format!(
+                "{}: {sizes}, byte {byte:?} differs",
+                name.display()
+            ))
         }
-    }
+        (None, _) => Some(format!("{} is missing", name.display())),
+        (_, None) => Some(format!("{} is not expected", name.display())),
+    };
+    names.into_iter().find_map(told)
 }
 
 /// Waits until something has come about, however long the machine takes.
@@ -170,7 +182,7 @@ pub fn signal(child: &Child, name: &str) {
     );
 }
 
-fn collect(folder: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
+fn collect(folder: &Path, files: &mut Files) {
     for entry in fs::read_dir(folder).into_iter().flatten() {
         let path = entry.unwrap().path();
         if path.is_dir() {

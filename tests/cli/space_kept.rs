@@ -54,7 +54,7 @@ fn gc_says_what_would_go_and_removes_nothing_unless_told_to() {
             && said.contains("; gc --delete removes them"),
         "{said}"
     );
-    assert!(before == space.files(".srnerf"));
+    space.assert_files(".srnerf", &before);
     assert_eq!(
         stages(&space.ok(&["gc", "--json"]).json()),
         [""; 0],
