@@ -7,7 +7,7 @@ use artifacts_schema::{ImageSet, Picture};
 use clap::{Args, ValueEnum};
 use formats::shot::Rate;
 use serde_json::json;
-use stages::film::Show;
+use stages::kinds::film::Show;
 
 use super::output::{print, print_json, tell};
 use super::{artifact, whole};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use scene::Survey;
-use stages::origin::Origin;
+use stages::kinds::scene::origin::Origin;
 
 use super::output::{print, tell};
 use crate::error::Error;

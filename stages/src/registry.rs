@@ -1,5 +1,4 @@
-//! Every stage kind there is. A new kind is one file beside this one and one line in the list
-//! below.
+//! Every stage kind there is. A new kind is one file in `kinds` and one line in the list below.
 
 use serde::de::VariantAccess;
 use serde::{Deserialize, Serialize};
@@ -11,7 +10,7 @@ macro_rules! registry {
         /// A stage of any kind, as it stands in a pipeline file.
         #[derive(Clone, Debug, Serialize, Deserialize)]
         #[allow(missing_docs)]
-        pub enum AnyStage { $($Kind(crate::$module::$Kind)),* }
+        pub enum AnyStage { $($Kind(crate::kinds::$module::$Kind)),* }
 
         /// The names of all kinds, in the order of the list.
         pub const KINDS: &[&str] = &[$(stringify!($Kind)),*];
@@ -31,7 +30,7 @@ macro_rules! registry {
             /// is no kind.
             pub fn schema(kind: &str) -> Option<schemars::Schema> {
                 match kind {
-                    $(stringify!($Kind) => Some(schemars::schema_for!(crate::$module::$Kind)),)*
+                    $(stringify!($Kind) => Some(schemars::schema_for!(crate::kinds::$module::$Kind)),)*
                     _ => None,
                 }
             }

@@ -1,5 +1,7 @@
 //! `Scene`: reads or draws posed photos, reduces them and holds some out. Knows nothing of fields.
 
+pub mod origin;
+
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, Digest, ImageSet};
@@ -9,10 +11,10 @@ use scene::{Photo, Reducer, SceneData};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::origin::{Origin, WORLDS};
 use crate::convert;
 use crate::error::StageError;
 use crate::files;
-use crate::origin::{Origin, WORLDS};
 use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.

@@ -1,6 +1,8 @@
 //! `Interpolate`: enlarges (or reduces) images by a fixed filter or a learned one. Knows nothing of
 //! fields.
 
+mod learned;
+
 use std::path::PathBuf;
 
 use artifacts_schema::{ArtifactKind, ImageSet, View};
@@ -12,10 +14,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use upsampler::Upsampler;
 
+use self::learned::Learned;
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
-use crate::learned::Learned;
 use crate::masks;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 

@@ -2,6 +2,7 @@
 //! of how they came about.
 
 mod consistency;
+mod masked;
 mod networks;
 mod pictures;
 mod scores;
@@ -19,11 +20,9 @@ use serde::{Deserialize, Serialize};
 use self::consistency::{Shown, warped};
 use self::networks::Networks;
 use self::pictures::{BEHIND, Picked, error_map, side_by_side};
-pub use self::scores::Scored;
 use self::scores::Scores;
 use crate::convert;
 use crate::error::StageError;
-use crate::masked;
 use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
 
 /// Measures a field on views that no other stage saw, beside two baselines of the low-resolution

@@ -1,5 +1,7 @@
 //! `Fit`: a radiance field from posed photos. Knows nothing of diffusion.
 
+mod corrected;
+
 use artifacts_schema::{ArtifactKind, ImageSet};
 use nerf::{
     ExposureOptions, Field, FieldConfig, PoseOptions, Space, SpaceKind, TrainOptions, TrainView,
@@ -8,7 +10,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
-use crate::corrected;
 use crate::error::StageError;
 use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
 use crate::training;
