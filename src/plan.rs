@@ -73,7 +73,7 @@ pub struct Found {
 }
 
 /// The digests of a stage's inputs, by input name.
-pub type Inputs = BTreeMap<&'static str, Digest>;
+pub type Inputs = BTreeMap<String, Digest>;
 
 impl Context<'_> {
     fn recipe<'r>(&'r self, at: usize, inputs: &'r Inputs) -> Recipe<'r> {
@@ -175,7 +175,7 @@ impl Context<'_> {
             };
             let digest = |wire: &Wire| {
                 Some((
-                    wire.input,
+                    wire.input.clone(),
                     result(wire.from)?.outputs.get(wire.output)?.digest,
                 ))
             };

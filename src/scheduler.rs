@@ -216,7 +216,7 @@ impl Scheduler<'_> {
         let wires = &self.context.graph.nodes[at].wires;
         let digest = |wire: &crate::pipeline::graph::Wire| {
             Some((
-                wire.input,
+                wire.input.clone(),
                 self.result(wire.from, records)?
                     .outputs
                     .get(wire.output)?

@@ -200,9 +200,9 @@ fn inputs(
             .and_then(Forecast::assessment)
             .and_then(|a| a.verdict.as_ref().ok());
         if let Some(output) = record.and_then(|record| record.outputs.get(wire.output)) {
-            let folder = folder.join("in").join(wire.input);
+            let folder = folder.join("in").join(&wire.input);
             output.show(context.store, &folder)?;
-            inputs.insert(wire.input.to_owned(), folder);
+            inputs.insert(wire.input.clone(), folder);
         }
     }
     Ok(inputs)

@@ -10,7 +10,7 @@ use stages::{Estimate, Extension};
 use super::{Context, Inputs};
 use crate::explain::{Change, diff};
 use crate::key::Manifest;
-use crate::pipeline::graph::{Node, Wire};
+use crate::pipeline::graph::Node;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
@@ -174,12 +174,12 @@ impl Context<'_> {
 
 /// The stage's own estimate, by the sizes of those inputs that are there.
 fn estimate<'r>(node: &Node, record: impl Fn(usize) -> Option<&'r Record>) -> Estimate {
-    let size = |wire: &Wire| {
+    let sizes = node.wires.iter().filter_map(|wire| {
         let output = record(wire.from)?.outputs.get(wire.output)?;
-        Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
-    };
-    node.stage
-        .estimate(&node.wires.iter().filter_map(size).collect())
+        let bytes = output.files.iter().map(|file| file.bytes).sum();
+        Some((wire.input.as_str(), bytes))
+    });
+    node.stage.estimate(&sizes.collect())
 }
 
 impl Known {

@@ -126,8 +126,8 @@ fn known_inputs<'n>(
             _ => None,
         };
         match record.and_then(|record| record.outputs.get(wire.output)) {
-            Some(output) => drop(known.insert(wire.input, output.digest)),
-            None => drop(unknown.insert(wire.input, wire.from)),
+            Some(output) => drop(known.insert(wire.input.clone(), output.digest)),
+            None => drop(unknown.insert(wire.input.as_str(), wire.from)),
         }
     }
     (known, unknown)

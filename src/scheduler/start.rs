@@ -14,7 +14,6 @@ use super::states::Queued;
 use super::{News, Scheduler};
 use crate::explain::Reason;
 use crate::extension;
-use crate::pipeline::graph::Wire;
 use crate::progress::Event;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
@@ -65,13 +64,12 @@ impl Scheduler<'_> {
     /// What a stage will take, now that its inputs are there.
     pub(super) fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
         let node = &self.context.graph.nodes[at];
-        let bytes = |wire: &Wire| {
+        let sizes = node.wires.iter().filter_map(|wire| {
             let output = self.result(wire.from, records)?.outputs.get(wire.output)?;
-            Some((wire.input, output.files.iter().map(|file| file.bytes).sum()))
-        };
-        let estimate = node
-            .stage
-            .estimate(&node.wires.iter().filter_map(bytes).collect());
+            let bytes = output.files.iter().map(|file| file.bytes).sum();
+            Some((wire.input.as_str(), bytes))
+        });
+        let estimate = node.stage.estimate(&sizes.collect());
         Estimate {
             // A stage whose parameters keep it off the device must not wait for it.
             device: estimate.device && node.stage.uses_device(),
@@ -133,8 +131,8 @@ impl Scheduler<'_> {
                 .and_then(|record| record.outputs.get(wire.output))
             {
                 inputs.insert(
-                    wire.input.to_owned(),
-                    (work.input(wire.input, output)?, output.digest),
+                    wire.input.clone(),
+                    (work.input(&wire.input, output)?, output.digest),
                 );
             }
         }

@@ -17,12 +17,15 @@ pub mod convert;
 pub mod dataset;
 pub mod error;
 pub mod files;
+pub mod io;
 pub mod keeper;
 pub mod kinds;
 pub mod masks;
 pub mod merge;
 pub mod model;
 pub mod ply;
+pub mod port;
+pub mod prior;
 pub mod registry;
 pub mod shard;
 pub mod splats;
@@ -31,10 +34,9 @@ pub mod surface;
 pub mod training;
 
 pub use error::StageError;
+pub use io::{Io, Message};
 pub use kinds::evaluate::metric_rank;
 pub use merge::Merge;
+pub use port::{Input, InputPort, OutputPort, Port};
 pub use registry::{AnyStage, KINDS};
-pub use stage::{
-    Determinism, Estimate, Extension, Input, InputPort, Io, Message, OutputPort, Sizes, Source,
-    Stage,
-};
+pub use stage::{Determinism, Estimate, Extension, Sizes, Source, Stage};

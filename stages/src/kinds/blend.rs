@@ -3,7 +3,7 @@
 
 mod shares;
 
-use artifacts_schema::{ArtifactKind, ImageSet, View};
+use artifacts_schema::{ImageSet, View};
 use compute::elementwise::{scaled_sum, sub};
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
@@ -11,13 +11,19 @@ use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::shares::{Moments, Shares};
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
 use crate::masks;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Sizes, Stage};
 
-use self::shares::{Moments, Shares};
+/// The enlarged photos, and the images that come out.
+const IMAGES: Port<ImageSet> = Port::new("images");
+const OWN: Port<ImageSet> = Port::new("own");
+const LOW: Port<ImageSet> = Port::new("low");
 
 /// Adds up the detail that an enlargement and a render of the same view have beyond the
 /// low-resolution photo.
@@ -206,17 +212,14 @@ impl Stage for Blend {
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
         vec![
-            InputPort::new("images", &self.images, ArtifactKind::Images),
-            InputPort::new("own", &self.own, ArtifactKind::Images),
-            InputPort::new("low", &self.low, ArtifactKind::Images),
+            IMAGES.input(&self.images),
+            OWN.input(&self.own),
+            LOW.input(&self.low),
         ]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "images",
-            kind: ArtifactKind::Images,
-        }]
+        vec![IMAGES.output()]
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
@@ -224,9 +227,9 @@ impl Stage for Blend {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
-        let own: ImageSet = io.read("own")?;
-        let low: ImageSet = io.read("low")?;
+        let images = io.read(IMAGES)?;
+        let own = io.read(OWN)?;
+        let low = io.read(LOW)?;
         let mut sets = Vec::new();
         for images in &images.views {
             // By name and not by place: the sets may hold views that the others lack.
@@ -252,7 +255,7 @@ impl Stage for Blend {
             io.progress(sets.len() + views.len(), 2 * sets.len(), &[])?;
         }
         io.write(
-            "images",
+            IMAGES,
             &ImageSet {
                 views,
                 bounds: images.bounds,

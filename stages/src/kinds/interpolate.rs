@@ -3,9 +3,7 @@
 
 mod learned;
 
-use std::path::PathBuf;
-
-use artifacts_schema::{ArtifactKind, ImageSet, View};
+use artifacts_schema::{ImageSet, View};
 use compute::elementwise::clamp;
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
@@ -18,8 +16,14 @@ use self::learned::Learned;
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
 use crate::masks;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::model::Model;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Sizes, Stage};
+
+/// The images that are enlarged, and those that come out.
+const IMAGES: Port<ImageSet> = Port::new("images");
 
 /// Enlarges the images of a set; of transparent ones, what they are before black, and their alpha
 /// by itself.
@@ -199,30 +203,15 @@ impl Stage for Interpolate {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+        vec![IMAGES.input(&self.images)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "images",
-            kind: ArtifactKind::Images,
-        }]
+        vec![IMAGES.output()]
     }
 
-    fn sources(&self) -> Result<Vec<Source>, StageError> {
-        self.learned().map_or(Ok(Vec::new()), Learned::sources)
-    }
-
-    fn source_files(&self) -> Option<Vec<PathBuf>> {
-        Some(self.learned().map_or(Vec::new(), Learned::files))
-    }
-
-    fn locations(&self) -> &'static [&'static str] {
-        if self.learned().is_some() {
-            &["filter.model"]
-        } else {
-            &[]
-        }
+    fn model(&self) -> Option<&dyn Model> {
+        self.learned().map(|learned| learned as &dyn Model)
     }
 
     fn uses_device(&self) -> bool {
@@ -238,7 +227,7 @@ impl Stage for Interpolate {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
+        let images = io.read(IMAGES)?;
         let network = self
             .learned()
             .map(|learned| learned.load(io.device))
@@ -249,7 +238,7 @@ impl Stage for Interpolate {
             io.progress(done + 1, images.views.len(), &[])?;
         }
         io.write(
-            "images",
+            IMAGES,
             &ImageSet {
                 views,
                 bounds: images.bounds,
