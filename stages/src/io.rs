@@ -39,12 +39,12 @@ pub enum Message {
     Metric {
         /// What it measures.
         name: String,
-        /// Its value.
+        /// The figure, not rounded.
         value: f64,
     },
     /// Done, but not as the user might expect.
     Warning(String),
-    /// The same about the result itself: said again whenever the result is used, also when it is
+    /// A warning about the result itself: said again whenever the result is used, also when it is
     /// not computed anew.
     Remark(String),
 }
@@ -53,7 +53,7 @@ pub enum Message {
 pub struct Io<'a> {
     /// The seed of its random numbers.
     pub seed: u64,
-    /// Where it computes.
+    /// The device that the user chose; the CPU for a stage that does not use it.
     pub device: &'a Device,
     /// Folders of the input artifacts, by input name.
     pub inputs: BTreeMap<String, PathBuf>,
@@ -70,9 +70,9 @@ pub struct Io<'a> {
     pub earlier: Option<PathBuf>,
     /// What the artifacts say of their origin.
     pub provenance: Provenance,
-    /// Takes messages.
+    /// Whom it tells; from any thread.
     pub messages: &'a (dyn Fn(Message) + Sync),
-    /// Whether to stop.
+    /// Whether the run is being stopped; from any thread.
     pub cancelled: &'a (dyn Fn() -> bool + Sync),
 }
 

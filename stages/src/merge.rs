@@ -28,7 +28,7 @@ pub struct Part {
     pub input: String,
     /// Which shard, from 0.
     pub shard: usize,
-    /// The shard's output.
+    /// Which of the shard's outputs.
     pub output: OutputPort,
 }
 

@@ -15,10 +15,10 @@ use serde::{Deserialize, Serialize};
 #[serde(transparent)]
 pub struct Input(pub String);
 
-/// One input that a stage declares; `name` is the name of its field in the pipeline file.
+/// One input that a stage declares.
 #[derive(Clone, Copy, Debug)]
 pub struct InputPort<'a> {
-    /// The field's name.
+    /// The name of its field in the pipeline file.
     pub name: &'a str,
     /// What the pipeline file says there.
     pub reference: &'a Input,
@@ -40,7 +40,7 @@ impl<'a> InputPort<'a> {
         }
     }
 
-    /// The same, used only on a condition.
+    /// An input that the stage uses on a condition.
     pub fn only_if(self, used: bool) -> Self {
         Self { used, ..self }
     }
@@ -50,7 +50,7 @@ impl<'a> InputPort<'a> {
 /// alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputPort {
-    /// The output's name.
+    /// What a reference says behind the stage's name: `stage.name`.
     pub name: &'static str,
     /// The artifact type that it writes.
     pub kind: ArtifactKind,
@@ -60,7 +60,7 @@ pub struct OutputPort {
 /// it, go by the same name and artifact type.
 #[derive(Debug)]
 pub struct Port<A> {
-    /// The port's name.
+    /// The name of an input's field, or of an output.
     pub name: &'static str,
     artifact: PhantomData<A>,
 }

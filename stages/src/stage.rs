@@ -70,7 +70,7 @@ impl Estimate {
         }
     }
 
-    /// The same, if it computes on the device as well, in so many more bytes and seconds.
+    /// Of a stage that computes on the device as well, in so many more bytes and seconds.
     pub fn computing(self, memory: u64, seconds: f64) -> Self {
         Self {
             memory: self.memory + memory,

@@ -72,8 +72,8 @@ struct Detail {
     own: Array,
 }
 
-/// A low-resolution photo's values, `[1, C, h, w]`, and which of them count, as factors; `None` where
-/// all do.
+/// A low-resolution photo's values, `[1, C, h, w]`, and which of them count, as factors; `None`
+/// where all do.
 struct Low {
     values: Array,
     counts: Option<Array>,

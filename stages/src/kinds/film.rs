@@ -63,10 +63,10 @@ pub enum Show {
 }
 
 impl Show {
-    /// All of them.
+    /// In the order of the outputs.
     pub const ALL: [Self; 3] = [Self::Color, Self::Depth, Self::Opacity];
 
-    /// The output of the stage.
+    /// The output that has it.
     pub fn port(self) -> Port<Figures> {
         Port::new(match self {
             Self::Color => "color",

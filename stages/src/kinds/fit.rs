@@ -75,6 +75,8 @@ impl Default for Fit {
 }
 
 impl Fit {
+    /// The library's options. Their fields stand in `Fit` as in `Sync`, since serde's `flatten`
+    /// cannot refuse unknown fields.
     fn options(&self) -> TrainOptions {
         TrainOptions {
             steps: self.steps,

@@ -128,7 +128,8 @@ impl Interpolate {
         }
     }
 
-    /// `image [1, C, h, w]` at another size [H, W], by a fixed filter.
+    /// `image [1, C, h, w]` at another size [H, W], by a fixed filter. `Kernel` is no [`Filter`]:
+    /// of those it has only the ones that a pipeline may name.
     fn filtered(&self, image: &Array, [height, width]: [usize; 2]) -> Array {
         let filter = match self.filter {
             Kernel::Bicubic | Kernel::Learned(_) => Filter::BicubicTorch,

@@ -101,6 +101,8 @@ impl Default for Optimize {
 }
 
 impl Optimize {
+    /// The library's options. Their fields stand in `Optimize` again, since serde's `flatten`
+    /// cannot refuse unknown fields.
     fn options(&self) -> Options {
         Options {
             guidance: self.guidance,
@@ -257,7 +259,7 @@ fn refused(error: OptimizeError) -> StageError {
     }
 }
 
-/// What people watch.
+/// The figures of a step that progress shows.
 fn figures(log: &StepLog) -> Vec<(&'static str, f64)> {
     let guidance = log
         .guidance

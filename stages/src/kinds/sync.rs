@@ -67,6 +67,8 @@ impl Default for Sync {
 }
 
 impl Sync {
+    /// The library's options. Their fields stand in `Sync` as in `Fit`, since serde's `flatten`
+    /// cannot refuse unknown fields.
     fn options(&self) -> TrainOptions {
         TrainOptions {
             steps: self.steps,
