@@ -164,7 +164,7 @@ impl Known {
                 let from = nodes[at]
                     .wires
                     .iter()
-                    .map(|wire| (wire.input.to_owned(), nodes[wire.from].name.clone()));
+                    .map(|wire| (wire.input.clone(), nodes[wire.from].name.clone()));
                 (
                     nodes[at].name.clone(),
                     Part {

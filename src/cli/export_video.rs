@@ -7,7 +7,7 @@ use artifacts_schema::{ImageSet, Picture};
 use clap::{Args, ValueEnum};
 use formats::shot::Rate;
 use serde_json::json;
-use stages::film::Show;
+use stages::kinds::film::Show;
 
 use super::error::Error;
 use super::{artifact, whole};
@@ -129,7 +129,7 @@ impl Video {
         };
         let mut pictures = shown.iter();
         let Some((_, first)) = pictures.next() else {
-            return Err(refuse(format!("no image has any {}", show.name())));
+            return Err(refuse(format!("no image has any {}", show.port().name)));
         };
         let size = |picture: &Picture| (picture.width, picture.height);
         if let Some((name, other)) = pictures.find(|(_, other)| size(other) != size(first)) {

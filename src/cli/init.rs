@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use scene::Survey;
-use stages::origin::Origin;
+use stages::kinds::scene::origin::Origin;
 
 use super::error::Error;
 use crate::pipeline::init::{Photos, Purpose};

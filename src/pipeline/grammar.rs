@@ -8,8 +8,8 @@ use std::sync::LazyLock;
 
 use serde::Deserialize;
 use serde::de::{Deserializer, EnumAccess, Error, IgnoredAny, MapAccess, VariantAccess, Visitor};
+use stages::Input;
 use stages::registry::{AnyStage, KINDS};
-use stages::stage::Input;
 
 /// A pipeline file as written.
 ///

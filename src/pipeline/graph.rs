@@ -50,7 +50,7 @@ impl Node {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wire {
     /// The input's name.
-    pub input: &'static str,
+    pub input: String,
     /// The stage that it comes from, as its place in [`Graph::nodes`].
     pub from: usize,
     pub output: &'static str,

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use stages::origin::Origin;
+use stages::kinds::scene::origin::Origin;
 
 /// The main job.
 const MAIN: &str = include_str!("../../pipelines/i3ds.ron");

@@ -19,7 +19,7 @@ pub struct Recipe<'a> {
     /// The stage, its parameters and its seed.
     pub node: &'a Node,
     /// The semantic digests of its inputs, by input name.
-    pub inputs: &'a BTreeMap<&'static str, Digest>,
+    pub inputs: &'a BTreeMap<String, Digest>,
     /// What it reads beside them.
     pub sources: &'a [Source],
     /// The kind of device that was chosen; only some stages compute on it.

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use artifacts_schema::{ArtifactKind, Metrics, Row, SchemaError};
-use stages::{Input, InputPort, Io, OutputPort, Stage, StageError};
+use artifacts_schema::{Artifact, ArtifactKind, Metrics, Row, SchemaError};
+use stages::{Input, InputPort, Io, OutputPort, Port, Stage, StageError};
 
 use crate::pipeline::graph::{Graph, Node, Wire};
 
@@ -45,6 +45,7 @@ pub enum Act {
 }
 
 const INPUTS: [&str; 3] = ["a", "b", "c"];
+const SUM: Port<Metrics> = Port::new("sum");
 
 impl Stage for Sum {
     fn kind(&self) -> &'static str {
@@ -67,17 +68,14 @@ impl Stage for Sum {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "sum",
-            kind: ArtifactKind::Metrics,
-        }]
+        vec![SUM.output()]
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         self.runs.fetch_add(1, Ordering::SeqCst);
         let mut sum = f64::from(self.number);
-        for name in io.inputs.keys() {
-            sum += io.read::<Metrics>(name)?.rows["sum"].mean["value"];
+        for folder in io.inputs.values() {
+            sum += Metrics::read(folder)?.rows["sum"].mean["value"];
         }
         match self.act {
             Act::Fail => return Err(StageError::Mismatch("these do not fit".into())),
@@ -88,7 +86,7 @@ impl Stage for Sum {
             },
             Act::Nothing => return Ok(()),
             Act::NoRoom => {
-                let path = io.outputs.join("sum");
+                let path = io.outputs.join(SUM.name);
                 let source = std::io::ErrorKind::StorageFull.into();
                 return Err(StageError::Artifact(SchemaError::Io { path, source }));
             }
@@ -103,7 +101,7 @@ impl Stage for Sum {
             },
         )]);
         io.write(
-            "sum",
+            SUM,
             &Metrics {
                 rows,
                 definitions: BTreeMap::new(),
@@ -136,9 +134,9 @@ pub fn node(name: &str, stage: Sum, reads: &[usize]) -> Node {
         .iter()
         .zip(reads)
         .map(|(input, &from)| Wire {
-            input,
+            input: (*input).to_owned(),
             from,
-            output: "sum",
+            output: SUM.name,
         })
         .collect();
     let params = serde_json::json!({"number": stage.number, "modulo": stage.modulo});

@@ -37,7 +37,7 @@ impl Default for SplatOptions {
 /// How near splats come to their field, mean dB over views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closeness {
-    /// How many views.
+    /// Views that were compared.
     pub views: usize,
     /// The field's and the splats' pictures beside the photos, where there are some.
     pub photos: Option<[f64; 2]>,
@@ -139,8 +139,8 @@ pub fn closeness(field: &Field, cloud: &Cloud, cameras: &[Camera]) -> Closeness 
     }
 }
 
-/// The same beside photos, whose masked pixels do not count. Photos behind a lens are passed over:
-/// splats are drawn without.
+/// How near splats and their field come to photos, whose masked pixels do not count. Photos behind
+/// a lens are passed over: splats are drawn without.
 pub fn closeness_to_photos(field: &Field, cloud: &Cloud, photos: &[View]) -> Closeness {
     let plain = photos
         .iter()

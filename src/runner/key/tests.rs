@@ -73,7 +73,11 @@ fn a_key_is_what_it_always_was() {
     };
     let recipe = Recipe {
         node: &node,
-        inputs: &INPUTS.into_iter().zip((0..).map(digest_of)).collect(),
+        inputs: &INPUTS
+            .map(String::from)
+            .into_iter()
+            .zip((0..).map(digest_of))
+            .collect(),
         sources: &["lpips.2", "photos and poses", "lpips.10"].map(source),
         device: "gpu: one",
         salt: Some("mine"),
@@ -115,8 +119,10 @@ fn names_of_inputs_and_stages_are_no_part_of_a_key_but_digests_are() {
     };
     let a = node("a");
     let b = node("b");
-    let inputs =
-        |text: &str| BTreeMap::from([("images", Digest::from(blake3::hash(text.as_bytes())))]);
+    let inputs = |text: &str| {
+        let digest = Digest::from(blake3::hash(text.as_bytes()));
+        BTreeMap::from([("images".to_owned(), digest)])
+    };
     let one = inputs("1");
     let two = inputs("2");
     let key = |node, inputs, salt| {

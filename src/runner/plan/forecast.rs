@@ -114,13 +114,15 @@ impl Context<'_> {
 }
 
 /// The digests of the inputs that are known already, and the stages that the others come from.
-fn known_inputs(
-    node: &Node,
+fn known_inputs<'n>(
+    node: &'n Node,
     upstream: &BTreeMap<usize, Forecast>,
-) -> (Inputs, BTreeMap<&'static str, usize>) {
+) -> (Inputs, BTreeMap<&'n str, usize>) {
     let known = inputs::digests(node, |from| upstream.get(&from)?.record());
     let wires = node.wires.iter();
-    let unknown = wires.filter(|wire| !known.contains_key(wire.input));
-    let unknown = unknown.map(|wire| (wire.input, wire.from)).collect();
+    let unknown = wires.filter(|wire| !known.contains_key(&wire.input));
+    let unknown = unknown
+        .map(|wire| (wire.input.as_str(), wire.from))
+        .collect();
     (known, unknown)
 }

@@ -9,14 +9,17 @@ use crate::pipeline::graph::{Node, Wire};
 use crate::store::record::{Output, Record};
 
 /// The digests of a stage's inputs, by input name.
-pub type Inputs = BTreeMap<&'static str, Digest>;
+pub type Inputs = BTreeMap<String, Digest>;
 
 /// The outputs that a stage reads, by input name, of those stages that have a result.
-pub fn read<'r>(
-    node: &Node,
+pub fn read<'n, 'r>(
+    node: &'n Node,
     result: impl Fn(usize) -> Option<&'r Record>,
-) -> BTreeMap<&'static str, &'r Output> {
-    let output = |wire: &Wire| Some((wire.input, result(wire.from)?.outputs.get(wire.output)?));
+) -> BTreeMap<&'n str, &'r Output> {
+    let output = |wire: &'n Wire| {
+        let output = result(wire.from)?.outputs.get(wire.output)?;
+        Some((wire.input.as_str(), output))
+    };
     node.wires.iter().filter_map(output).collect()
 }
 
@@ -24,12 +27,12 @@ pub fn read<'r>(
 pub fn digests<'r>(node: &Node, result: impl Fn(usize) -> Option<&'r Record>) -> Inputs {
     let outputs = read(node, result).into_iter();
     outputs
-        .map(|(input, output)| (input, output.digest))
+        .map(|(input, output)| (input.to_owned(), output.digest))
         .collect()
 }
 
 /// How many bytes their files have.
-pub fn sizes<'r>(node: &Node, result: impl Fn(usize) -> Option<&'r Record>) -> Sizes<'static> {
+pub fn sizes<'n, 'r>(node: &'n Node, result: impl Fn(usize) -> Option<&'r Record>) -> Sizes<'n> {
     let bytes = |output: &Output| output.files.iter().map(|file| file.bytes).sum();
     let outputs = read(node, result).into_iter();
     outputs

@@ -10,9 +10,9 @@ use super::scores::Scored;
 
 /// A view of a field, with its depth.
 pub struct Shown {
-    /// From where.
+    /// Whence it is seen.
     pub camera: Camera,
-    /// What is seen.
+    /// Colour, depth and opacity.
     pub image: Rendered,
 }
 

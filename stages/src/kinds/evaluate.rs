@@ -2,6 +2,7 @@
 //! of how they came about.
 
 mod consistency;
+mod masked;
 mod networks;
 mod pictures;
 mod scores;
@@ -9,7 +10,7 @@ mod scores;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use artifacts_schema::{ArtifactKind, Figures, ImageSet, View};
+use artifacts_schema::{Figures, ImageSet, Metrics, View};
 use compute::resize::{Filter, resize};
 use formats::pixels::planes;
 use nerf::{Field, Rendered};
@@ -19,12 +20,28 @@ use serde::{Deserialize, Serialize};
 use self::consistency::{Shown, warped};
 use self::networks::Networks;
 use self::pictures::{BEHIND, Picked, error_map, side_by_side};
-pub use self::scores::Scored;
 use self::scores::Scores;
 use crate::convert;
 use crate::error::StageError;
-use crate::masked;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::io::Io;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Sizes, Source, Stage};
+
+const FIELD: Port<artifacts_schema::Field> = Port::new("field");
+const BASELINE: Port<artifacts_schema::Field> = Port::new("baseline");
+const TRUTH: Port<ImageSet> = Port::new("truth");
+const LOW: Port<ImageSet> = Port::new("low");
+const TRAIN: Port<ImageSet> = Port::new("train");
+
+const METRICS: Port<Metrics> = Port::new("metrics");
+/// Truth and rows side by side.
+const FIGURES: Port<Figures> = Port::new("figures");
+/// The field as each held-out camera sees it.
+const RENDERS: Port<Figures> = Port::new("renders");
+/// What the camera saw.
+const PHOTOS: Port<Figures> = Port::new("photos");
+/// What FLIP sees between the two.
+const FLIP: Port<Figures> = Port::new("flip");
 
 /// Measures a field on views that no other stage saw, beside two baselines of the low-resolution
 /// field.
@@ -170,26 +187,18 @@ impl Stage for Evaluate {
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
         vec![
-            InputPort::new("field", &self.field, ArtifactKind::Field),
-            InputPort::new("baseline", &self.baseline, ArtifactKind::Field),
-            InputPort::new("truth", &self.truth, ArtifactKind::Images),
-            InputPort::new("low", &self.low, ArtifactKind::Images),
-            InputPort::new("train", &self.train, ArtifactKind::Images),
+            FIELD.input(&self.field),
+            BASELINE.input(&self.baseline),
+            TRUTH.input(&self.truth),
+            LOW.input(&self.low),
+            TRAIN.input(&self.train),
         ]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        let port = |name, kind| OutputPort { name, kind };
-        vec![
-            port("metrics", ArtifactKind::Metrics),
-            // Truth and rows side by side.
-            port("figures", ArtifactKind::Figures),
-            // The field as each held-out camera sees it, the photo, and what FLIP sees between the
-            // two.
-            port("renders", ArtifactKind::Figures),
-            port("photos", ArtifactKind::Figures),
-            port("flip", ArtifactKind::Figures),
-        ]
+        let mut ports = vec![METRICS.output()];
+        ports.extend([FIGURES, RENDERS, PHOTOS, FLIP].map(Port::output));
+        ports
     }
 
     fn locations(&self) -> &'static [&'static str] {
@@ -215,11 +224,11 @@ impl Stage for Evaluate {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         // Before anything is rendered: the files may have changed since the run was planned.
         let networks = Networks::open(&self.lpips)?;
-        let field = convert::field(io.read("field")?)?;
-        let baseline = convert::field(io.read("baseline")?)?;
-        let truths: ImageSet = io.read("truth")?;
-        let lows: ImageSet = io.read("low")?;
-        let train: ImageSet = io.read("train")?;
+        let field = convert::field(io.read(FIELD)?)?;
+        let baseline = convert::field(io.read(BASELINE)?)?;
+        let truths = io.read(TRUTH)?;
+        let lows = io.read(LOW)?;
+        let train = io.read(TRAIN)?;
         // Each held-out view is rendered by two fields and then measured.
         let steps = 3 * truths.views.len() + train.views.len();
         let mut done = 0;
@@ -232,7 +241,7 @@ impl Stage for Evaluate {
             (LR, self.show(&baseline, &truths, &mut tell)?),
         ];
         let mut scores = Scores::default();
-        // In the order of the outputs' names below.
+        // In the order of the outputs below.
         let mut sets: [BTreeMap<_, _>; 4] = Default::default();
         for (at, view) in truths.views.iter().enumerate() {
             let low = convert::view_named(&lows, &view.name)?;
@@ -284,12 +293,9 @@ impl Stage for Evaluate {
         if let Some(warning) = scores.warning() {
             io.warn(warning);
         }
-        io.write("metrics", &scores.finish(&[OWN]))?;
-        for (name, images) in ["figures", "renders", "photos", "flip"]
-            .into_iter()
-            .zip(sets)
-        {
-            io.write(name, &Figures { images })?;
+        io.write(METRICS, &scores.finish(&[OWN]))?;
+        for (port, images) in [FIGURES, RENDERS, PHOTOS, FLIP].into_iter().zip(sets) {
+            io.write(port, &Figures { images })?;
         }
         Ok(())
     }

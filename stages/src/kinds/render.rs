@@ -3,16 +3,22 @@
 
 use std::path::PathBuf;
 
-use artifacts_schema::{ArtifactKind, Cameras, Digest, Field, ImageSet};
+use artifacts_schema::{Cameras, Digest, Field, ImageSet};
 use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
+use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::stage::{Estimate, Sizes, Source, Stage};
+
+const FIELD: Port<Field> = Port::new("field");
+const CAMERAS: Port<ImageSet> = Port::new("cameras");
+const IMAGES: Port<ImageSet> = Port::new("images");
 
 /// Renders a field from the cameras of an image set. Where the images that the cameras come from
 /// have alpha, or along a path, the renders have it too.
@@ -164,17 +170,11 @@ impl Stage for Render {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![
-            InputPort::new("field", &self.field, ArtifactKind::Field),
-            InputPort::new("cameras", &self.cameras, ArtifactKind::Images),
-        ]
+        vec![FIELD.input(&self.field), CAMERAS.input(&self.cameras)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "images",
-            kind: ArtifactKind::Images,
-        }]
+        vec![IMAGES.output()]
     }
 
     fn shards(&self) -> Vec<AnyStage> {
@@ -195,9 +195,9 @@ impl Stage for Render {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let field = convert::field(io.read::<Field>("field")?)?;
+        let field = convert::field(io.read(FIELD)?)?;
         // Cameras alone, since the images' pixels would be read for nothing.
-        let cameras = Cameras::read(io.input("cameras")?)?;
+        let cameras = Cameras::read(io.input(CAMERAS.name)?)?;
         let options = nerf::RenderOptions {
             supersample: self.supersample,
             ..Default::default()
@@ -221,7 +221,7 @@ impl Stage for Render {
             io.progress(done + 1, path.len(), &[])?;
         }
         io.write(
-            "images",
+            IMAGES,
             &ImageSet {
                 views,
                 bounds: cameras.bounds,

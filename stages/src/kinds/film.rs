@@ -3,15 +3,20 @@
 
 use std::collections::BTreeMap;
 
-use artifacts_schema::{ArtifactKind, Figures, Film as Clips, ImageSet, Picture, View};
+use artifacts_schema::{Figures, Film as Clips, ImageSet, Picture, View};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
-use crate::stage::{Input, InputPort, Io, OutputPort, Stage};
+use crate::io::Io;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::Stage;
 use crate::{colormap, convert};
+
+const IMAGES: Port<ImageSet> = Port::new("images");
+const FILM: Port<Clips> = Port::new("film");
 
 /// The colour quantiser's effort, from 1 (best) to 30 (fastest).
 const GIF_SPEED: i32 = 10;
@@ -58,16 +63,16 @@ pub enum Show {
 }
 
 impl Show {
-    /// All of them.
+    /// In the order of the outputs.
     pub const ALL: [Self; 3] = [Self::Color, Self::Depth, Self::Opacity];
 
-    /// The output of the stage.
-    pub fn name(self) -> &'static str {
-        match self {
+    /// The output that has it.
+    pub fn port(self) -> Port<Figures> {
+        Port::new(match self {
             Self::Color => "color",
             Self::Depth => "depth",
             Self::Opacity => "opacity",
-        }
+        })
     }
 
     /// Pictures of the images that have it, in front of a grey, sRGB from 0 to 1.
@@ -209,36 +214,27 @@ impl Stage for Film {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+        vec![IMAGES.input(&self.images)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        let figures = Show::ALL.map(|show| OutputPort {
-            name: show.name(),
-            kind: ArtifactKind::Figures,
-        });
-        [
-            &[OutputPort {
-                name: "film",
-                kind: ArtifactKind::Film,
-            }],
-            &figures[..],
-        ]
-        .concat()
+        let mut ports = vec![FILM.output()];
+        ports.extend(Show::ALL.map(|show| show.port().output()));
+        ports
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
+        let images = io.read(IMAGES)?;
         let background = self.background as f32;
         let mut clips = BTreeMap::new();
         for (done, show) in Show::ALL.iter().enumerate() {
             let figures = show.pictures(&images, background);
             if !figures.images.is_empty() {
-                clips.insert(show.name().to_owned(), self.clip(&figures)?);
+                clips.insert(show.port().name.to_owned(), self.clip(&figures)?);
             }
-            io.write(show.name(), &figures)?;
+            io.write(show.port(), &figures)?;
             io.progress(done + 1, Show::ALL.len(), &[])?;
         }
-        io.write("film", &Clips { clips })
+        io.write(FILM, &Clips { clips })
     }
 }

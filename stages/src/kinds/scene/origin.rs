@@ -105,7 +105,8 @@ impl Default for Origin {
 }
 
 impl Origin {
-    /// The reader of what lies on disk; `None` for a world that is drawn.
+    /// The reader of what lies on disk; `None` for a world that is drawn. A reader is no variant of
+    /// `Origin` itself: names of parameters are in keys, and a library may rename its fields.
     pub fn reader(&self) -> Option<Box<dyn Reader>> {
         match self {
             Origin::Procedural { .. } => None,

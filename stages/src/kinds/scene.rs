@@ -1,19 +1,27 @@
 //! `Scene`: reads or draws posed photos, reduces them and holds some out. Knows nothing of fields.
 
+pub mod origin;
+
 use std::path::PathBuf;
 
-use artifacts_schema::{ArtifactKind, Digest, ImageSet};
+use artifacts_schema::{Digest, ImageSet};
 use formats::rows;
 use glam::DMat4;
 use scene::{Photo, Reducer, SceneData};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::origin::{Origin, WORLDS};
 use crate::convert;
 use crate::error::StageError;
 use crate::files;
-use crate::origin::{Origin, WORLDS};
-use crate::stage::{InputPort, Io, OutputPort, Source, Stage};
+use crate::io::Io;
+use crate::port::{InputPort, OutputPort, Port};
+use crate::stage::{Source, Stage};
+
+const TRAIN: Port<ImageSet> = Port::new("train");
+const TEST: Port<ImageSet> = Port::new("test");
+const TEST_LOW: Port<ImageSet> = Port::new("test_low");
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -138,12 +146,7 @@ impl Stage for Scene {
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        ["train", "test", "test_low"]
-            .map(|name| OutputPort {
-                name,
-                kind: ArtifactKind::Images,
-            })
-            .to_vec()
+        [TRAIN, TEST, TEST_LOW].map(Port::output).to_vec()
     }
 
     fn sources(&self) -> Result<Vec<Source>, StageError> {
@@ -201,9 +204,9 @@ impl Stage for Scene {
             bounds,
             to_source,
         };
-        io.write("train", &set(&self.reduce(&train)?))?;
-        io.write("test", &set(&test))?;
-        io.write("test_low", &set(&self.reduce(&test)?))?;
+        io.write(TRAIN, &set(&self.reduce(&train)?))?;
+        io.write(TEST, &set(&test))?;
+        io.write(TEST_LOW, &set(&self.reduce(&test)?))?;
         io.progress(2, 2, &[])
     }
 }

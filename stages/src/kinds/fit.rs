@@ -1,6 +1,8 @@
 //! `Fit`: a radiance field from posed photos. Knows nothing of diffusion.
 
-use artifacts_schema::{ArtifactKind, ImageSet};
+mod corrected;
+
+use artifacts_schema::{ImageSet, Log};
 use nerf::{
     ExposureOptions, Field, FieldConfig, PoseOptions, Space, SpaceKind, TrainOptions, TrainView,
 };
@@ -8,10 +10,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
-use crate::corrected;
 use crate::error::StageError;
-use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
-use crate::training;
+use crate::io::Io;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Extension, Sizes, Stage};
+use crate::training::{self, FIELD, LOG};
+
+const IMAGES: Port<ImageSet> = Port::new("images");
+const PHOTOS: Port<ImageSet> = Port::new("photos");
+const EXPOSURES: Port<Log> = Port::new("exposures");
 
 /// Fits a hash-grid field to posed photos.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -68,6 +75,8 @@ impl Default for Fit {
 }
 
 impl Fit {
+    /// The library's options. Their fields stand in `Fit` as in `Sync`, since serde's `flatten`
+    /// cannot refuse unknown fields.
     fn options(&self) -> TrainOptions {
         TrainOptions {
             steps: self.steps,
@@ -96,7 +105,7 @@ impl Stage for Fit {
 
     fn check(&self) -> Result<(), StageError> {
         convert::in_range("supersample", self.supersample, 1, 16)?;
-        training::check(self.steps, self.samples, self.rate, self.final_rate)?;
+        training::check(&self.options())?;
         if let Some(exposure) = &self.exposure {
             training::check_rate("exposure.rate", exposure.rate)?;
             if !(exposure.pull >= 0.0 && exposure.pull <= 1000.0) {
@@ -113,20 +122,16 @@ impl Stage for Fit {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+        vec![IMAGES.input(&self.images)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        let port = |name, kind| OutputPort { name, kind };
-        let mut ports = vec![
-            port("field", ArtifactKind::Field),
-            port("log", ArtifactKind::Log),
-        ];
+        let mut ports = vec![FIELD.output(), LOG.output()];
         if self.corrects_photos() {
-            ports.push(port("photos", ArtifactKind::Images));
+            ports.push(PHOTOS.output());
         }
         if self.exposure.is_some() {
-            ports.push(port("exposures", ArtifactKind::Log));
+            ports.push(EXPOSURES.output());
         }
         ports
     }
@@ -149,11 +154,11 @@ impl Stage for Fit {
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         // Two features of four bytes an entry.
         let levels = u64::from(self.field.levels) << self.field.log2_table;
-        training::estimate(inputs, 8 * levels, self.steps, self.samples)
+        training::estimate(inputs, 8 * levels, &self.options())
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
+        let images = io.read(IMAGES)?;
         let views: Vec<_> = images
             .views
             .iter()
@@ -179,10 +184,10 @@ impl Stage for Fit {
                 "largest shift of a camera, in parts of its distance",
                 corrected::largest_shift(&images, &photos),
             );
-            io.write("photos", &photos)?;
+            io.write(PHOTOS, &photos)?;
         }
         if let Some(exposures) = &trained.exposures {
-            io.write("exposures", &corrected::exposures(&images, exposures))?;
+            io.write(EXPOSURES, &corrected::exposures(&images, exposures))?;
         }
         Ok(())
     }

@@ -1,16 +1,20 @@
 //! `Encode`: images to latents by the prior's VAE, in f32. Knows nothing of guidance.
 
-use std::path::PathBuf;
-
-use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents};
-use diffusion::ModelSource;
+use artifacts_schema::{ImageSet, LatentView, Latents};
+use diffusion::{ModelSource, Prior};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::model;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::io::Io;
+use crate::model::Model;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::prior;
+use crate::stage::{Estimate, Sizes, Stage};
+
+const IMAGES: Port<ImageSet> = Port::new("images");
+const LATENTS: Port<Latents> = Port::new("latents");
 
 /// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper
 /// section 2.1).
@@ -50,26 +54,15 @@ impl Stage for Encode {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+        vec![IMAGES.input(&self.images)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "latents",
-            kind: ArtifactKind::Latents,
-        }]
+        vec![LATENTS.output()]
     }
 
-    fn sources(&self) -> Result<Vec<Source>, StageError> {
-        model::sources(&self.model)
-    }
-
-    fn source_files(&self) -> Option<Vec<PathBuf>> {
-        model::files(&self.model)
-    }
-
-    fn locations(&self) -> &'static [&'static str] {
-        &["model"]
+    fn model(&self) -> Option<&dyn Model> {
+        Some(&self.model)
     }
 
     fn uses_device(&self) -> bool {
@@ -77,12 +70,12 @@ impl Stage for Encode {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(model::memory(&self.model), 30.0)
+        Estimate::reading(inputs).computing(prior::memory(&self.model), 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
-        let prior = model::load(&self.model, io)?;
+        let images = io.read(IMAGES)?;
+        let prior = Prior::load(&self.model, io.device)?;
         let mut views = Vec::new();
         for (done, view) in images.views.iter().enumerate() {
             let latent = prior
@@ -98,9 +91,9 @@ impl Stage for Encode {
         }
         // The whole model's digest stands for its VAE, so that latents of another model are told
         // apart.
-        let vae = model::sources(&self.model)?[0].digest.to_string();
+        let vae = self.model.content()?.to_string();
         io.write(
-            "latents",
+            LATENTS,
             &Latents {
                 vae,
                 scaling_factor: prior.vae.scaling_factor(),

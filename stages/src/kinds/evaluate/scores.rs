@@ -9,7 +9,7 @@ use metrics::Image;
 /// A metric's value, or why there is none.
 pub type Scored = (&'static str, Result<f64, String>);
 
-/// Scores by row.
+/// Scores by row, view and metric, and which are missing.
 #[derive(Default)]
 pub struct Scores {
     rows: BTreeMap<String, BTreeMap<String, BTreeMap<String, f64>>>,

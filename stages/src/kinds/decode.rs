@@ -1,8 +1,6 @@
 //! `Decode`: refined latents back to images. Knows nothing of how they were refined.
 
-use std::path::PathBuf;
-
-use artifacts_schema::{ArtifactKind, ImageSet, LatentView, Latents, Residuals, View};
+use artifacts_schema::{ImageSet, LatentView, Latents, Residuals, View};
 use compute::Array;
 use compute::elementwise::{add, clamp, sub};
 use diffusion::{ModelSource, Prior};
@@ -12,9 +10,18 @@ use serde::{Deserialize, Serialize};
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
 use crate::masks;
-use crate::model;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::model::Model;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::prior;
+use crate::stage::{Estimate, Sizes, Stage};
+
+const LATENTS: Port<Latents> = Port::new("latents");
+const RESIDUALS: Port<Residuals> = Port::new("residuals");
+/// The images that were encoded, and those that come out.
+const IMAGES: Port<ImageSet> = Port::new("images");
+const LOW: Port<ImageSet> = Port::new("low");
 
 /// Decodes refined latents z + h by the prior's VAE, D.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -149,32 +156,19 @@ impl Stage for Decode {
     fn inputs(&self) -> Vec<InputPort<'_>> {
         let residual = self.mode == Mode::Residual;
         vec![
-            InputPort::new("latents", &self.latents, ArtifactKind::Latents),
-            InputPort::new("residuals", &self.residuals, ArtifactKind::Residuals).only_if(residual),
-            InputPort::new("images", &self.images, ArtifactKind::Images)
-                .only_if(self.takes_images()),
-            InputPort::new("low", &self.low, ArtifactKind::Images)
-                .only_if(self.back_projection > 0),
+            LATENTS.input(&self.latents),
+            RESIDUALS.input(&self.residuals).only_if(residual),
+            IMAGES.input(&self.images).only_if(self.takes_images()),
+            LOW.input(&self.low).only_if(self.back_projection > 0),
         ]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "images",
-            kind: ArtifactKind::Images,
-        }]
+        vec![IMAGES.output()]
     }
 
-    fn sources(&self) -> Result<Vec<Source>, StageError> {
-        model::sources(&self.model)
-    }
-
-    fn source_files(&self) -> Option<Vec<PathBuf>> {
-        model::files(&self.model)
-    }
-
-    fn locations(&self) -> &'static [&'static str] {
-        &["model"]
+    fn model(&self) -> Option<&dyn Model> {
+        Some(&self.model)
     }
 
     fn uses_device(&self) -> bool {
@@ -182,23 +176,18 @@ impl Stage for Decode {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(model::memory(&self.model), 30.0)
+        Estimate::reading(inputs).computing(prior::memory(&self.model), 30.0)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let latents: Latents = io.read("latents")?;
+        let latents = io.read(LATENTS)?;
         let residual = self.mode == Mode::Residual;
-        let residuals = residual
-            .then(|| io.read::<Residuals>("residuals"))
-            .transpose()?;
-        let images = self
-            .takes_images()
-            .then(|| io.read::<ImageSet>("images"))
-            .transpose()?;
-        let low = (self.back_projection > 0)
-            .then(|| io.read::<ImageSet>("low"))
-            .transpose()?;
-        let prior = model::load(&self.model, io)?;
+        let residuals = residual.then(|| io.read(RESIDUALS)).transpose()?;
+        let takes_images = self.takes_images();
+        let images = takes_images.then(|| io.read(IMAGES)).transpose()?;
+        let projects = self.back_projection > 0;
+        let low = projects.then(|| io.read(LOW)).transpose()?;
+        let prior = Prior::load(&self.model, io.device)?;
         let mut views = Vec::new();
         for (done, latent) in latents.views.iter().enumerate() {
             let parts = Parts {
@@ -225,7 +214,7 @@ impl Stage for Decode {
             .flatten()
             .find_map(|i| i.to_source);
         io.write(
-            "images",
+            IMAGES,
             &ImageSet {
                 views,
                 bounds: latents.bounds,

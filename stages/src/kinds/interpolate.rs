@@ -1,9 +1,11 @@
 //! `Interpolate`: enlarges (or reduces) images by a fixed filter or a learned one. Knows nothing of
 //! fields.
 
-use std::path::PathBuf;
+mod learned;
+#[cfg(test)]
+mod tests;
 
-use artifacts_schema::{ArtifactKind, ImageSet, View};
+use artifacts_schema::{ImageSet, View};
 use compute::elementwise::clamp;
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
@@ -12,12 +14,18 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use upsampler::Upsampler;
 
+use self::learned::Learned;
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
-use crate::learned::Learned;
+use crate::io::Io;
 use crate::masks;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::model::Model;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Sizes, Stage};
+
+/// The images that are enlarged, and those that come out.
+const IMAGES: Port<ImageSet> = Port::new("images");
 
 /// Enlarges the images of a set; of transparent ones, what they are before black, and their alpha
 /// by itself.
@@ -122,7 +130,8 @@ impl Interpolate {
         }
     }
 
-    /// `image [1, C, h, w]` at another size [H, W], by a fixed filter.
+    /// `image [1, C, h, w]` at another size [H, W], by a fixed filter. `Kernel` is no [`Filter`]:
+    /// of those it has only the ones that a pipeline may name.
     fn filtered(&self, image: &Array, [height, width]: [usize; 2]) -> Array {
         let filter = match self.filter {
             Kernel::Bicubic | Kernel::Learned(_) => Filter::BicubicTorch,
@@ -197,30 +206,15 @@ impl Stage for Interpolate {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![InputPort::new("images", &self.images, ArtifactKind::Images)]
+        vec![IMAGES.input(&self.images)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "images",
-            kind: ArtifactKind::Images,
-        }]
+        vec![IMAGES.output()]
     }
 
-    fn sources(&self) -> Result<Vec<Source>, StageError> {
-        self.learned().map_or(Ok(Vec::new()), Learned::sources)
-    }
-
-    fn source_files(&self) -> Option<Vec<PathBuf>> {
-        Some(self.learned().map_or(Vec::new(), Learned::files))
-    }
-
-    fn locations(&self) -> &'static [&'static str] {
-        if self.learned().is_some() {
-            &["filter.model"]
-        } else {
-            &[]
-        }
+    fn model(&self) -> Option<&dyn Model> {
+        self.learned().map(|learned| learned as &dyn Model)
     }
 
     fn uses_device(&self) -> bool {
@@ -236,7 +230,7 @@ impl Stage for Interpolate {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
+        let images = io.read(IMAGES)?;
         let network = self
             .learned()
             .map(|learned| learned.load(io.device))
@@ -247,69 +241,12 @@ impl Stage for Interpolate {
             io.progress(done + 1, images.views.len(), &[])?;
         }
         io.write(
-            "images",
+            IMAGES,
             &ImageSet {
                 views,
                 bounds: images.bounds,
                 to_source: images.to_source,
             },
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// How much of each pixel of a picture of `side` pixels a disc covers, [1, 1, side, side].
-    fn disc(side: usize) -> Array {
-        let covered = |i: usize| {
-            let points = (0..64).filter(|k| {
-                let x = (i % side) as f64 + (k % 8) as f64 / 8.0 + 1.0 / 16.0;
-                let y = (i / side) as f64 + (k / 8) as f64 / 8.0 + 1.0 / 16.0;
-                (x / side as f64 - 0.5).hypot(y / side as f64 - 0.5) < 0.35
-            });
-            points.count() as f32 / 64.0
-        };
-        Device::cpu().array(&[1, 1, side, side], (0..side * side).map(covered).collect())
-    }
-
-    fn learned() -> Interpolate {
-        Interpolate {
-            filter: Kernel::Learned(Learned::default()),
-            back_projection: 3,
-            ..Interpolate::default()
-        }
-    }
-
-    fn network(stage: &Interpolate) -> Option<Upsampler> {
-        stage
-            .learned()
-            .map(|learned| learned.load(&Device::cpu()).unwrap())
-    }
-
-    #[test]
-    fn an_outline_is_nearer_the_truth_by_a_network_than_by_bicubic() {
-        let stage = learned();
-        let small = disc(24);
-        let truth = disc(96).to_vec();
-        let error = |network: Option<&Upsampler>| {
-            let large = stage.alpha(&small, [96, 96], network).to_vec();
-            large
-                .iter()
-                .zip(&truth)
-                .map(|(a, b)| (a - b).powi(2))
-                .sum::<f32>()
-        };
-        let network = network(&stage);
-        assert!(error(network.as_ref()) < 0.7 * error(None));
-    }
-
-    #[test]
-    fn what_is_opaque_all_over_stays_so() {
-        let stage = learned();
-        let opaque = Device::cpu().array(&[1, 1, 8, 8], vec![1.0; 64]);
-        let large = stage.alpha(&opaque, [32, 32], network(&stage).as_ref());
-        assert!(large.to_vec().iter().all(|&alpha| alpha == 1.0));
     }
 }

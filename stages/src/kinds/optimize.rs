@@ -4,9 +4,7 @@
 mod outputs;
 mod view;
 
-use std::path::PathBuf;
-
-use artifacts_schema::{ArtifactKind, ImageSet, Latents};
+use artifacts_schema::{ImageSet, Latents, Log, Lora, Residuals};
 use compute::Precision;
 use diffusion::guidance::{Guidance, Loss, Timesteps};
 use diffusion::optimize::{Optimization, OptimizeError, Optimizer, Options, StepLog};
@@ -18,11 +16,21 @@ use self::outputs::write;
 use self::view::view;
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
 use crate::keeper::Keeper;
-use crate::model;
+use crate::model::Model;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::prior;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Source, Stage};
+use crate::stage::{Estimate, Extension, Sizes, Stage};
+
+/// The latents that are refined, and those that come out.
+const LATENTS: Port<Latents> = Port::new("latents");
+const LOW: Port<ImageSet> = Port::new("low");
+const RESIDUALS: Port<Residuals> = Port::new("residuals");
+const LOG: Port<Log> = Port::new("log");
+const LORA: Port<Lora> = Port::new("lora");
 
 /// Refines latents: one residual latent per view, guided by the prior.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -93,6 +101,8 @@ impl Default for Optimize {
 }
 
 impl Optimize {
+    /// The library's options. Their fields stand in `Optimize` again, since serde's `flatten`
+    /// cannot refuse unknown fields.
     fn options(&self) -> Options {
         Options {
             guidance: self.guidance,
@@ -125,47 +135,20 @@ impl Stage for Optimize {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        vec![
-            InputPort::new("latents", &self.latents, ArtifactKind::Latents),
-            InputPort::new("low", &self.low, ArtifactKind::Images),
-        ]
+        vec![LATENTS.input(&self.latents), LOW.input(&self.low)]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        let mut ports = vec![
-            OutputPort {
-                name: "latents",
-                kind: ArtifactKind::Latents,
-            },
-            OutputPort {
-                name: "residuals",
-                kind: ArtifactKind::Residuals,
-            },
-            OutputPort {
-                name: "log",
-                kind: ArtifactKind::Log,
-            },
-        ];
+        let mut ports = vec![LATENTS.output(), RESIDUALS.output(), LOG.output()];
         // There is one LoRA for each part, and none that would stand for all of them.
         if self.guidance.rule().lora().is_some() && (self.shards == 1 || self.shard > 0) {
-            ports.push(OutputPort {
-                name: "lora",
-                kind: ArtifactKind::Lora,
-            });
+            ports.push(LORA.output());
         }
         ports
     }
 
-    fn sources(&self) -> Result<Vec<Source>, StageError> {
-        model::sources(&self.model)
-    }
-
-    fn source_files(&self) -> Option<Vec<PathBuf>> {
-        model::files(&self.model)
-    }
-
-    fn locations(&self) -> &'static [&'static str] {
-        &["model"]
+    fn model(&self) -> Option<&dyn Model> {
+        Some(&self.model)
     }
 
     fn shards(&self) -> Vec<AnyStage> {
@@ -193,12 +176,12 @@ impl Stage for Optimize {
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         // The warm-up's steps take views as well.
         let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
-        Estimate::reading(inputs).computing(model::memory(&self.model), 0.1 * images)
+        Estimate::reading(inputs).computing(prior::memory(&self.model), 0.1 * images)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let mut latents: Latents = io.read("latents")?;
-        let low: ImageSet = io.read("low")?;
+        let mut latents = io.read(LATENTS)?;
+        let low = io.read(LOW)?;
         let mut options = self.options();
         let all = latents.views.len();
         // Before the model is loaded, so that a shard without views fails at once.
@@ -276,7 +259,7 @@ fn refused(error: OptimizeError) -> StageError {
     }
 }
 
-/// What people watch.
+/// The figures of a step that progress shows.
 fn figures(log: &StepLog) -> Vec<(&'static str, f64)> {
     let guidance = log
         .guidance

@@ -2,8 +2,10 @@
 //! Knows nothing of how either was made.
 
 mod shares;
+#[cfg(test)]
+mod tests;
 
-use artifacts_schema::{ArtifactKind, ImageSet, View};
+use artifacts_schema::{ImageSet, View};
 use compute::elementwise::{scaled_sum, sub};
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
@@ -11,13 +13,19 @@ use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::shares::{Moments, Shares};
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
 use crate::masks;
-use crate::stage::{Estimate, Input, InputPort, Io, OutputPort, Sizes, Stage};
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Sizes, Stage};
 
-use self::shares::{Moments, Shares};
+/// The enlarged photos, and the images that come out.
+const IMAGES: Port<ImageSet> = Port::new("images");
+const OWN: Port<ImageSet> = Port::new("own");
+const LOW: Port<ImageSet> = Port::new("low");
 
 /// Adds up the detail that an enlargement and a render of the same view have beyond the
 /// low-resolution photo.
@@ -66,8 +74,8 @@ struct Detail {
     own: Array,
 }
 
-/// A low-resolution photo's values, `[1, C, h, w]`, and which of them count, as factors; `None` where
-/// all do.
+/// A low-resolution photo's values, `[1, C, h, w]`, and which of them count, as factors; `None`
+/// where all do.
 struct Low {
     values: Array,
     counts: Option<Array>,
@@ -206,17 +214,14 @@ impl Stage for Blend {
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
         vec![
-            InputPort::new("images", &self.images, ArtifactKind::Images),
-            InputPort::new("own", &self.own, ArtifactKind::Images),
-            InputPort::new("low", &self.low, ArtifactKind::Images),
+            IMAGES.input(&self.images),
+            OWN.input(&self.own),
+            LOW.input(&self.low),
         ]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![OutputPort {
-            name: "images",
-            kind: ArtifactKind::Images,
-        }]
+        vec![IMAGES.output()]
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
@@ -224,9 +229,9 @@ impl Stage for Blend {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images: ImageSet = io.read("images")?;
-        let own: ImageSet = io.read("own")?;
-        let low: ImageSet = io.read("low")?;
+        let images = io.read(IMAGES)?;
+        let own = io.read(OWN)?;
+        let low = io.read(LOW)?;
         let mut sets = Vec::new();
         for images in &images.views {
             // By name and not by place: the sets may hold views that the others lack.
@@ -252,106 +257,12 @@ impl Stage for Blend {
             io.progress(sets.len() + views.len(), 2 * sets.len(), &[])?;
         }
         io.write(
-            "images",
+            IMAGES,
             &ImageSet {
                 views,
                 bounds: images.bounds,
                 to_source: images.to_source,
             },
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn image(device: &Device, side: usize, value: impl Fn(usize) -> f32) -> Array {
-        device.array(&[1, 1, side, side], (0..side * side).map(value).collect())
-    }
-
-    #[test]
-    fn detail_that_either_has_is_added_up_on_the_photo() {
-        let device = Device::cpu();
-        let low = Low {
-            values: image(&device, 2, |_| 0.5),
-            counts: None,
-        };
-        let checks = |height: f32| {
-            move |i: usize| {
-                0.5 + if (i / 8 + i).is_multiple_of(2) {
-                    height
-                } else {
-                    -height
-                }
-            }
-        };
-        let blend = Blend {
-            back_projection: 1,
-            ..Blend::default()
-        };
-        let detail = blend.detail(
-            image(&device, 8, checks(0.1)),
-            image(&device, 8, checks(0.2)),
-            &low,
-        );
-        let sum = blend
-            .sum(
-                &detail,
-                Shares {
-                    images: 0.5,
-                    own: 1.0,
-                },
-                &low,
-            )
-            .to_vec();
-        let wanted = checks(0.5 * 0.1 + 0.2);
-        assert!(
-            sum.iter()
-                .enumerate()
-                .all(|(i, x)| (x - wanted(i)).abs() < 0.02),
-            "{sum:?}"
-        );
-    }
-
-    #[test]
-    fn what_contradicts_the_photo_is_taken_back() {
-        let device = Device::cpu();
-        let low = Low {
-            values: image(&device, 4, |_| 0.5),
-            counts: None,
-        };
-        let blend = Blend {
-            back_projection: 5,
-            ..Blend::default()
-        };
-        let detail = blend.detail(
-            image(&device, 16, |_| 0.7),
-            image(&device, 16, |_| 0.2),
-            &low,
-        );
-        let sum = blend
-            .sum(
-                &detail,
-                Shares {
-                    images: 1.0,
-                    own: 1.0,
-                },
-                &low,
-            )
-            .to_vec();
-        assert!(sum.iter().all(|x| (x - 0.5).abs() < 1e-3), "{sum:?}");
-    }
-
-    #[test]
-    fn a_gain_below_nothing_is_refused() {
-        let blend = Blend {
-            own_gain: -0.1,
-            ..Blend::default()
-        };
-        assert_eq!(
-            blend.check().unwrap_err().to_string(),
-            "`own_gain` is -0.1; it must be 0 to 10"
-        );
     }
 }

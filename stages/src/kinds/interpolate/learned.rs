@@ -12,7 +12,7 @@ use upsampler::{Options, Upsampler, UpsamplerSource};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::Source;
+use crate::model::Model;
 
 /// A network as a filter.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -89,33 +89,19 @@ impl Learned {
         }
     }
 
-    /// The digest of its weights, for the key.
-    pub fn sources(&self) -> Result<Vec<Source>, StageError> {
-        let source = self.source();
-        let digest = Digest::new(source.digest()?);
-        // A file that is no network is refused before anything runs: what comes before this stage
-        // may take hours. This is asked anew only where the file has changed.
-        if source != UpsamplerSource::Embedded {
-            Upsampler::load(&source, &Device::cpu())?;
-        }
-        Ok(vec![Source {
-            name: "model".into(),
-            digest,
-        }])
-    }
-
-    /// The files that it consists of, beside this program.
-    pub fn files(&self) -> Vec<PathBuf> {
-        self.source().paths()
-    }
-
     /// Bytes of memory for its weights and for one tile, and seconds for so many bytes of images,
     /// roughly.
     pub fn cost(&self, images: u64) -> (u64, f64) {
         let weights = |path: &PathBuf| path.metadata().map_or(0, |file| file.len());
         // The embedded network has no file, and files may be gone by now: an estimate must not be
         // 0.
-        let bytes = self.files().iter().map(weights).sum::<u64>().max(1 << 20);
+        let bytes = self
+            .source()
+            .paths()
+            .iter()
+            .map(weights)
+            .sum::<u64>()
+            .max(1 << 20);
         // Large files are of networks that double their images before the last layers.
         let each = if bytes > 8 << 20 { LARGE } else { SMALL };
         let ways = if self.ensemble { 8.0 } else { 1.0 };
@@ -131,6 +117,27 @@ impl Learned {
             Network::Embedded => UpsamplerSource::Embedded,
             Network::File(path) => UpsamplerSource::File(path.clone()),
         }
+    }
+}
+
+impl Model for Learned {
+    fn locations(&self) -> &'static [&'static str] {
+        &["filter.model"]
+    }
+
+    fn content(&self) -> Result<Digest, StageError> {
+        let source = self.source();
+        let digest = Digest::new(source.digest()?);
+        // A file that is no network is refused before anything runs: what comes before this stage
+        // may take hours. This is asked anew only where the file has changed.
+        if source != UpsamplerSource::Embedded {
+            Upsampler::load(&source, &Device::cpu())?;
+        }
+        Ok(digest)
+    }
+
+    fn files(&self) -> Option<Vec<PathBuf>> {
+        Some(self.source().paths())
     }
 }
 

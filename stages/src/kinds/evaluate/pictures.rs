@@ -19,12 +19,12 @@ pub struct Picked {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// The values.
+    /// Red, green and blue of each pixel, from 0 to 1.
     pub rgb: Vec<f32>,
 }
 
 impl Picked {
-    /// A photo.
+    /// A photo, put before [`BEHIND`] where it is transparent.
     pub fn of(view: &View) -> Self {
         Self {
             width: view.camera.width as usize,

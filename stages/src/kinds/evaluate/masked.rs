@@ -1,7 +1,7 @@
 //! Scores of images of which some pixels are masked and do not count. Knows no metric but how it is
 //! put together.
 
-use crate::evaluate::Scored;
+use super::scores::Scored;
 
 /// Scores of a whole image whose masked pixels are those of the truth, as scores of the others
 /// alone.

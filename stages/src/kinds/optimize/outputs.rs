@@ -6,9 +6,10 @@ use compute::Array;
 use compute::elementwise::add;
 use diffusion::optimize::{Optimized, ViewLatents};
 
+use super::{LATENTS, LOG, LORA, RESIDUALS};
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::Io;
+use crate::io::Io;
 
 /// Writes all outputs. `views` are those of `latents`, in their order.
 pub(super) fn write(
@@ -29,13 +30,13 @@ pub(super) fn write(
             .zip(views)
             .map(|(h, view)| batched(&add(&view.latent, h))),
     );
-    io.write("latents", &refined)?;
+    io.write(LATENTS, &refined)?;
     io.write(
-        "residuals",
+        RESIDUALS,
         &Residuals(with_tensors(latents, residuals.map(batched))),
     )?;
     if let Some(lora) = &optimized.lora {
-        io.write("lora", &convert::lora(lora))?;
+        io.write(LORA, &convert::lora(lora))?;
     }
     let lines = optimized
         .log
@@ -43,7 +44,7 @@ pub(super) fn write(
         .map(serde_json::to_value)
         .collect::<Result<_, _>>();
     io.write(
-        "log",
+        LOG,
         &Log {
             lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))?,
         },

@@ -1,15 +1,20 @@
 //! `Sync`: brings a field in line with enlarged views (I3DS, paper algorithm 2). Knows nothing of
 //! how they were enlarged.
 
-use artifacts_schema::{ArtifactKind, ImageSet};
+use artifacts_schema::ImageSet;
 use nerf::TrainOptions;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::convert;
 use crate::error::StageError;
-use crate::stage::{Estimate, Extension, Input, InputPort, Io, OutputPort, Sizes, Stage};
-use crate::training;
+use crate::io::Io;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Extension, Sizes, Stage};
+use crate::training::{self, FIELD, LOG};
+
+const IMAGES: Port<ImageSet> = Port::new("images");
+const LOW: Port<ImageSet> = Port::new("low");
 
 /// Trains a field on enlarged views, and on the low-resolution photos so that rounds cannot drift
 /// from them.
@@ -61,6 +66,20 @@ impl Default for Sync {
     }
 }
 
+impl Sync {
+    /// The library's options. Their fields stand in `Sync` as in `Fit`, since serde's `flatten`
+    /// cannot refuse unknown fields.
+    fn options(&self) -> TrainOptions {
+        TrainOptions {
+            steps: self.steps,
+            samples: self.samples,
+            rate: self.rate,
+            final_rate: self.final_rate,
+            ..TrainOptions::default()
+        }
+    }
+}
+
 impl Stage for Sync {
     fn kind(&self) -> &'static str {
         "Sync"
@@ -79,28 +98,19 @@ impl Stage for Sync {
             ));
         }
         convert::in_range("low_supersample", self.low_supersample, 1, 16)?;
-        training::check(self.steps, self.samples, self.rate, self.final_rate)
+        training::check(&self.options())
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
         vec![
-            InputPort::new("field", &self.field, ArtifactKind::Field),
-            InputPort::new("images", &self.images, ArtifactKind::Images),
-            InputPort::new("low", &self.low, ArtifactKind::Images).only_if(self.low_weight > 0.0),
+            FIELD.input(&self.field),
+            IMAGES.input(&self.images),
+            LOW.input(&self.low).only_if(self.low_weight > 0.0),
         ]
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
-        vec![
-            OutputPort {
-                name: "field",
-                kind: ArtifactKind::Field,
-            },
-            OutputPort {
-                name: "log",
-                kind: ArtifactKind::Log,
-            },
-        ]
+        vec![FIELD.output(), LOG.output()]
     }
 
     fn extension(&self) -> Extension {
@@ -112,17 +122,13 @@ impl Stage for Sync {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        training::estimate(
-            inputs,
-            inputs.get("field").copied().unwrap_or(16 << 20),
-            self.steps,
-            self.samples,
-        )
+        let table = inputs.get(FIELD.name).copied().unwrap_or(16 << 20);
+        training::estimate(inputs, table, &self.options())
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let field = convert::field(io.read("field")?)?;
-        let images: ImageSet = io.read("images")?;
+        let field = convert::field(io.read(FIELD)?)?;
+        let images = io.read(IMAGES)?;
         let mut views: Vec<_> = images
             .views
             .iter()
@@ -130,7 +136,7 @@ impl Stage for Sync {
             .map(|view| convert::train_view(view, 1.0, 1))
             .collect();
         if self.low_weight > 0.0 {
-            let low: ImageSet = io.read("low")?;
+            let low = io.read(LOW)?;
             let weight = self.low_weight as f32;
             views.extend(
                 low.views
@@ -138,20 +144,6 @@ impl Stage for Sync {
                     .map(|view| convert::train_view(view, weight, self.low_supersample)),
             );
         }
-        let Self {
-            steps,
-            samples,
-            rate,
-            final_rate,
-            ..
-        } = *self;
-        let options = TrainOptions {
-            steps,
-            samples,
-            rate,
-            final_rate,
-            ..Default::default()
-        };
-        training::train(field, views, &options, io).map(drop)
+        training::train(field, views, &self.options(), io).map(drop)
     }
 }
