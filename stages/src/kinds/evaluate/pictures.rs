@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use artifacts_schema::{Picture, View};
 use metrics::{Image, Panel};
+use nerf::Rendered;
 
 use crate::colormap;
 use crate::convert;
@@ -30,6 +31,15 @@ impl Picked {
             width: view.camera.width as usize,
             height: view.camera.height as usize,
             rgb: convert::srgb_before(view, BEHIND),
+        }
+    }
+
+    /// A render, put before its background.
+    pub fn rendered(image: &Rendered) -> Self {
+        Self {
+            width: image.width as usize,
+            height: image.height as usize,
+            rgb: image.rgb.clone(),
         }
     }
 
