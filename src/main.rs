@@ -2,39 +2,26 @@
 //! message and an exit code.
 
 mod cli;
-mod compare;
-mod comparison;
 mod content;
-mod diff;
-mod error;
-mod experiment;
-mod explain;
 mod export;
-mod extension;
 mod import;
-mod init;
-mod key;
 mod kinds;
-mod lineage;
 mod loopback;
-mod page;
-mod peak;
 mod pipeline;
-mod plan;
-mod progress;
 mod remote;
 mod report;
-mod scheduler;
+mod runner;
 mod store;
-mod task;
-#[cfg(test)]
-mod testing;
+mod terminal;
 mod view;
 mod watch;
 
 use std::process::ExitCode;
 
 use clap::Parser;
+
+use runner::task;
+use terminal::{exit, output};
 
 fn main() -> ExitCode {
     task::quiet_panics();
@@ -44,10 +31,10 @@ fn main() -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(panic) => {
             let text = task::panic_text(&*panic);
-            cli::tell(&format_args!(
+            output::tell(&format_args!(
                 "internal error: {text}; this is a bug in srnerf-dag, please report it"
             ));
-            ExitCode::from(error::BUG)
+            ExitCode::from(exit::BUG)
         }
     }
 }

@@ -36,7 +36,7 @@ pub enum ArtifactKind {
 }
 
 impl ArtifactKind {
-    /// All kinds.
+    /// All types, in the order of the variants.
     pub const ALL: [Self; 9] = [
         Self::Images,
         Self::Latents,
@@ -74,7 +74,7 @@ impl fmt::Display for ArtifactKind {
 
 /// Something that lies in a folder of its own.
 pub trait Artifact: Sized {
-    /// Its type.
+    /// The type by which stages declare it.
     const KIND: ArtifactKind;
 
     /// Writes its files into `folder`, which is created. Equal content and equal provenance give

@@ -27,7 +27,7 @@ impl Digest {
         Self(bytes)
     }
 
-    /// Its bytes.
+    /// The 32 bytes of the hash.
     pub const fn bytes(&self) -> &[u8; 32] {
         &self.0
     }

@@ -16,7 +16,7 @@ pub enum SchemaError {
     /// A file whose content is not what its name promises.
     #[error("{}: {place}: {problem}", path.display())]
     Malformed {
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
         /// Where in the file: a tensor, a channel, a line.
         place: String,
@@ -56,7 +56,7 @@ impl SchemaError {
         }
     }
 
-    /// The same problem, found in content that came from this file.
+    /// Turns a problem of content into one of the file that the content came from.
     pub(crate) fn in_file(self, file: &Path) -> Self {
         // Checks do not know where content came from; only readers can name the file.
         match self {

@@ -18,7 +18,8 @@ use crate::tensors::{self, METADATA_KEY};
 
 const FILE: &str = "field.safetensors";
 
-/// A radiance field.
+/// A radiance field as it lies on disk: a configuration and tensors, whose meaning the field's
+/// library knows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
     /// Its architecture, as the field's own library writes it.

@@ -17,19 +17,19 @@ use crate::provenance::{self, Provenance};
 /// The keyword of the text that holds the provenance.
 const PROVENANCE: &str = "srnerf";
 
-/// Pictures for people.
+/// Pictures for people to look at, one PNG file each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Figures {
     /// The pictures by the stem of their file.
     pub images: BTreeMap<String, Picture>,
 }
 
-/// One picture.
+/// One picture of a [`Figures`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// In pixels.
+    /// Pixels in a row.
     pub width: u32,
-    /// In pixels.
+    /// Rows of pixels.
     pub height: u32,
     /// Height x width x 3, sRGB.
     pub rgb8: Vec<u8>,

@@ -20,7 +20,7 @@ pub struct View {
     pub name: String,
     /// The camera that saw it.
     pub camera: Camera,
-    /// What it saw.
+    /// Colours, scene-linear and premultiplied, and coverage.
     pub pixels: Pixels<Linear>,
     /// Height x width, depth along the viewing axis in scene units.
     pub depth: Option<Vec<f32>>,

@@ -31,7 +31,7 @@ pub struct Latents {
 /// The latent image of one view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LatentView {
-    /// The view's name.
+    /// The name of the view, as its image set has it.
     pub name: String,
     /// Width and height of the image in pixels, before it was padded for the VAE.
     pub size: [u32; 2],

@@ -13,7 +13,7 @@ use crate::provenance::{self, Provenance};
 
 const FILE: &str = "log.jsonl";
 
-/// A log.
+/// What a stage tells of its course, one JSON object a line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Log {
     /// The lines in order, each an object such as `{"step": 1, "loss": 0.5}`.

@@ -32,7 +32,7 @@ pub fn by_name(tensors: &BTreeMap<String, Tensor>) -> impl Iterator<Item = (&str
     tensors.iter().map(|(name, tensor)| (name.as_str(), tensor))
 }
 
-/// Opens a file.
+/// Opens a safetensors file, read whole. Fails if its header is none.
 pub fn open(path: &Path) -> Result<TensorFile, SchemaError> {
     // Read whole and not mapped: a file that is cut short under a map ends the program.
     let bytes = std::fs::read(path).map_err(|error| SchemaError::io(path, error))?;

@@ -11,7 +11,7 @@ use crate::canonical;
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
 
-/// The file's name.
+/// The name of the file in an image set's folder.
 pub const FILE: &str = "transforms.json";
 
 /// The file.

@@ -6,8 +6,8 @@ use artifacts_schema::{Artifact, ImageSet};
 use nerf::Field;
 use stages::convert;
 
-use crate::error::Error;
-use crate::lineage::Told;
+use super::error::Error;
+use crate::content::lineage::Told;
 
 /// A field by its file, its folder, or the folder of the stage that made it.
 pub fn field(path: &Path) -> Result<Field, Error> {

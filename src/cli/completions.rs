@@ -7,10 +7,9 @@ use std::path::PathBuf;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use super::output::print;
-use crate::error::Error;
+use super::error::Error;
+use crate::terminal::output::print;
 
-/// Options of `completions`.
 #[derive(Args)]
 pub struct Completions {
     /// The shell
@@ -31,7 +30,6 @@ impl Completions {
     }
 }
 
-/// Options of `man`.
 #[derive(Args)]
 pub struct Man {
     /// The folder to write to; it is made if it is not there

@@ -3,7 +3,7 @@
 use compute::{Counts, Device};
 use serde_json::{Value, json};
 
-use crate::error::Error;
+use super::error::Error;
 
 /// The device of this name: `auto`, `cpu`, `gpu` or `gpu:N`.
 pub fn open(name: &str) -> Result<Device, Error> {

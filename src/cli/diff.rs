@@ -8,16 +8,15 @@ use artifacts_schema::Digest;
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::error::Error;
 use super::options::{Changes, Choice};
-use super::output::{print, print_json, table};
 use super::session::Session;
-use crate::diff::{Part, Side, Verdict, Which, compare};
-use crate::error::Error;
+use crate::runner::diff::{Part, Side, Verdict, Which, compare};
 use crate::store::Store;
 use crate::store::record::Record;
 use crate::store::runs::Run;
+use crate::terminal::output::{print, print_json, table};
 
-/// Options of `diff`.
 #[derive(Args)]
 pub struct Diff {
     /// A run (@2 is the last but one; or 20261122T23), a key or its beginning, or a pipeline file
@@ -165,7 +164,7 @@ impl Known {
                 let from = nodes[at]
                     .wires
                     .iter()
-                    .map(|wire| (wire.input.to_owned(), nodes[wire.from].name.clone()));
+                    .map(|wire| (wire.input.clone(), nodes[wire.from].name.clone()));
                 (
                     nodes[at].name.clone(),
                     Part {

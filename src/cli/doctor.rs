@@ -9,14 +9,13 @@ use compute::norm::{Activation, group_norm};
 use compute::{Array, Device, GpuError, Rng, attention};
 use serde_json::{Value, json};
 
-use super::output::{print, print_json, size};
+use super::error::Error;
 use super::tuning;
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, size};
 
 /// The most that the self-test may be off, of the largest number of a result.
 const TOLERANCE: f32 = 1e-5;
 
-/// Options of `doctor`.
 #[derive(Args)]
 pub struct Doctor {}
 

@@ -7,16 +7,15 @@ use artifacts_schema::Digest;
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::error::Error;
 use super::options::{Choice, PipelineOptions};
-use super::output::{print, print_json, table};
 use super::session::Session;
-use crate::error::Error;
-use crate::explain::{Change, Past, diff};
-use crate::key::Manifest;
-use crate::plan::{Context, Forecast};
+use crate::runner::explain::{Change, Past, diff};
+use crate::runner::plan::{Context, Forecast};
 use crate::store::Store;
+use crate::store::manifest::Manifest;
+use crate::terminal::output::{print, print_json, table};
 
-/// Options of `explain`.
 #[derive(Args)]
 pub struct Explain {
     /// The stage: fit, or i3ds.2.optimize

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use scene::Layout;
 
+use super::error::Error;
 use super::export_cameras::CameraFile;
 use super::export_exr::Exr;
 use super::export_kohya::Kohya;
@@ -18,11 +19,10 @@ use super::export_tensorboard::TensorBoard;
 use super::export_transforms::Transforms;
 use super::export_video::Video;
 use super::options::{Changes, Choice, PipelineOptions};
-use super::output::print;
 use super::session::Session;
-use crate::error::Error;
 use crate::export::{Workflow, slurm, snakemake};
 use crate::store::Store;
+use crate::terminal::output::print;
 
 /// What to write.
 #[derive(Subcommand)]

@@ -8,9 +8,9 @@ use formats::shot::{Format, Rate, Shot, Up};
 use glam::DVec3;
 use serde_json::json;
 
-use super::output::{print, print_json, tell};
+use super::error::Error;
 use super::whole;
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, tell};
 
 /// How the frames of a path are called.
 const FRAME: &str = "frame_";

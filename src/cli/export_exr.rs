@@ -9,11 +9,11 @@ use formats::shot::Rate;
 use rayon::prelude::*;
 use serde_json::json;
 
+use super::error::Error;
 use super::numbered::Pattern;
-use super::output::{print, print_json, tell};
 use super::{artifact, whole};
 use crate::content;
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, tell};
 
 /// Options of `export exr`.
 #[derive(Args)]

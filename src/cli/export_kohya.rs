@@ -9,9 +9,9 @@ use diffusion::kohya;
 use formats::tensor_file;
 use serde_json::json;
 
-use super::output::{print, print_json};
+use super::error::Error;
 use super::whole;
-use crate::error::Error;
+use crate::terminal::output::{print, print_json};
 
 /// Options of `export kohya`.
 #[derive(Args)]

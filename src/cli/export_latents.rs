@@ -12,9 +12,9 @@ use clap::Args;
 use formats::{Tensor, tensor_file};
 use serde_json::json;
 
-use super::output::{print, print_json};
+use super::error::Error;
 use super::whole;
-use crate::error::Error;
+use crate::terminal::output::{print, print_json};
 
 /// The tensors of a file of ComfyUI's.
 const TENSOR: &str = "latent_tensor";

@@ -9,9 +9,9 @@ use serde_json::json;
 use stages::dataset::{self, Exported};
 use stages::surface::{self, Surface};
 
-use super::output::{print, print_json, tell};
+use super::error::Error;
 use super::{artifact, whole};
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, tell};
 
 /// Options of these exports.
 #[derive(Args)]

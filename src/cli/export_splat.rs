@@ -12,12 +12,12 @@ use splat::files::Format;
 use stages::convert;
 use stages::splats::{self, Closeness, SplatOptions};
 
+use super::error::Error;
 use super::export_cameras::up;
-use super::output::{print, print_json, tell};
 use super::{artifact, named, whole};
-use crate::error::Error;
-use crate::lineage::{Lineage, Told};
+use crate::content::lineage::{Lineage, Told};
 use crate::store::Store;
+use crate::terminal::output::{print, print_json, tell};
 
 /// Steps between two lines of progress.
 const LINE: u32 = 50;

@@ -8,14 +8,14 @@ use artifacts_schema::Log;
 use clap::Args;
 use serde_json::json;
 
+use super::error::Error;
 use super::metrics::last_run;
 use super::options::Folders;
-use super::output::{print, print_json};
-use crate::error::Error;
 use crate::export::tensorboard::{Events, FILE};
-use crate::report::{self, Scores};
+use crate::report::results::{self, Scores};
 use crate::store::Store;
 use crate::store::results::Lookup;
+use crate::terminal::output::{print, print_json};
 
 /// Options of `export tensorboard`.
 #[derive(Args)]
@@ -42,8 +42,8 @@ impl TensorBoard {
             let Lookup::Sound(record) = store.results.lookup(&key)? else {
                 continue;
             };
-            let log = report::log(&store, &record)?;
-            let scores = report::scores(&store, name, &record)?;
+            let log = results::log(&store, &record)?;
+            let scores = results::scores(&store, name, &record)?;
             // A stage with neither log nor scores gets no folder, which TensorBoard would list as a
             // run.
             if let Some(events) = events(&log, &scores) {

@@ -6,9 +6,9 @@ use clap::Args;
 use serde_json::json;
 use stages::dataset;
 
-use super::output::{print, print_json};
+use super::error::Error;
 use super::{artifact, whole};
-use crate::error::Error;
+use crate::terminal::output::{print, print_json};
 
 /// Options of `export transforms`.
 #[derive(Args)]

@@ -7,13 +7,13 @@ use artifacts_schema::{ImageSet, Picture};
 use clap::{Args, ValueEnum};
 use formats::shot::Rate;
 use serde_json::json;
-use stages::film::Show;
+use stages::kinds::film::Show;
 
-use super::output::{print, print_json, tell};
+use super::error::Error;
 use super::{artifact, whole};
-use crate::error::Error;
 use crate::export::ffmpeg::{Codec, Ffmpeg, FfmpegError};
 use crate::export::webp;
+use crate::terminal::output::{print, print_json, tell};
 
 /// Options of `export video`.
 #[derive(Args)]
@@ -129,7 +129,7 @@ impl Video {
         };
         let mut pictures = shown.iter();
         let Some((_, first)) = pictures.next() else {
-            return Err(refuse(format!("no image has any {}", show.name())));
+            return Err(refuse(format!("no image has any {}", show.port().name)));
         };
         let size = |picture: &Picture| (picture.width, picture.height);
         if let Some((name, other)) = pictures.find(|(_, other)| size(other) != size(first)) {

@@ -5,13 +5,12 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
+use super::error::Error;
 use super::options::{self, Folders};
-use super::output::{print, print_json, size, table};
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::gc::{Doomed, Garbage, Policy, Why};
+use crate::terminal::output::{print, print_json, size, table};
 
-/// Options of `gc`.
 #[derive(Args)]
 pub struct Gc {
     /// Keep what the last runs of each pipeline used: how many

@@ -7,12 +7,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::error::Error;
 use super::init::Init;
-use super::output::tell;
-use crate::error::Error;
 use crate::import::{self, Imported, Places, Progress, Tool};
+use crate::terminal::output::tell;
 
-/// Options of `import`.
 #[derive(Args)]
 pub struct Import {
     /// A folder of photos, or a video

@@ -6,13 +6,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use scene::Survey;
-use stages::origin::Origin;
+use stages::kinds::scene::origin::Origin;
 
-use super::output::{print, tell};
-use crate::error::Error;
-use crate::init::{Photos, Purpose};
+use super::error::Error;
+use crate::pipeline::init::{Photos, Purpose};
+use crate::terminal::output::{print, tell};
 
-/// Options of `init`.
 #[derive(Args)]
 pub struct Init {
     /// A folder of photos with poses (COLMAP, transforms.json, LLFF), or a transforms.json

@@ -9,16 +9,15 @@ use clap::Args;
 use serde_json::{Value, json};
 use stages::convert;
 
+use super::error::Error;
 use super::options::{Choice, PipelineOptions};
-use super::output::{print, print_json, size, table};
 use super::session::Session;
 use crate::content::Content;
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::record::Record;
 use crate::store::view::View;
+use crate::terminal::output::{print, print_json, size, table};
 
-/// Options of `inspect`.
 #[derive(Args)]
 pub struct Inspect {
     /// A file (.exr, .safetensors, .json) or a stage of the pipeline
@@ -148,7 +147,7 @@ fn field_facts(path: &Path) -> Vec<(String, Value)> {
         .collect();
     let mut facts = vec![("norms".to_owned(), Value::Object(norms))];
     if let Ok(field) = convert::field(field) {
-        let full = field.fullness();
+        let full = field.occupancy_counts();
         let part = |count: usize| count as f64 / full.cells as f64;
         let occupancy = json!({"cells": full.cells, "seen_by_cameras": part(full.seen), "occupied": part(full.occupied)});
         facts.push(("occupancy".to_owned(), occupancy));

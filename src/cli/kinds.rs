@@ -4,11 +4,10 @@ use clap::Args;
 use serde_json::Value;
 use stages::KINDS;
 
-use super::output::{print, print_json};
-use crate::error::Error;
+use super::error::Error;
 use crate::kinds::{page, schema, section};
+use crate::terminal::output::{print, print_json};
 
-/// Options of `kinds`.
 #[derive(Args)]
 pub struct Kinds {
     /// The kind, such as Fit; by default all of them, a line each

@@ -3,16 +3,15 @@
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::error::Error;
 use super::options::Folders;
-use super::output::{print, print_json};
-use crate::comparison::{Comparison, Format};
-use crate::error::Error;
-use crate::report::{self, Scores};
+use crate::report::comparison::{Comparison, Format};
+use crate::report::results::{self, Scores};
 use crate::store::Store;
 use crate::store::results::Lookup;
 use crate::store::runs::Run;
+use crate::terminal::output::{print, print_json};
 
-/// Options of `metrics`.
 #[derive(Args)]
 pub struct Metrics {
     /// The pipeline's name; by default that of the last run
@@ -83,7 +82,7 @@ fn scores(store: &Store, run: &Run) -> Result<Vec<Scores>, Error> {
         if let Some(key) = stage.key
             && let Lookup::Sound(record) = store.results.lookup(&key)?
         {
-            all.extend(report::scores(store, name, &record)?);
+            all.extend(results::scores(store, name, &record)?);
         }
     }
     Ok(all)

@@ -5,6 +5,7 @@ mod completions;
 mod device;
 mod diff;
 mod doctor;
+pub mod error;
 mod explain;
 mod export;
 mod export_cameras;
@@ -31,7 +32,6 @@ mod named;
 mod numbered;
 mod only;
 mod options;
-pub mod output;
 mod pin;
 mod plan;
 mod report;
@@ -49,13 +49,13 @@ mod whole;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::error::{EXIT_CODES, Error, OK};
-use output::print;
-pub use output::tell;
+use self::error::Error;
+use crate::terminal::exit;
+use crate::terminal::output::{complete, print, tell};
 
 /// Super-resolves radiance fields: a pipeline of cached, resumable stages.
 #[derive(Parser)]
-#[command(version, about, after_help = EXIT_CODES)]
+#[command(version, about, after_help = exit::HELP)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -145,8 +145,8 @@ impl Cli {
             Command::Doctor(doctor) => doctor.run(self.json),
         };
         // A command that failed by itself says so first: that its output is cut short matters less.
-        match done.and_then(|()| output::complete()) {
-            Ok(()) => OK,
+        match done.and_then(|()| complete().map_err(Error::Output)) {
+            Ok(()) => exit::OK,
             Err(error) => {
                 let code = error.code();
                 report(error, self.json);

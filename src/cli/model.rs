@@ -3,10 +3,9 @@
 
 use clap::{Args, Subcommand};
 
+use super::error::Error;
 use super::{model_check, model_pull, model_run};
-use crate::error::Error;
 
-/// Options of `model`.
 #[derive(Args)]
 pub struct Model {
     #[command(subcommand)]

@@ -10,9 +10,9 @@ use diffusion::inventory::{PartReport, inspect};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::output::{print, print_json, size, table};
+use super::error::Error;
 use super::upsample;
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, size, table};
 
 /// Options of `model check`.
 #[derive(Args)]

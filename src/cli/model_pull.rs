@@ -18,8 +18,8 @@ use serde_json::json;
 use sha1::Sha1;
 use sha2::{Digest, Sha256};
 
-use super::output::{print, print_json};
-use crate::error::Error;
+use super::error::Error;
+use crate::terminal::output::{print, print_json};
 
 /// Options of `model pull`.
 #[derive(Args)]

@@ -13,10 +13,10 @@ use formats::{FileBytes, TensorFile};
 use serde_json::json;
 use upsampler::Options;
 
-use super::output::{print, print_json, size};
+use super::error::Error;
 use super::upsample::Enlargement;
 use super::{device, model_check, tuning, whole};
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, size};
 
 /// Options of `model run`.
 #[derive(Args)]

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::diff::find_run;
+use super::error::Error;
 use super::metrics::last_run;
-use crate::error::Error;
-use crate::lineage::{Lineage, Told, last_fields};
+use crate::content::lineage::{Lineage, Told, last_fields};
 use crate::store::Store;
 use crate::store::runs::Run;
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::error::Error;
+use super::error::Error;
 
 /// Names of files that are numbered: `fly/fly.####.exr`.
 pub struct Pattern {

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::error::Error;
 use super::session::Session;
 use super::whole;
-use crate::error::Error;
-use crate::plan::{Context, Forecast};
+use crate::runner::plan::{Context, Forecast};
 use crate::store::error::{At, StoreError};
 use crate::store::record::Record;
 

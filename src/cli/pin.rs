@@ -3,14 +3,13 @@
 use clap::Args;
 use serde_json::json;
 
+use super::error::Error;
 use super::options::Folders;
-use super::output::{print, print_json, table};
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::pins::Pin as Kept;
 use crate::store::runs::Run;
+use crate::terminal::output::{print, print_json, table};
 
-/// Options of `pin`.
 #[derive(Args)]
 pub struct Pin {
     /// A name for it; without one, all pins are listed
@@ -24,7 +23,6 @@ pub struct Pin {
     folders: Folders,
 }
 
-/// Options of `unpin`.
 #[derive(Args)]
 pub struct Unpin {
     /// The pin's name

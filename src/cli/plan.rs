@@ -9,20 +9,19 @@ use artifacts_schema::Digest;
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::error::Error;
 use super::options::{Choice, PipelineOptions};
-use super::output::{print, print_json, table};
 use super::session::Session;
 use super::{device, standing, takes};
-use crate::error::Error;
-use crate::experiment::{Experiment, arm_of};
-use crate::explain::Reason;
+use crate::pipeline::experiment::{Experiment, arm_of};
 use crate::pipeline::graph::Node;
-use crate::plan::{Context, Cost, Experience, Forecast};
+use crate::runner::explain::Reason;
+use crate::runner::plan::{Context, Cost, Experience, Forecast};
 use crate::store::Store;
 use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
+use crate::terminal::output::{print, print_json, table};
 
-/// Options of `plan`.
 #[derive(Args)]
 pub struct Plan {
     #[command(flatten)]

@@ -4,15 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::error::Error;
 use super::metrics::last_run;
 use super::options::Folders;
-use super::output::{print, size};
-use crate::comparison::Comparison;
-use crate::error::Error;
-use crate::page::{Gallery, Page};
+use crate::report::comparison::Comparison;
+use crate::report::page::{Gallery, Page};
 use crate::store::Store;
+use crate::terminal::output::{print, size};
 
-/// Options of `report`.
 #[derive(Args)]
 pub struct Report {
     /// The pipeline's name, or its file; by default that of the last run

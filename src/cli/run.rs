@@ -14,30 +14,29 @@ use clap::Args;
 use compute::Device;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
+use super::error::Error;
 use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
-use super::output::tell;
 use super::session::Session;
 use super::{device, standing, tuning};
-use crate::error::Error;
 use crate::export::quote;
-use crate::plan::Context;
-use crate::progress::tev::{self, Tev};
-use crate::progress::{self, Event, Verbosity};
-use crate::scheduler::budget::{Budget, memory_limit};
-use crate::scheduler::{Outcome, Scheduler};
+use crate::runner::plan::Context;
+use crate::runner::scheduler::budget::{Budget, memory_limit};
+use crate::runner::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
 use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
 use crate::store::runs::{End, Run as Record, StageRun, now};
 use crate::store::view::View;
+use crate::terminal::output::tell;
+use crate::terminal::progress::tev::{self, Tev};
+use crate::terminal::progress::{self, Event, Verbosity};
 use crate::watch::Watched;
 use ending::{Ending, verdict};
 
 /// Threads need deep stacks where one stage's work is stolen by another's thread.
 const STACK: usize = 16 << 20;
 
-/// Options of `run`.
 #[derive(Args)]
 pub struct Run {
     #[command(flatten)]

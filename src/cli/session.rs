@@ -8,14 +8,14 @@ use compute::Device;
 use stages::Source;
 
 use super::device;
+use super::error::Error;
 use super::options::{Changes, Choice};
-use crate::error::Error;
-use crate::explain::History;
 use crate::pipeline::graph::Graph;
 use crate::pipeline::problem;
 use crate::pipeline::set::Override;
-use crate::plan::{self, Context};
 use crate::remote::Remote;
+use crate::runner::explain::History;
+use crate::runner::plan::{self, Context};
 use crate::store::Store;
 
 /// A pipeline about to be planned or run.

@@ -11,9 +11,9 @@ use compute::Device;
 use super::options::{Choice, PipelineOptions};
 use super::session::Session;
 use crate::pipeline::{self, problem::SourceText};
-use crate::plan::{Context, Forecast};
-use crate::report;
-use crate::scheduler::Outcome;
+use crate::report::results;
+use crate::runner::plan::{Context, Forecast};
+use crate::runner::scheduler::Outcome;
 use crate::store::Store;
 use crate::store::cache::signature::Signature;
 use crate::store::cache::standing::Standing;
@@ -156,7 +156,7 @@ impl Found<'_> {
         );
         let name = |at: &usize| self.context.graph.nodes[*at].name.clone();
         // Only of these does a run print anything. The others need not be read back.
-        let told = records.iter().filter(|(_, record)| report::tells(record));
+        let told = records.iter().filter(|(_, record)| results::tells(record));
         let standing = Standing {
             pipeline: self.context.graph.pipeline.clone(),
             stages: records

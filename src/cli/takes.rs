@@ -2,10 +2,10 @@
 
 use serde_json::{Value, json};
 
-use super::output::{print, size};
-use crate::plan::{Basis, Cost};
-use crate::progress::duration;
-use crate::scheduler::budget::memory_limit;
+use crate::runner::plan::{Basis, Cost};
+use crate::runner::scheduler::budget::memory_limit;
+use crate::terminal::output::{print, size};
+use crate::terminal::progress::duration;
 
 /// Marks of costs that no result of the same parameters tells: those by a similar result, and those
 /// by the stage's own estimate.

@@ -11,9 +11,9 @@ use serde_json::json;
 use sha2::{Digest, Sha256};
 use upsampler::{Options, Upsampler, UpsamplerSource};
 
+use super::error::Error;
 use super::model_check::{hex, is_embedded};
-use super::output::{print, print_json, size, table};
-use crate::error::Error;
+use crate::terminal::output::{print, print_json, size, table};
 
 /// Images and what enlarges them.
 pub struct Enlargement {

@@ -14,21 +14,20 @@ use compute::device::attempt;
 use serde_json::{Value, json};
 use stages::{Io, Message, StageError};
 
+use super::error::Error;
 use super::options::{Changes, Choice};
-use super::output::{print, print_json, table};
 use super::run::{stop_on_signals, thread_pool};
 use super::session::Session;
 use super::tuning;
-use crate::compare::{self, Comparison};
-use crate::error::Error;
-use crate::plan::{Context, Forecast};
-use crate::progress::{self, Event, Verbosity};
+use crate::content::compare::{self, Comparison};
+use crate::runner::plan::{self, Context, Forecast};
+use crate::runner::task::{device_of, panic_text};
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
 use crate::store::record::{Output, Record};
-use crate::task::{device_of, panic_text};
+use crate::terminal::output::{print, print_json, table};
+use crate::terminal::progress::{self, Event, Verbosity};
 
-/// Options of `verify`.
 #[derive(Args)]
 pub struct Verify {
     /// A stage (fit, i3ds.2.decode, i3ds.decode for all rounds); by default all that have results
@@ -193,19 +192,14 @@ fn inputs(
     forecasts: &BTreeMap<usize, Forecast>,
     folder: &Path,
 ) -> Result<BTreeMap<String, PathBuf>, StoreError> {
-    let mut inputs = BTreeMap::new();
-    for wire in &context.graph.nodes[at].wires {
-        let record = forecasts
-            .get(&wire.from)
-            .and_then(Forecast::assessment)
-            .and_then(|a| a.verdict.as_ref().ok());
-        if let Some(output) = record.and_then(|record| record.outputs.get(wire.output)) {
-            let folder = folder.join("in").join(wire.input);
-            output.show(context.store, &folder)?;
-            inputs.insert(wire.input.to_owned(), folder);
-        }
-    }
-    Ok(inputs)
+    let result = |from: usize| forecasts.get(&from)?.record();
+    let outputs = plan::inputs::read(&context.graph.nodes[at], result).into_iter();
+    let show = |(input, output): (&str, &Output)| {
+        let folder = folder.join("in").join(input);
+        output.show(context.store, &folder)?;
+        Ok((input.to_owned(), folder))
+    };
+    outputs.map(show).collect()
 }
 
 /// The files that differ between a result and what was computed now.

@@ -10,14 +10,13 @@ use stages::convert;
 
 use super::artifact;
 use super::device;
+use super::error::Error;
 use super::named;
-use super::output::{print, tell};
-use crate::error::Error;
-use crate::lineage::{Lineage, Told};
+use crate::content::lineage::{Lineage, Told};
 use crate::store::Store;
+use crate::terminal::output::{print, tell};
 use crate::view::{Server, Subject};
 
-/// Options of `view`.
 #[derive(Args)]
 pub struct View {
     /// A field (field.safetensors, or the folder that it is in), a run (@2 is the last but one; or

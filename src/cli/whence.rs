@@ -8,16 +8,15 @@ use artifacts_schema::{Digest, Provenance};
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::error::Error;
 use super::options::Folders;
-use super::output::{flatten, print, print_json, table};
 use crate::content;
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::blobs::digest_file;
 use crate::store::census::{Producers, producers};
 use crate::store::record::Record;
+use crate::terminal::output::{flatten, print, print_json, table};
 
-/// Options of `whence`.
 #[derive(Args)]
 pub struct Whence {
     /// A file that a stage wrote, or a copy of it

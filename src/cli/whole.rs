@@ -5,7 +5,7 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
 
-use crate::error::Error;
+use super::error::Error;
 
 /// Writes a file.
 pub fn file(

@@ -80,7 +80,6 @@ pub enum FfmpegError {
     /// It is there, and does not start or listen.
     #[error("`ffmpeg` cannot be used: {0}")]
     Broken(#[from] std::io::Error),
-    /// It gave up.
     #[error("`ffmpeg` gave up ({status}): {said}")]
     GaveUp {
         /// How it ended.

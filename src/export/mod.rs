@@ -15,9 +15,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use artifacts_schema::Digest;
 
-use crate::key::Recipe;
 use crate::pipeline::graph::Node;
-use crate::plan::{Context, Inputs};
+use crate::runner::key::Recipe;
+use crate::runner::plan::{Context, Inputs};
 
 /// A pipeline as jobs.
 pub struct Workflow {

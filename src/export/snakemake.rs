@@ -25,7 +25,6 @@ const HEAD: &str = "\
 ";
 
 impl Workflow {
-    /// The whole Snakefile.
     pub fn snakefile(&self) -> String {
         let [program, arguments @ ..] = &self.command[..] else {
             return String::new();

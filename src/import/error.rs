@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
 
-use crate::error::{FAILED, FOUND, PIPELINE, USAGE};
+use crate::terminal::exit::{FAILED, FOUND, PIPELINE, USAGE};
 
 /// Why there are no poses.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -89,7 +89,6 @@ pub enum ImportError {
 }
 
 impl ImportError {
-    /// The exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::NoTool | Self::NotATool { .. } | Self::NoFfmpeg { .. } => USAGE,

@@ -18,7 +18,6 @@ const VIDEOS: &[&str] = &["mp4", "mov", "m4v", "mkv", "webm", "avi"];
 
 /// Photos in `images`.
 pub struct Gathered {
-    /// How many.
     pub count: usize,
     /// All have one size, so that one lens made them.
     pub one_size: bool,

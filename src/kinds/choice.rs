@@ -4,7 +4,6 @@ use serde_json::Value;
 
 /// One value of an enum.
 pub struct Choice<'a> {
-    /// Its name.
     pub name: &'a str,
     /// The schema that documents it.
     pub schema: &'a Value,

@@ -22,7 +22,6 @@ pub struct Parameter {
 pub struct Variant {
     /// The path of the parameter that may have it.
     pub path: String,
-    /// Its name.
     pub name: String,
     /// What the code's documentation says, in one line.
     pub meaning: String,

@@ -11,7 +11,7 @@ use super::problem::Problem;
 use super::set::{Override, variant};
 use super::text::{Tree, Value};
 use super::unroll::check_name;
-use crate::experiment::{Arm, Experiment};
+use crate::pipeline::experiment::{Arm, Experiment};
 
 /// More arms than this are taken for a mistake.
 const MOST_ARMS: usize = 1000;
@@ -21,7 +21,6 @@ const ROW: &str = "sr_nerf";
 
 /// One arm, and what it changes.
 pub struct Variant {
-    /// Its name.
     pub name: String,
     /// What it changes, in order.
     pub changes: Vec<Override>,

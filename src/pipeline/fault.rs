@@ -8,9 +8,7 @@ pub struct Place(pub Vec<String>);
 /// Something wrong at a place.
 #[derive(Debug)]
 pub struct Fault {
-    /// Where.
     pub place: Place,
-    /// What.
     pub message: String,
     /// A name that is not known, and those that are.
     pub unknown: Option<(String, Vec<String>)>,

@@ -8,8 +8,8 @@ use std::sync::LazyLock;
 
 use serde::Deserialize;
 use serde::de::{Deserializer, EnumAccess, Error, IgnoredAny, MapAccess, VariantAccess, Visitor};
+use stages::Input;
 use stages::registry::{AnyStage, KINDS};
-use stages::stage::Input;
 
 /// A pipeline file as written.
 ///
@@ -72,7 +72,6 @@ pub struct Document {
 /// A pipeline once the files that it extends are laid under it.
 #[derive(Clone, Debug)]
 pub struct Pipeline {
-    /// Its name.
     pub name: String,
     /// The seed of everything random.
     pub seed: u64,
@@ -83,7 +82,6 @@ pub struct Pipeline {
 /// A stage or a loop.
 #[derive(Clone, Debug)]
 pub enum Node {
-    /// One stage.
     Stage(Box<AnyStage>),
     /// A loop over stages.
     Rounds(Rounds),

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use stages::Stage;
 
 use super::problem::nearest;
-use crate::experiment::{Experiment, arm_of};
+use crate::pipeline::experiment::{Experiment, arm_of};
 
 /// A stage in its place.
 pub struct Node {
@@ -26,7 +26,6 @@ pub struct Node {
 }
 
 impl Node {
-    /// All its names.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once(&self.name)
             .chain(&self.also)
@@ -51,10 +50,9 @@ impl Node {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wire {
     /// The input's name.
-    pub input: &'static str,
+    pub input: String,
     /// The stage that it comes from, as its place in [`Graph::nodes`].
     pub from: usize,
-    /// That stage's output.
     pub output: &'static str,
 }
 

@@ -16,7 +16,6 @@ const DEEPEST: usize = 16;
 
 /// One file.
 pub struct Layer {
-    /// Its text.
     pub source: SourceText,
     /// What it says.
     pub document: Document,

@@ -3,9 +3,11 @@
 
 mod arms;
 mod draft;
+pub mod experiment;
 pub mod fault;
 pub mod grammar;
 pub mod graph;
+pub mod init;
 mod layers;
 mod merge;
 pub mod problem;

@@ -14,7 +14,6 @@ use miette::{Diagnostic, NamedSource, SourceSpan};
 pub struct SourceText {
     /// The file's path as given, or the option's name.
     pub name: String,
-    /// The text.
     pub text: Arc<str>,
 }
 

@@ -11,7 +11,6 @@ use super::grammar::{Named, Node, Rounds};
 pub struct Frame<'p> {
     /// What comes before these stages' names: `i3ds.2.`
     pub prefix: String,
-    /// The stages.
     pub stages: &'p Named<Node>,
     /// The loop and its round, from 1.
     pub turn: Option<(&'p Rounds, u32)>,

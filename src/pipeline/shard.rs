@@ -2,7 +2,8 @@
 //! part is cached, resumed and distributed like any other stage. The parts of `i3ds.1.render` are
 //! `i3ds.1.render.1`, `.2`, ..; the merge keeps the name.
 
-use stages::{AnyStage, Merge};
+use stages::AnyStage;
+use stages::merge::{Merge, Part};
 
 use super::fault::{Fault, Place};
 use super::graph::{Graph, Node, Wire};
@@ -54,12 +55,12 @@ fn part(whole: &Node, number: u32, stage: AnyStage) -> Result<Node, Fault> {
 /// The stage that takes the whole's place, with its parts from place `first` on.
 fn merge(whole: &Node, parts: usize, first: usize) -> Node {
     let merge = Merge::new(whole.stage.outputs(), parts);
-    let wire = |(input, part, output)| Wire {
-        input,
-        from: first + part,
-        output,
+    let wire = |part: &Part| Wire {
+        input: part.input.clone(),
+        from: first + part.shard,
+        output: part.output.name,
     };
-    let wires = merge.wires().into_iter().map(wire).collect();
+    let wires = merge.parts().iter().map(wire).collect();
     Node {
         name: whole.name.clone(),
         also: Vec::new(),

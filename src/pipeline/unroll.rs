@@ -29,7 +29,7 @@ struct Unrolled<'p> {
 }
 
 struct Link {
-    input: &'static str,
+    input: String,
     kind: ArtifactKind,
     target: Target,
 }
@@ -221,7 +221,7 @@ fn unrolled<'p>(
         }
         let target = resolve(chain, reference).map_err(|miss| miss.fault(&place.at(port.name)))?;
         links.push(Link {
-            input: port.name,
+            input: port.name.to_owned(),
             kind: port.kind,
             target,
         });
@@ -251,7 +251,7 @@ fn wires(
         .links
         .iter()
         // The place is put together for an error alone: there may be thousands of wires.
-        .map(|link| wire(link, &|| stage.place.at(link.input), all, index))
+        .map(|link| wire(link, &|| stage.place.at(&link.input), all, index))
         .collect()
 }
 
@@ -288,7 +288,7 @@ fn wire(
         );
     }
     Ok(Wire {
-        input: link.input,
+        input: link.input.clone(),
         from,
         output: port.name,
     })

@@ -38,7 +38,6 @@ pub struct Remote {
 /// What was sent or received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Results.
     pub results: usize,
     /// The bytes of their blobs, as far as those were not there already.
     pub bytes: u64,

@@ -15,7 +15,6 @@ use super::files::{Files, parent};
 /// What is wrong with a blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
-    /// It is gone.
     Missing,
     /// Its bytes are not those of its name.
     Changed,

@@ -14,7 +14,6 @@ use super::record::{Record, StoredFile};
 
 /// Something in a folder of a store.
 pub struct Entry {
-    /// Where.
     pub path: PathBuf,
     /// What the system says of it; of a link, not of what it leads to.
     pub data: Metadata,

@@ -38,7 +38,6 @@ pub enum StoreError {
     /// A stage that did not leave an output that it declares, or left something else.
     #[error("the stage's output `{output}` cannot be kept: {problem}")]
     Output {
-        /// The output.
         output: String,
         /// What is wrong with it.
         problem: String,

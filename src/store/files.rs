@@ -19,7 +19,6 @@ use serde::de::DeserializeOwned;
 use super::error::{At, StoreError};
 use disk::Disk;
 
-/// The layout's version.
 pub(super) const VERSION: &str = "1";
 
 /// The folders of a store.

@@ -25,7 +25,7 @@ use super::files::{FILES, FOLDERS};
 use super::record::{Record, is_inside};
 use super::runs::Run;
 use super::view::View;
-use crate::key::Manifest;
+use crate::store::manifest::Manifest;
 use fault::{Finding, Remedy, StoreFault};
 
 /// What a look through a store came to.

@@ -50,7 +50,6 @@ pub enum Why {
 /// A result that goes.
 #[derive(Clone, Debug, Serialize)]
 pub struct Doomed {
-    /// Its key.
     pub key: Digest,
     /// The stage that computed it first.
     pub stage: String,
@@ -67,7 +66,6 @@ pub struct Doomed {
 /// Everything that goes.
 #[derive(Debug, Default)]
 pub struct Garbage {
-    /// Results.
     pub results: Vec<Doomed>,
     /// Blobs that no result has then, and their bytes.
     pub blobs: Vec<(PathBuf, u64)>,

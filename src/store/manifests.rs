@@ -13,7 +13,7 @@ use super::cache::signature::Signature;
 use super::census::{Entry, list};
 use super::error::StoreError;
 use super::files::{Files, json, parent, read_json};
-use crate::key::Manifest;
+use crate::store::manifest::Manifest;
 
 /// The manifests of a store.
 pub struct Manifests {

@@ -1,6 +1,7 @@
 //! The store: immutable blobs by digest, results by key. `docs/store.md` has the annotated tree.
 //!
-//! Knows nothing of pipelines; a stage is a name, a key and a folder of outputs to it.
+//! Knows nothing of pipelines but which arms a run compares; a stage is a name, a key and a folder
+//! of outputs to it.
 
 pub mod blobs;
 pub mod cache;
@@ -12,6 +13,7 @@ pub mod fsck;
 pub mod gc;
 pub mod leases;
 pub mod link;
+pub mod manifest;
 pub mod manifests;
 pub mod pins;
 pub mod record;
@@ -44,7 +46,6 @@ use results::Results;
 
 /// A store in a folder.
 pub struct Store {
-    /// Its files.
     files: Arc<Files>,
     /// Blobs by digest.
     pub blobs: Arc<Blobs>,

@@ -37,7 +37,6 @@ pub struct Output {
     pub kind: ArtifactKind,
     /// The digest of its content, whatever its files say of their origin.
     pub digest: Digest,
-    /// Its files.
     pub files: Vec<StoredFile>,
 }
 

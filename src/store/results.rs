@@ -40,7 +40,6 @@ pub enum Breakage {
     Blob {
         /// The file that it was: `images/view_000.exr`.
         file: String,
-        /// The blob.
         blob: Digest,
         /// What is wrong with it.
         damage: Damage,

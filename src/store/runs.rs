@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Store;
 use super::error::{At, StoreError};
 use super::files::read_json;
-use crate::experiment::Experiment;
+use crate::pipeline::experiment::Experiment;
 
 /// What one run did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,7 +34,6 @@ pub struct Run {
 /// What became of a stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageRun {
-    /// Its end.
     pub end: End,
     /// Its key, if all its inputs were known.
     pub key: Option<Digest>,
@@ -74,7 +73,6 @@ pub enum End {
     Ran,
     /// Its result was there.
     Cached,
-    /// It failed.
     Failed,
     /// It never began, or was stopped.
     Stopped,

@@ -26,7 +26,6 @@ use super::{Store, state};
 pub struct Work<'s> {
     store: &'s Store,
     key: Digest,
-    /// The key's folder.
     folder: PathBuf,
     /// The folder of this lease.
     run: PathBuf,

@@ -50,7 +50,6 @@ pub enum Stand {
 pub struct Pane {
     /// The number of the field.
     pub field: usize,
-    /// What it shows.
     pub show: Show,
 }
 

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use stages::Message;
 use tokio::sync::broadcast::{self, Receiver, Sender};
 
-use crate::progress::Event;
+use crate::terminal::progress::Event;
 
 /// Points of a curve at most; one of more is thinned out.
 const MOST_POINTS: usize = 240;
@@ -58,7 +58,6 @@ struct Card {
     shown: Option<Instant>,
 }
 
-/// The board.
 pub struct Board {
     pipeline: String,
     /// In the order of the pipeline.

@@ -17,7 +17,6 @@ const MOST: usize = 6;
 pub struct Listed {
     /// The output that it is of.
     pub output: String,
-    /// Its file.
     pub file: String,
 }
 

@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use super::board::Board;
 use super::server::Server;
-use crate::cli::output::tell;
-use crate::progress::{Event, Progress};
 use crate::store::view::View;
+use crate::terminal::output::tell;
+use crate::terminal::progress::{Event, Progress};
 
 /// How often it is looked whether a page is still open once the run is over.
 const PAUSE: Duration = Duration::from_millis(200);

@@ -25,7 +25,7 @@ pub struct Checkpoint {
     pub step: u64,
     /// Numbers; whole ones stand as f32, exact below 2^24.
     pub tensors: Tensors,
-    /// Everything else.
+    /// Log, means and counts of the steps so far.
     pub notes: Value,
 }
 

@@ -17,7 +17,7 @@ use crate::{convert, ply};
 /// An image set to write: its artifact, and the folder whose EXR files are to be taken as they are.
 #[derive(Clone, Copy)]
 pub struct Exported<'s> {
-    /// The images.
+    /// The artifact, as it was read.
     pub images: &'s ImageSet,
     /// The artifact's folder, if its EXR files are to stand in for PNGs.
     pub exr: Option<&'s Path>,

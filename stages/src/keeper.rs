@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::checkpoint::Checkpoint;
 use crate::error::StageError;
-use crate::stage::{Io, Message};
+use crate::io::{Io, Message};
 
 /// The file in a stage's scratch folder.
 pub const FILE: &str = "checkpoint";

@@ -3,28 +3,54 @@
 //!
 //! No pipeline names it: it takes the place of a stage with `shards`, when loops are unrolled.
 
-use std::collections::BTreeSet;
-use std::sync::Mutex;
-
 use artifacts_schema::{Artifact, ArtifactKind, ImageSet, Latents, Log, Residuals};
 use serde_json::{Value, json};
 
 use crate::error::StageError;
-use crate::stage::{Determinism, Input, InputPort, Io, OutputPort, Stage};
+use crate::io::Io;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Determinism, Stage};
 
 /// Joins the outputs of shards.
 #[derive(Clone, Debug)]
 pub struct Merge {
     outputs: Vec<OutputPort>,
     shards: usize,
+    parts: Vec<Part>,
     /// Every input reads from a shard, wherever that stands in the pipeline.
     nowhere: Input,
+}
+
+/// What one shard left of one output.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The merge's input for it: `images.2` for the second shard's images.
+    pub input: String,
+    /// Which shard, from 0.
+    pub shard: usize,
+    /// Which of the shard's outputs.
+    pub output: OutputPort,
+}
+
+impl Part {
+    fn new(output: OutputPort, shard: usize) -> Self {
+        Self {
+            input: format!("{}.{}", output.name, shard + 1),
+            shard,
+            output,
+        }
+    }
 }
 
 impl Merge {
     /// The stage that joins these outputs of so many shards.
     pub fn new(outputs: Vec<OutputPort>, shards: usize) -> Self {
+        let parts = |output: &OutputPort| {
+            let output = *output;
+            (0..shards).map(move |shard| Part::new(output, shard))
+        };
         Self {
+            parts: outputs.iter().flat_map(parts).collect(),
             outputs,
             shards,
             nowhere: Input::default(),
@@ -37,43 +63,18 @@ impl Merge {
         json!({ "outputs": names, "shards": self.shards })
     }
 
-    /// Its inputs: name, which shard (from 0), and which of that shard's outputs.
-    pub fn wires(&self) -> Vec<(&'static str, usize, &'static str)> {
-        let shards = |port: &OutputPort| {
-            (0..self.shards)
-                .map(|shard| (shard, *port))
-                .collect::<Vec<_>>()
-        };
-        let all = self.outputs.iter().flat_map(shards);
-        all.map(|(shard, port)| (input(port.name, shard), shard, port.name))
-            .collect()
+    /// What it reads: output by output, and shard by shard in each.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
     }
 
-    fn join<A: Joined>(&self, output: &'static str, io: &Io) -> Result<(), StageError> {
+    fn join<A: Joined>(&self, output: &OutputPort, io: &Io) -> Result<(), StageError> {
         // Shard by shard, so that a log's lines have one order whichever shard was done first.
-        let parts = (0..self.shards)
-            .map(|shard| io.read(input(output, shard)))
-            .collect::<Result<Vec<A>, _>>()?;
-        io.write(output, &A::join(parts)?)
+        let parts = self.parts.iter().filter(|part| part.output == *output);
+        let read = |part: &Part| Ok(A::read(io.input(&part.input)?)?);
+        let parts = parts.map(read).collect::<Result<_, StageError>>()?;
+        io.write(Port::new(output.name), &A::join(parts)?)
     }
-}
-
-/// `images.2` for the second shard's images. There are as many such names as the largest merge has
-/// inputs, and they are kept.
-fn input(output: &str, shard: usize) -> &'static str {
-    static NAMES: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
-    let name = format!("{output}.{}", shard + 1);
-    let mut names = NAMES
-        .lock()
-        // A set of names is sound whatever another thread panicked over.
-        .unwrap_or_else(|poisoned| poisoned.into_inner());
-    if let Some(known) = names.get(name.as_str()) {
-        return known;
-    }
-    // A port's name is `&'static str` since all other stages' are.
-    let kept: &'static str = Box::leak(name.into_boxed_str());
-    names.insert(kept);
-    kept
 }
 
 impl Stage for Merge {
@@ -90,14 +91,10 @@ impl Stage for Merge {
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
-        let kind = |output: &str| {
-            self.outputs
-                .iter()
-                .find(|port| port.name == output)
-                .map(|port| port.kind)
-        };
-        let port = |(name, _, output)| Some(InputPort::new(name, &self.nowhere, kind(output)?));
-        self.wires().into_iter().filter_map(port).collect()
+        self.parts
+            .iter()
+            .map(|part| InputPort::new(&part.input, &self.nowhere, part.output.kind))
+            .collect()
     }
 
     fn outputs(&self) -> Vec<OutputPort> {
@@ -112,10 +109,10 @@ impl Stage for Merge {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         for port in &self.outputs {
             match port.kind {
-                ArtifactKind::Images => self.join::<ImageSet>(port.name, io)?,
-                ArtifactKind::Latents => self.join::<Latents>(port.name, io)?,
-                ArtifactKind::Residuals => self.join::<Residuals>(port.name, io)?,
-                ArtifactKind::Log => self.join::<Log>(port.name, io)?,
+                ArtifactKind::Images => self.join::<ImageSet>(port, io)?,
+                ArtifactKind::Latents => self.join::<Latents>(port, io)?,
+                ArtifactKind::Residuals => self.join::<Residuals>(port, io)?,
+                ArtifactKind::Log => self.join::<Log>(port, io)?,
                 kind => {
                     return Err(StageError::Mismatch(format!(
                         "{kind} of several shards cannot be joined"

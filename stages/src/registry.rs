@@ -1,5 +1,4 @@
-//! Every stage kind there is. A new kind is one file beside this one and one line in the list
-//! below.
+//! Every stage kind there is. A new kind is one file in `kinds` and one line in the list below.
 
 use serde::de::VariantAccess;
 use serde::{Deserialize, Serialize};
@@ -10,14 +9,18 @@ macro_rules! registry {
     ($($module:ident::$Kind:ident),* $(,)?) => {
         /// A stage of any kind, as it stands in a pipeline file.
         #[derive(Clone, Debug, Serialize, Deserialize)]
-        #[allow(missing_docs)]
-        pub enum AnyStage { $($Kind(crate::$module::$Kind)),* }
+        pub enum AnyStage {
+            $(
+                #[doc = concat!("See [`crate::kinds::", stringify!($module), "`].")]
+                $Kind(crate::kinds::$module::$Kind),
+            )*
+        }
 
         /// The names of all kinds, in the order of the list.
         pub const KINDS: &[&str] = &[$(stringify!($Kind)),*];
 
         impl AnyStage {
-            /// The stage itself.
+            /// What all kinds have in common.
             pub fn stage(&self) -> &dyn Stage {
                 match self { $(Self::$Kind(stage) => stage),* }
             }
@@ -31,7 +34,9 @@ macro_rules! registry {
             /// is no kind.
             pub fn schema(kind: &str) -> Option<schemars::Schema> {
                 match kind {
-                    $(stringify!($Kind) => Some(schemars::schema_for!(crate::$module::$Kind)),)*
+                    $(stringify!($Kind) => {
+                        Some(schemars::schema_for!(crate::kinds::$module::$Kind))
+                    })*
                     _ => None,
                 }
             }
@@ -48,13 +53,18 @@ macro_rules! registry {
                 value: serde_json::Value,
             ) -> Result<Self, serde_path_to_error::Error<serde_json::Error>> {
                 match kind {
-                    $(stringify!($Kind) => serde_path_to_error::deserialize(value).map(Self::$Kind),)*
+                    $(stringify!($Kind) => {
+                        serde_path_to_error::deserialize(value).map(Self::$Kind)
+                    })*
                     _ => unreachable!("{kind} is in KINDS"),
                 }
             }
 
             /// Reads a stage whose kind (one of [`KINDS`]) has been read already.
-            pub fn from_variant<'de, A: VariantAccess<'de>>(kind: &str, fields: A) -> Result<Self, A::Error> {
+            pub fn from_variant<'de, A: VariantAccess<'de>>(
+                kind: &str,
+                fields: A,
+            ) -> Result<Self, A::Error> {
                 match kind {
                     $(stringify!($Kind) => fields.newtype_variant().map(Self::$Kind),)*
                     _ => Err(serde::de::Error::unknown_variant(kind, KINDS)),

@@ -37,7 +37,7 @@ impl Default for SplatOptions {
 /// How near splats come to their field, mean dB over views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closeness {
-    /// How many views.
+    /// Views that were compared.
     pub views: usize,
     /// The field's and the splats' pictures beside the photos, where there are some.
     pub photos: Option<[f64; 2]>,
@@ -114,12 +114,12 @@ fn seeded(sights: &[Sight], options: &SplatOptions) -> Result<Cloud, SeedError> 
         let coverage: Vec<f32> = sight.picture.pixels.iter().map(|pixel| pixel[3]).collect();
         // Places first, from all cameras, and then colours: a splat's colour is a mean over the
         // cameras that see it.
-        seeds.look(&sight.camera, &sight.depth, &coverage);
+        seeds.add_view(&sight.camera, &sight.depth, &coverage);
     }
     let mut cloud = seeds.cloud(options.degree)?;
     let mut colors = Colors::new(&cloud);
     for sight in sights {
-        colors.look(&cloud, &sight.camera, &sight.picture, &sight.depth);
+        colors.add_view(&cloud, &sight.camera, &sight.picture, &sight.depth);
     }
     colors.settle(&mut cloud);
     Ok(cloud)
@@ -139,8 +139,8 @@ pub fn closeness(field: &Field, cloud: &Cloud, cameras: &[Camera]) -> Closeness 
     }
 }
 
-/// The same beside photos, whose masked pixels do not count. Photos behind a lens are passed over:
-/// splats are drawn without.
+/// How near splats and their field come to photos, whose masked pixels do not count. Photos behind
+/// a lens are passed over: splats are drawn without.
 pub fn closeness_to_photos(field: &Field, cloud: &Cloud, photos: &[View]) -> Closeness {
     let plain = photos
         .iter()

@@ -4,65 +4,16 @@
 //! Knows nothing of the runner: not of keys, the store, other stages or the terminal.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::path::PathBuf;
 
-use artifacts_schema::{Artifact, ArtifactKind, Digest, Provenance};
-use compute::Device;
-use schemars::JsonSchema;
+use artifacts_schema::Digest;
 use serde::{Deserialize, Serialize};
 
 use crate::error::StageError;
+use crate::io::Io;
+use crate::model::Model;
+use crate::port::{InputPort, OutputPort};
 use crate::registry::AnyStage;
-
-/// A reference in a pipeline file: `"stage"` (its first output), `"stage.output"`, or `"@name"` for
-/// what a loop carries.
-#[derive(
-    Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
-)]
-#[serde(transparent)]
-pub struct Input(pub String);
-
-/// One input that a stage declares; `name` is the name of its field in the pipeline file.
-#[derive(Clone, Copy, Debug)]
-pub struct InputPort<'a> {
-    /// The field's name.
-    pub name: &'static str,
-    /// What the pipeline file says there.
-    pub reference: &'a Input,
-    /// The artifact type that it takes.
-    pub kind: ArtifactKind,
-    /// Whether the parameters make use of it. Where not, it may stay unconnected, and what it says
-    /// changes nothing.
-    pub used: bool,
-}
-
-impl<'a> InputPort<'a> {
-    /// An input that the stage uses.
-    pub fn new(name: &'static str, reference: &'a Input, kind: ArtifactKind) -> Self {
-        Self {
-            name,
-            reference,
-            kind,
-            used: true,
-        }
-    }
-
-    /// The same, used only on a condition.
-    pub fn only_if(self, used: bool) -> Self {
-        Self { used, ..self }
-    }
-}
-
-/// One output that a stage declares. The first one is meant where a reference names the stage
-/// alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OutputPort {
-    /// The output's name.
-    pub name: &'static str,
-    /// The artifact type that it writes.
-    pub kind: ArtifactKind,
-}
 
 /// Something that a stage reads beside its inputs, photos or model weights: it belongs to the
 /// stage's key.
@@ -119,7 +70,7 @@ impl Estimate {
         }
     }
 
-    /// The same, if it computes on the device as well, in so many more bytes and seconds.
+    /// Of a stage that computes on the device as well, in so many more bytes and seconds.
     pub fn computing(self, memory: u64, seconds: f64) -> Self {
         Self {
             memory: self.memory + memory,
@@ -145,21 +96,35 @@ pub trait Stage: Send + Sync {
     fn inputs(&self) -> Vec<InputPort<'_>>;
     /// The outputs, in a fixed order.
     fn outputs(&self) -> Vec<OutputPort>;
+    /// The network that its parameters name, if there is one. It answers the next three questions
+    /// where a stage reads nothing else beside its inputs.
+    fn model(&self) -> Option<&dyn Model> {
+        None
+    }
     /// Parameters that say where something lies, not what it is, as paths in which variant names
     /// are left out (`source.path`): they stay out of the key, since [`Stage::sources`] covers the
     /// content.
     fn locations(&self) -> &'static [&'static str] {
-        &[]
+        self.model().map_or(&[], |model| model.locations())
     }
     /// What it reads beside its inputs.
     fn sources(&self) -> Result<Vec<Source>, StageError> {
-        Ok(Vec::new())
+        let source = |model: &dyn Model| {
+            Ok(Source {
+                name: "model".into(),
+                digest: model.content()?,
+            })
+        };
+        self.model().into_iter().map(source).collect()
     }
     /// All files and folders that [`Stage::sources`] looks into: while none of them changes, its
     /// answer stands. `None` where that cannot be said.
     fn source_files(&self) -> Option<Vec<PathBuf>> {
-        // A stage that names places has files there, of which it alone knows.
-        self.locations().is_empty().then(Vec::new)
+        match self.model() {
+            Some(model) => model.files(),
+            // A stage that names places has files there, of which it alone knows.
+            None => self.locations().is_empty().then(Vec::new),
+        }
     }
     /// How far equal inputs give equal bits.
     fn determinism(&self) -> Determinism {
@@ -187,132 +152,4 @@ pub trait Stage: Send + Sync {
     }
     /// Reads the inputs, computes, writes every output.
     fn run(&self, io: &Io) -> Result<(), StageError>;
-}
-
-/// What a running stage says. Others turn it into bars, JSON lines or logs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Message {
-    /// `step` of `total` is done; `values` are the current loss, PSNR and so on.
-    Progress {
-        /// Steps done.
-        step: u64,
-        /// Steps in all.
-        total: u64,
-        /// Named figures of the last step.
-        values: Vec<(&'static str, f64)>,
-    },
-    /// It goes on from where an earlier run left it.
-    Resumed {
-        /// Steps done.
-        step: u64,
-        /// Steps in all.
-        total: u64,
-        /// Whether these steps are a finished result's, which is extended; else they are an
-        /// interrupted run's.
-        finished: bool,
-    },
-    /// A result worth a line of its own.
-    Metric {
-        /// What it measures.
-        name: String,
-        /// Its value.
-        value: f64,
-    },
-    /// Done, but not as the user might expect.
-    Warning(String),
-    /// The same about the result itself: said again whenever the result is used, also when it is
-    /// not computed anew.
-    Remark(String),
-}
-
-/// All that a running stage may touch.
-pub struct Io<'a> {
-    /// The seed of its random numbers.
-    pub seed: u64,
-    /// Where it computes.
-    pub device: &'a Device,
-    /// Folders of the input artifacts, by input name.
-    pub inputs: BTreeMap<String, PathBuf>,
-    /// The folder under which each output gets a folder of its name.
-    pub outputs: PathBuf,
-    /// Private to this stage's key and kept until its result is committed: the place for
-    /// checkpoints.
-    pub scratch: PathBuf,
-    /// How long to go on between two checkpoints; zero for one after every step. No result depends
-    /// on it.
-    pub checkpoint_every: Duration,
-    /// The last state of a finished result that differs from this one in having fewer steps, if
-    /// there is any.
-    pub earlier: Option<PathBuf>,
-    /// What the artifacts say of their origin.
-    pub provenance: Provenance,
-    /// Takes messages.
-    pub messages: &'a (dyn Fn(Message) + Sync),
-    /// Whether to stop.
-    pub cancelled: &'a (dyn Fn() -> bool + Sync),
-}
-
-impl Io<'_> {
-    /// Reads the input artifact of this name.
-    pub fn read<A: Artifact>(&self, name: &str) -> Result<A, StageError> {
-        Ok(A::read(self.input(name)?)?)
-    }
-
-    /// The folder of the input of this name.
-    pub fn input(&self, name: &str) -> Result<&Path, StageError> {
-        self.inputs
-            .get(name)
-            .map(PathBuf::as_path)
-            .ok_or_else(|| StageError::MissingInput(name.to_owned()))
-    }
-
-    /// Writes the output artifact of this name.
-    pub fn write<A: Artifact>(&self, name: &str, artifact: &A) -> Result<(), StageError> {
-        Ok(artifact.write(&self.outputs.join(name), &self.provenance)?)
-    }
-
-    /// Reports progress; an error when the run is being stopped.
-    pub fn progress(
-        &self,
-        step: usize,
-        total: usize,
-        values: &[(&'static str, f64)],
-    ) -> Result<(), StageError> {
-        (self.messages)(Message::Progress {
-            step: step as u64,
-            total: total as u64,
-            values: values.to_vec(),
-        });
-        // Every step that is reported is a place to stop, so that no stage has to ask for itself.
-        self.check_cancelled()
-    }
-
-    /// Reports a result worth a line of its own.
-    pub fn metric(&self, name: impl Into<String>, value: f64) {
-        (self.messages)(Message::Metric {
-            name: name.into(),
-            value,
-        });
-    }
-
-    /// Reports something that the user might not expect.
-    pub fn warn(&self, text: impl Into<String>) {
-        (self.messages)(Message::Warning(text.into()));
-    }
-
-    /// Reports something about the result that the user might not expect, whenever the result is
-    /// used.
-    pub fn remark(&self, text: impl Into<String>) {
-        (self.messages)(Message::Remark(text.into()));
-    }
-
-    /// An error when the run is being stopped.
-    pub fn check_cancelled(&self) -> Result<(), StageError> {
-        if (self.cancelled)() {
-            Err(StageError::Cancelled)
-        } else {
-            Ok(())
-        }
-    }
 }

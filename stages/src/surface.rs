@@ -11,7 +11,7 @@ use rayon::prelude::*;
 /// A surface in world space.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Surface {
-    /// Its vertices.
+    /// One for each cell of the grid that it crosses.
     pub vertices: Vec<Vertex>,
     /// Triangles, counter-clockwise as seen from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -20,7 +20,7 @@ pub struct Surface {
 /// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
-    /// Where it is.
+    /// In the scene's coordinates.
     pub position: [f32; 3],
     /// The unit normal, outwards.
     pub normal: [f32; 3],

@@ -11,18 +11,25 @@ use serde_json::{Value, json};
 use crate::checkpoint::Checkpoint;
 use crate::convert;
 use crate::error::StageError;
+use crate::io::Io;
 use crate::keeper::Keeper;
-use crate::stage::{Estimate, Extension, Io, Sizes};
+use crate::port::Port;
+use crate::stage::{Estimate, Extension, Sizes};
+
+/// What training writes, and `Sync` begins with.
+pub const FIELD: Port<artifacts_schema::Field> = Port::new("field");
+/// How training went.
+pub const LOG: Port<Log> = Port::new("log");
 
 /// A log line is written every so many steps.
 const LOG_EVERY: u32 = 50;
 
 /// Refuses training parameters that make no sense.
-pub fn check(steps: u32, samples: u32, rate: f64, final_rate: f64) -> Result<(), StageError> {
-    convert::in_range("steps", steps, 1, 10_000_000)?;
-    convert::in_range("samples", samples, 256, 1 << 24)?;
-    check_rate("rate", rate)?;
-    check_rate("final_rate", final_rate)
+pub fn check(options: &TrainOptions) -> Result<(), StageError> {
+    convert::in_range("steps", options.steps, 1, 10_000_000)?;
+    convert::in_range("samples", options.samples, 256, 1 << 24)?;
+    check_rate("rate", options.rate)?;
+    check_rate("final_rate", options.final_rate)
 }
 
 /// Refuses a learning rate, or a part of one, that makes no sense.
@@ -59,9 +66,10 @@ pub fn extension(final_rate: f64) -> Extension {
 
 /// What training takes; `table` is the size of the field's tables in bytes, which gradient, moments
 /// and a checkpoint multiply.
-pub fn estimate(inputs: &Sizes, table: u64, steps: u32, samples: u32) -> Estimate {
+pub fn estimate(inputs: &Sizes, table: u64, options: &TrainOptions) -> Estimate {
+    let samples = options.samples;
     // About what two cores take for a sample (docs/performance.md).
-    let seconds = f64::from(steps) * f64::from(samples) * 6e-7;
+    let seconds = f64::from(options.steps) * f64::from(samples) * 6e-7;
     Estimate::reading(inputs).computing(8 * table + 1024 * u64::from(samples), seconds)
 }
 
@@ -131,8 +139,8 @@ pub fn train(
         cameras: training.cameras(),
         exposures: training.exposures(),
     };
-    io.write("field", &convert::disk_field(&training.into_field())?)?;
-    io.write("log", &diary.log())?;
+    io.write(FIELD, &convert::disk_field(&training.into_field())?)?;
+    io.write(LOG, &diary.log())?;
     Ok(trained)
 }
 

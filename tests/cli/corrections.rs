@@ -16,7 +16,7 @@ const PIPELINE: &str = r#"(
         "render": Render(field: "learnt", cameras: "learnt.photos"),
         "evaluate": Evaluate(
             field: "learnt", baseline: "fit", truth: "scene.test", low: "scene.test_low", train: "learnt.photos",
-            exposed: true, figures: 0,
+            exposed: true, posed: true, figures: 0,
         ),
     },
 )"#;
@@ -66,13 +66,18 @@ fn refined_cameras_and_exposures_are_artifacts_that_later_stages_read() {
 }
 
 #[test]
-fn held_out_views_are_measured_both_as_they_are_and_at_their_own_exposure() {
+fn held_out_views_are_measured_as_they_are_at_their_own_exposure_and_from_refined_cameras() {
     let space = ran();
     let metrics = fs::read(space.path("out/corrections/evaluate/metrics/metrics.json")).unwrap();
     let metrics: Value = serde_json::from_slice(&metrics).unwrap();
     let mean = &metrics["rows"]["sr_nerf"]["mean"];
     let value = |name: &str| mean[name].as_f64().unwrap();
     assert!(value("psnr_hr_exposed") > value("psnr_hr"));
+    assert!(value("psnr_hr_posed") > value("psnr_hr"));
+    assert!(
+        metrics["rows"]["bicubic"]["mean"]["psnr_hr_posed"].is_null(),
+        "an enlarged picture has one camera"
+    );
     assert!(
         metrics["definitions"]["psnr_hr_exposed"]
             .as_str()

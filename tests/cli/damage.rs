@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::checkpoint::in_work;
 use crate::cut::cut_after;
-use crate::files::{assert_same_files, assert_still_holds};
+use crate::files::assert_same_files;
 use crate::space::{Said, Space, signal, wait_until};
 
 /// As `tiny.ron`, but with enough to draw that there is time to be killed.
@@ -128,7 +128,7 @@ fn a_lost_or_changed_blob_is_noticed_and_only_its_stage_runs_again() {
             (&run.last()["ran"], &run.last()["cached"]),
             (&json!(["up"]), &json!(["again", "scene"]))
         );
-        assert_still_holds(&space, "out", &before);
+        space.assert_files("out", &before);
     }
 }
 

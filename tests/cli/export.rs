@@ -6,7 +6,6 @@ use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Stdio};
 
-use crate::files::assert_still_holds;
 use crate::space::Space;
 
 #[test]
@@ -227,7 +226,7 @@ fn curves_and_scores_of_a_run_go_to_tensorboard() {
     assert!(bytes.windows(4).any(|part| part == b"loss"));
     // The same log makes the same file, over the one that is there.
     space.ok(&["export", "tensorboard", "-o", "curves"]);
-    assert_still_holds(&space, "curves", &files);
+    space.assert_files("curves", &files);
     let said = space.say(&["export", "tensorboard", "-o", "fit.ron"]);
     assert_eq!(said.code, 2, "{}", said.err);
 }

@@ -17,6 +17,12 @@ impl Space {
         collect(&folder, &folder, &mut files);
         files
     }
+
+    /// A folder holds these files. Says which one differs first.
+    #[track_caller]
+    pub fn assert_files(&self, folder: &str, expected: &Files) {
+        assert_eq!(difference(&self.files(folder), expected), None, "{folder}");
+    }
 }
 
 fn collect(root: &Path, folder: &Path, files: &mut Files) {
@@ -31,33 +37,27 @@ fn collect(root: &Path, folder: &Path, files: &mut Files) {
     }
 }
 
-/// Two folders of a space hold the same files.
+/// Two folders of a space hold the same files. Says which one differs first.
+#[track_caller]
 pub fn assert_same_files(space: &Space, one: &str, other: &str) {
-    assert_same((one, &space.files(one)), (other, &space.files(other)));
+    space.assert_files(other, &space.files(one));
 }
 
-/// A folder holds the files that it held before.
-pub fn assert_still_holds(space: &Space, folder: &str, before: &Files) {
-    let was = format!("{folder} as it was");
-    assert_same((folder, &space.files(folder)), (&was, before));
-}
-
-/// Says which file differs first, and where.
-fn assert_same((one, ours): (&str, &Files), (other, theirs): (&str, &Files)) {
-    let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
-    for name in names {
-        let shown = name.display();
-        match (ours.get(name), theirs.get(name)) {
-            (Some(a), Some(b)) => {
-                let differs = a.iter().zip(b).position(|(a, b)| a != b);
-                let sizes = format!("{} and {} bytes", a.len(), b.len());
-                assert!(
-                    a == b,
-                    "{shown} of {one} and {other}: {sizes}, byte {differs:?} differs"
-                );
-            }
-            (Some(_), None) => panic!("{shown} is in {one} and not in {other}"),
-            (None, _) => panic!("{shown} is in {other} and not in {one}"),
+/// What first tells files from those that are expected.
+fn difference(files: &Files, expected: &Files) -> Option<String> {
+    let names: BTreeSet<_> = files.keys().chain(expected.keys()).collect();
+    let told = |name: &PathBuf| match (files.get(name), expected.get(name)) {
+        (Some(a), Some(b)) if a == b => None,
+        (Some(a), Some(b)) => {
+            let byte = a.iter().zip(b).position(|(a, b)| a != b);
+            let sizes = format!("{} bytes, not {}", a.len(), b.len());
+            Some(format!(
+                "{}: {sizes}, byte {byte:?} differs",
+                name.display()
+            ))
         }
-    }
+        (None, _) => Some(format!("{} is missing", name.display())),
+        (_, None) => Some(format!("{} is not expected", name.display())),
+    };
+    names.into_iter().find_map(told)
 }

@@ -5,7 +5,6 @@ use std::time::{Duration, SystemTime};
 
 use serde_json::{Value, json};
 
-use crate::files::assert_still_holds;
 use crate::space::Space;
 
 /// Three runs of `tiny.ron`, each with another filter of `up`.
@@ -51,7 +50,7 @@ fn gc_says_what_would_go_and_removes_nothing_unless_told_to() {
             && said.contains("; gc --delete removes them"),
         "{said}"
     );
-    assert_still_holds(&space, ".srnerf", &before);
+    space.assert_files(".srnerf", &before);
     assert_eq!(
         stages(&space.ok(&["gc", "--json"]).json()),
         [""; 0],

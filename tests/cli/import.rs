@@ -5,7 +5,7 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use crate::files::{assert_same_files, assert_still_holds};
+use crate::files::assert_same_files;
 use crate::scenes::{as_colmap, exported};
 use crate::space::{Said, Space};
 
@@ -57,7 +57,7 @@ fn photos_without_poses_become_a_pipeline_that_runs() {
     let good = "4 of 4 photos have a pose, 20 points, mean reprojection error 0.50 pixels";
     assert!(said.err.contains(good), "{}", said.err);
     assert!(said.out.contains("wrote shoes.ron"), "{}", said.out);
-    assert_still_holds(&space, "shoes", &before);
+    space.assert_files("shoes", &before);
     assert_same_files(&space, "shoes", "shoes_posed/images");
     let plan = space.ok(&["plan", "shoes.ron"]);
     assert!(plan.out.contains("pictures"), "{}", plan.out);

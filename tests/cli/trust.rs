@@ -4,7 +4,6 @@ use std::fs;
 
 use serde_json::json;
 
-use crate::files::assert_still_holds;
 use crate::space::Space;
 
 #[test]
@@ -23,7 +22,7 @@ fn a_result_that_comes_out_the_same_again_is_said_to_do_so() {
         {"stage": "up", "state": "the_same_bits", "differences": {}}]})
     );
     // To verify leaves the store alone.
-    assert_still_holds(&space, ".srnerf", &store);
+    space.assert_files(".srnerf", &store);
 }
 
 /// A store whose result of `up` is another picture, as if the code had changed without its version.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::files::{Files, assert_still_holds};
+use crate::files::Files;
 use crate::space::{Said, Space};
 
 /// A store with the results of `tiny.ron`.
@@ -88,7 +88,7 @@ impl Victim {
                 .json()["outputs"],
             self.up["outputs"]
         );
-        assert_still_holds(&self.space, "out", &self.out);
+        self.space.assert_files("out", &self.out);
         assert_eq!(self.fsck(&[]).code, 0);
     }
 }

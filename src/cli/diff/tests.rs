@@ -3,7 +3,7 @@
 use artifacts_schema::ArtifactKind;
 
 use super::*;
-use crate::key::Manifest;
+use crate::store::manifest::Manifest;
 use crate::store::record::Output;
 
 /// A result of the stage `name`, which reads these artifacts and has one.

@@ -5,19 +5,19 @@ use std::fmt::Write;
 
 use serde_json::json;
 
-use super::super::output::{print, tell};
-use crate::comparison::{Comparison, Format};
-use crate::error::Error;
+use crate::cli::error::Error;
 use crate::pipeline::graph::Graph;
-use crate::progress::{Verbosity, duration};
-use crate::report;
-use crate::scheduler::Outcome;
+use crate::report::comparison::{Comparison, Format};
+use crate::report::results;
+use crate::runner::scheduler::Outcome;
+use crate::runner::task::Failure;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
 use crate::store::runs::{End, Run};
 use crate::store::view::View;
-use crate::task::Failure;
+use crate::terminal::output::{print, tell};
+use crate::terminal::progress::{Verbosity, duration};
 
 /// A run that has ended, and how to speak of it.
 pub struct Ending<'a> {
@@ -57,7 +57,7 @@ impl Ending<'_> {
             print(&format_args!("\n{table}"));
         }
         let figures: Vec<_> = results
-            .flat_map(|(stage, result)| report::figures(self.view, stage, result))
+            .flat_map(|(stage, result)| results::figures(self.view, stage, result))
             .collect();
         if self.run.experiment.is_some() {
             let report = format!("srnerf-dag report {} -o report.html", self.run.pipeline);
@@ -88,7 +88,7 @@ fn tables<'r>(
 ) -> Result<Vec<String>, StoreError> {
     let mut all = Vec::new();
     for (stage, result) in results {
-        all.extend(report::tables(store, stage, result)?);
+        all.extend(results::tables(store, stage, result)?);
     }
     Ok(all)
 }

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use crate::cli::output::size;
-use crate::error::Error;
-use crate::plan::{Basis, Context, Cost, Experience, Forecast, Found};
+use crate::cli::error::Error;
+use crate::runner::plan::{Basis, Context, Cost, Experience, Forecast, Found};
 use crate::store::error::StoreError;
 use crate::store::record::Record;
+use crate::terminal::output::size;
 
 /// Refuses a run of which a stage will need more than `limit` bytes; `cached` are the results that
 /// are there.

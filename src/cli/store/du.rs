@@ -3,11 +3,11 @@
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::error::Error;
 use crate::cli::options::Folders;
-use crate::cli::output::{print, print_json, size, table};
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::usage::{Space, Usage};
+use crate::terminal::output::{print, print_json, size, table};
 
 /// Options of `store du`.
 #[derive(Args)]

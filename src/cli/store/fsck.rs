@@ -3,12 +3,12 @@
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::error::Error;
 use crate::cli::options::Folders;
-use crate::cli::output::{print, print_json, size, table};
-use crate::error::Error;
 use crate::store::Store;
 use crate::store::fsck::fault::Finding;
 use crate::store::fsck::{Report, look_through};
+use crate::terminal::output::{print, print_json, size, table};
 
 /// Options of `store fsck`.
 #[derive(Args)]

@@ -6,7 +6,7 @@ mod transfer;
 
 use clap::Subcommand;
 
-use crate::error::Error;
+use crate::cli::error::Error;
 
 /// What to do with the store.
 #[derive(Subcommand)]

@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::output::{print, size, tell};
-use crate::error::Error;
+use crate::cli::error::Error;
 use crate::remote::{Remote, RemoteFault, Traffic};
 use crate::store::Store;
+use crate::terminal::output::{print, size, tell};
 
 /// Which stores.
 #[derive(Args)]

@@ -64,7 +64,6 @@ pub enum StoreFault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Remedy {
-    /// Nothing.
     None,
     /// Moved to `quarantine/`.
     Quarantined,

@@ -16,7 +16,7 @@ pub fn pattern(salt: u64, shape: &[usize]) -> Array {
     Device::cpu().array(shape, (0..len as u64).map(value).collect())
 }
 
-/// The inner product.
+/// The inner product of all elements, summed in f64 and in their order.
 pub fn dot(x: &Array, y: &Array) -> f64 {
     assert_eq!(x.shape(), y.shape());
     x.to_vec()
@@ -129,8 +129,8 @@ pub fn check_golden(name: &str, got: &Array) {
     assert_close(name, got, &golden(name), 3e-6);
 }
 
-/// The same of a resized image. PyTorch rounds the position of a resampled pixel to f32, which
-/// costs it a digit; ours is f64.
+/// Fails unless `got` is the golden resized image of that name, to 1e-5. PyTorch rounds the
+/// position of a resampled pixel to f32, which costs it a digit; ours is f64.
 #[track_caller]
 pub fn check_resized(name: &str, got: &Array) {
     assert_close(name, got, &golden(&format!("resize.{name}")), 1e-5);

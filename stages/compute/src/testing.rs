@@ -1,5 +1,5 @@
 //! The GPU that tests use, of this crate and of those that bring kernels of their own, and the
-//! mishaps that it may have. It knows no operator.
+//! failures that it may have. It knows no operator.
 
 use crate::runtime::device::{Device, GpuError};
 
@@ -10,8 +10,8 @@ pub fn gpu() -> Option<Device> {
     or_skip(Device::gpu(Some(0)))
 }
 
-/// The same as a weak adapter, whose kernels see no more than `window` bytes of an array at once
-/// and name no numbers of 16 bits.
+/// The first adapter as a weak one, whose kernels see no more than `window` bytes of an array at
+/// once and name no numbers of 16 bits.
 pub fn weak_gpu(window: u64) -> Option<Device> {
     or_skip(Device::weak_gpu(Some(0), window))
 }

@@ -12,7 +12,7 @@ pub enum ModelError {
     /// A file or folder that cannot be used.
     #[error("{file}: {problem}")]
     File {
-        /// The file.
+        /// The file or folder, as it was named.
         file: String,
         /// What is wrong with it, and how to mend it.
         problem: String,
@@ -20,7 +20,7 @@ pub enum ModelError {
     /// A field of a configuration that is missing, malformed or not supported.
     #[error("{file}: `{field}` {problem}")]
     Field {
-        /// The configuration file.
+        /// The configuration file, as it was named.
         file: String,
         /// The field, as a path from the file's root.
         field: String,

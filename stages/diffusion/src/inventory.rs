@@ -14,7 +14,7 @@ use crate::source::ModelSource;
 /// One network of a model.
 #[derive(Clone, Debug)]
 pub struct PartReport {
-    /// Its folder.
+    /// Its folder in the layout of diffusers, such as `unet`.
     pub name: &'static str,
     /// How many tensors its files hold of it.
     pub tensors: usize,

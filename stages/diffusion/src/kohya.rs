@@ -17,7 +17,7 @@ pub(crate) struct Layers(BTreeMap<String, String>);
 
 /// What a tensor is.
 #[derive(Debug, PartialEq)]
-pub(crate) enum Part {
+pub(crate) enum KohyaTensor {
     /// A matrix, by its name as PEFT has it.
     Matrix(String),
     /// The numerator of a layer's scale, by the name of its matrix A as PEFT has it.
@@ -37,15 +37,15 @@ impl Layers {
     }
 
     /// What the tensor of this name is; `None` if it is none of these layers'.
-    pub fn part(&self, stored: &str) -> Option<Part> {
+    pub fn part(&self, stored: &str) -> Option<KohyaTensor> {
         let rest = stored.strip_prefix(PREFIX)?;
         let layer = |suffix: &str| self.0.get(rest.strip_suffix(suffix)?);
         let down = |layer: &String| format!("unet.{layer}.lora_A.weight");
         let up = |layer: &String| format!("unet.{layer}.lora_B.weight");
         let matrix = layer(DOWN).map(down).or_else(|| layer(UP).map(up));
         matrix
-            .map(Part::Matrix)
-            .or_else(|| layer(ALPHA).map(down).map(Part::Alpha))
+            .map(KohyaTensor::Matrix)
+            .or_else(|| layer(ALPHA).map(down).map(KohyaTensor::Alpha))
     }
 }
 
@@ -101,9 +101,9 @@ mod tests {
         assert_eq!(
             parts,
             [
-                Part::Alpha(name("A")),
-                Part::Matrix(name("A")),
-                Part::Matrix(name("B"))
+                KohyaTensor::Alpha(name("A")),
+                KohyaTensor::Matrix(name("A")),
+                KohyaTensor::Matrix(name("B"))
             ]
             .map(Some)
         );

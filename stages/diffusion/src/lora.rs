@@ -18,7 +18,7 @@ pub const CAMERA_NUMBERS: usize = 16;
 pub struct LoraNetwork {
     /// What an adapter's product is multiplied by: alpha / r.
     pub scale: f32,
-    /// The same for layers where it is another number, by the name of their matrix A.
+    /// Scales of layers where it is another number, by the name of their matrix A.
     pub scales: BTreeMap<String, f32>,
     /// `unet.<layer>.lora_A.weight` `[r, inputs]` and `unet.<layer>.lora_B.weight` `[outputs, r]`,
     /// named as PEFT names them.
@@ -32,7 +32,7 @@ pub struct LoraNetwork {
 /// Gradients of a loss by the tensors of a [`LoraNetwork`], under the same names.
 #[derive(Clone, Debug, Default)]
 pub struct LoraGradients {
-    /// By the adapters.
+    /// By the adapters, under their names.
     pub adapters: BTreeMap<String, Array>,
     /// By the camera embedding; empty if the forward pass had no camera.
     pub camera: BTreeMap<String, Array>,

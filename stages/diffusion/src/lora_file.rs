@@ -11,7 +11,7 @@ use formats::{FileBytes, TensorFile};
 use serde_json::{Map, Value};
 
 use crate::error::ModelError;
-use crate::kohya::{self, Part};
+use crate::kohya::{self, KohyaTensor};
 use crate::lora::LoraNetwork;
 use crate::stored::array;
 use crate::unet::Unet;
@@ -65,11 +65,11 @@ impl LoraFile {
         let layers = kohya::Layers::new(unet.adapted_layers());
         for stored in file.names() {
             let name = match layers.part(stored) {
-                Some(Part::Alpha(down)) => {
+                Some(KohyaTensor::Alpha(down)) => {
                     alphas.insert(down, number(&file, stored, device)?);
                     continue;
                 }
-                Some(Part::Matrix(name)) => Some(name),
+                Some(KohyaTensor::Matrix(name)) => Some(name),
                 None => canonical(stored),
             };
             let name =

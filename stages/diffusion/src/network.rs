@@ -12,7 +12,7 @@ impl Network {
     /// All of them, in the order in which a model's digest takes them.
     pub const ALL: [Self; 3] = [Self::TextEncoder, Self::Unet, Self::Vae];
 
-    /// Its folder.
+    /// Its folder in the layout of diffusers.
     pub fn folder(self) -> &'static str {
         match self {
             Self::TextEncoder => "text_encoder",

@@ -16,17 +16,17 @@ use crate::vae::Vae;
 
 /// A latent upscaler in the parts of diffusers' `StableDiffusionUpscalePipeline`.
 pub struct Prior {
-    /// The denoising network.
+    /// The network that predicts velocities of noised latents.
     pub unet: Unet,
-    /// The autoencoder.
+    /// The autoencoder between images and latents.
     pub vae: Vae,
     /// The noise schedule of latents.
     pub schedule: Schedule,
     /// The noise schedule of the low-resolution image.
     pub low_schedule: Schedule,
-    /// Text to ids.
+    /// From a prompt to token ids.
     pub tokenizer: Tokenizer,
-    /// Ids to states.
+    /// From token ids to the states that the UNet attends to.
     pub text_encoder: TextEncoder,
     /// The highest noise level, as a timestep of `low_schedule`, that the low-resolution image was
     /// trained with.

@@ -26,10 +26,10 @@ pub struct SchedulerConfig {
 
 /// What the network predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Prediction {
+pub enum PredictionType {
     /// The velocity v = a eps - s z (Salimans and Ho 2022).
     Velocity,
-    /// The noise eps.
+    /// The noise eps that was added.
     Noise,
 }
 
@@ -41,7 +41,7 @@ pub enum Prediction {
 #[derive(Clone, Debug)]
 pub struct Schedule {
     alpha_bar: Vec<f64>,
-    prediction: Prediction,
+    prediction: PredictionType,
 }
 
 /// More timesteps than this are taken for a damaged file.
@@ -78,7 +78,7 @@ impl Schedule {
                 ));
             }
         }
-        let prediction = Prediction::from_name(&config.prediction_type, file)?;
+        let prediction = PredictionType::from_name(&config.prediction_type, file)?;
         Ok(Self {
             alpha_bar: alpha_bar(config),
             prediction,
@@ -125,9 +125,9 @@ impl Schedule {
     /// The velocity that a network's raw output means.
     pub fn velocity(&self, output: &Array, noisy: &Array, t: &[u32]) -> Array {
         match self.prediction {
-            Prediction::Velocity => output.clone(),
+            PredictionType::Velocity => output.clone(),
             // From eps = a v + s z_t.
-            Prediction::Noise => combine(output, noisy, t, |t| {
+            PredictionType::Noise => combine(output, noisy, t, |t| {
                 [1.0 / self.a(t), -self.s(t) / self.a(t)]
             }),
         }
@@ -137,9 +137,9 @@ impl Schedule {
     /// means.
     pub fn velocity_backward(&self, velocity_gradient: &Array, t: &[u32]) -> Array {
         match self.prediction {
-            Prediction::Velocity => velocity_gradient.clone(),
+            PredictionType::Velocity => velocity_gradient.clone(),
             // v = (eps - s z_t) / a, and z_t does not depend on the network.
-            Prediction::Noise => scale(velocity_gradient, t, |t| 1.0 / self.a(t)),
+            PredictionType::Noise => scale(velocity_gradient, t, |t| 1.0 / self.a(t)),
         }
     }
 
@@ -154,7 +154,7 @@ impl Schedule {
     }
 }
 
-impl Prediction {
+impl PredictionType {
     fn from_name(name: &str, file: &str) -> Result<Self, ModelError> {
         match name {
             "v_prediction" => Ok(Self::Velocity),

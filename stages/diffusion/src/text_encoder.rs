@@ -14,7 +14,7 @@ use crate::network::Network;
 use crate::source::ModelSource;
 use crate::weights::{Scope, Weights};
 
-/// The text encoder.
+/// CLIP's text encoder, from token ids to hidden states.
 pub struct TextEncoder {
     config: TextConfig,
     tokens: Weight,
@@ -80,7 +80,7 @@ impl TextEncoder {
         Ok(encoder)
     }
 
-    /// The encoder's configuration.
+    /// What its `config.json` says.
     pub fn config(&self) -> &TextConfig {
         &self.config
     }

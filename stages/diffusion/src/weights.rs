@@ -16,7 +16,7 @@ use crate::single_file::error::SingleFileError;
 use crate::single_file::names::Names;
 use crate::stored::Stored;
 
-/// Open weights.
+/// The tensors of one network, in one file or in shards, as they were opened.
 pub(crate) struct Weights {
     files: Vec<TensorFile>,
     device: Device,
@@ -85,7 +85,7 @@ impl Weights {
         weights
     }
 
-    /// The same weights, multiplied in another precision.
+    /// Sets the precision that products round these weights to.
     pub fn with_precision(self, precision: Precision) -> Self {
         Self { precision, ..self }
     }
@@ -266,7 +266,8 @@ impl Scope<'_> {
         Ok(self.weight(name, shape)?.to_array())
     }
 
-    /// The same as the operators take it that widen as they go; for the large ones.
+    /// The tensor `name` below this place in its own number format, which operators widen as they
+    /// go: for the large ones. Fails as [`Scope::tensor`] does.
     pub fn weight(&self, name: &str, shape: &[usize]) -> Result<Weight, ModelError> {
         self.weights.weight(self.at(name).path(), shape)
     }

@@ -121,8 +121,8 @@ impl Camera {
             .to_array()
     }
 
-    /// The same camera with another number of pixels on the same image plane. Each axis is scaled
-    /// on its own, so that sizes that do not divide still show exactly the same part of the world.
+    /// This camera with another number of pixels on its image plane. Each axis is scaled on its
+    /// own, so that sizes that do not divide still show exactly the same part of the world.
     pub fn scaled(&self, width: u32, height: u32) -> Camera {
         // Not one factor for both: 252x189 by 4 is 63x47, whose pixels are not square.
         let sx = f64::from(width) / f64::from(self.width);
@@ -138,7 +138,7 @@ impl Camera {
         }
     }
 
-    /// The same view with `scale` times the pixels along each axis, rounded to whole ones.
+    /// This camera with `scale` times the pixels along each axis, rounded to whole ones.
     pub fn scaled_by(&self, scale: f64) -> Camera {
         // At least one: a picture without pixels is none.
         let pixels = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
@@ -215,7 +215,7 @@ impl Camera {
         Camera::look_at_with_up(position, target, DVec3::Y)
     }
 
-    /// The same with another direction upwards in the image.
+    /// A camera pose at `position` that looks at `target`, with `up` upwards in the image.
     pub fn look_at_with_up(position: DVec3, target: DVec3, up: DVec3) -> DMat4 {
         let back = (position - target).normalize();
         let right = up.cross(back).normalize();
@@ -229,9 +229,9 @@ impl Camera {
         )
     }
 
-    /// The same camera after a similarity of the world: first the rigid motion `rigid`, then a
-    /// uniform `scale` about the origin. What it sees stays where it was in the image; depths, near
-    /// and far are scaled.
+    /// This camera after a similarity of the world: first the rigid motion `rigid`, then a uniform
+    /// `scale` about the origin. What it sees stays where it was in the image; depths, near and far
+    /// are scaled.
     pub fn moved(&self, rigid: DMat4, scale: f64) -> Camera {
         let mut camera_to_world = rigid * self.camera_to_world;
         // Only places are scaled; axes stay of unit length.

@@ -21,7 +21,7 @@ pub enum FileError {
     /// There is no such file.
     #[error("{file}: is missing")]
     Missing {
-        /// The file.
+        /// The path that was asked for.
         file: String,
     },
     /// A folder or a device.
@@ -33,7 +33,7 @@ pub enum FileError {
     /// The file system said no.
     #[error("{file}: cannot be read: {source}")]
     Unreadable {
-        /// The file.
+        /// The path of the file.
         file: String,
         /// What the file system said.
         source: Error,

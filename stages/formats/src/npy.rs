@@ -14,7 +14,7 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 /// Row-major values of a 2-D array.
 #[derive(Debug, PartialEq)]
 pub struct Table {
-    /// How many rows.
+    /// Number of rows.
     pub rows: usize,
     /// How many values in each.
     pub columns: usize,

@@ -34,7 +34,7 @@ impl<Space> Pixels<Space> {
         }
     }
 
-    /// Colours without alpha.
+    /// A picture that covers all of its pixels.
     pub fn opaque(rgb: Vec<f32>) -> Self {
         Self::new(rgb, None)
     }
@@ -54,7 +54,7 @@ impl<Space> Pixels<Space> {
 }
 
 impl Pixels<Linear> {
-    /// The same picture encoded; where nothing is covered, black.
+    /// This picture sRGB-encoded; where nothing is covered, black.
     pub fn encoded(&self) -> Pixels<Srgb> {
         // In files colours are times coverage, in linear light: divided before they are encoded.
         let rgb = self.map(|x, part| match part > 0.0 {
@@ -66,7 +66,7 @@ impl Pixels<Linear> {
 }
 
 impl Pixels<Srgb> {
-    /// The same picture in linear light.
+    /// This picture in linear light, premultiplied.
     pub fn linear(&self) -> Pixels<Linear> {
         // Decoded before it is multiplied: coverage is a share of light.
         let rgb = self.map(|x, part| srgb_to_linear(x) * part);

@@ -31,9 +31,9 @@ pub struct TensorView<'a> {
 /// Numbers of the types that are written.
 #[derive(Clone, Copy, Debug)]
 pub enum Values<'a> {
-    /// Real ones.
+    /// Real numbers, written as F32.
     F32(&'a [f32]),
-    /// Whole ones.
+    /// Whole numbers, written as I64.
     I64(&'a [i64]),
 }
 

@@ -9,7 +9,7 @@ use crate::Image;
 use canvas::{Canvas, Colour, Rect, TEXT_HEIGHT, text_width};
 
 const MARGIN: usize = 24;
-/// Between panels.
+/// Pixels between panels.
 const GUTTER: usize = 20;
 /// Between the lines of a panel: text, picture, crops; and between crops.
 const GAP: usize = 8;
@@ -33,7 +33,7 @@ pub struct Panel<'a> {
     pub label: &'a str,
     /// A figure set beside the label, as `21.40 dB`; may be empty.
     pub note: &'a str,
-    /// The picture.
+    /// The picture at its own size; drawing brings it to a width that is pleasant to look at.
     pub image: Image<'a>,
 }
 
@@ -42,9 +42,9 @@ pub struct Panel<'a> {
 pub struct Figure {
     /// Pixels in a row.
     pub width: usize,
-    /// Rows.
+    /// Rows of pixels.
     pub height: usize,
-    /// Interleaved sRGB bytes.
+    /// `height * width * 3` sRGB bytes, red, green and blue of each pixel together.
     pub rgb8: Vec<u8>,
 }
 

@@ -33,7 +33,7 @@ impl<'a> Image<'a> {
         self.width
     }
 
-    /// Rows.
+    /// Rows of pixels.
     pub fn height(&self) -> usize {
         self.height
     }

@@ -42,7 +42,7 @@ pub use warp::{Surface, Warped, warped};
 
 /// The columns of a table of metrics, the most telling first: each name with one sentence on what
 /// it measures, which says `higher is` or `lower is` where one of them is better.
-pub const DEFINITIONS: [(&str, &str); 14] = [
+pub const DEFINITIONS: [(&str, &str); 15] = [
     (
         "psnr_hr",
         "PSNR in dB against a held-out photo: sRGB, all pixels and channels of a view, at most 100; higher is better",
@@ -50,6 +50,10 @@ pub const DEFINITIONS: [(&str, &str); 14] = [
     (
         "psnr_hr_exposed",
         "psnr_hr of a view after a gain and an offset per channel that bring it closest to the photo; higher is better",
+    ),
+    (
+        "psnr_hr_posed",
+        "psnr_hr of a view from where the field shows the photo best, by gradient descent on its camera; higher is better",
     ),
     (
         "ssim_hr",

@@ -36,7 +36,7 @@ pub enum LpipsError {
          `stlpips-pytorch`, trunk and heads together (docs/metrics.md says how such a file is made)"
     )]
     Unknown {
-        /// The file.
+        /// The path of the file.
         file: String,
     },
     /// A tensor is missing or not as the network has it.

@@ -13,7 +13,7 @@ const DEPTH_TOLERANCE: f64 = 0.02;
 /// (0..1), rows first.
 #[derive(Clone, Copy)]
 pub struct Surface<'a> {
-    /// The colours.
+    /// The colours of the rendered view.
     pub image: Image<'a>,
     /// Depth per pixel, in any unit the mapping understands.
     pub depth: &'a [f32],

@@ -8,7 +8,7 @@
 use metrics::{Image, flip, niqe, psnr, ssim, ssimulacra2};
 use serde_json::Value;
 
-/// An RGB8 picture.
+/// A picture that `metrics.py` draws, too.
 struct Picture {
     width: usize,
     height: usize,
@@ -46,7 +46,7 @@ impl Picture {
         }
     }
 
-    /// `degraded` of metrics.py.
+    /// The picture that `degraded` of `metrics.py` makes of it.
     fn degraded(&self) -> Picture {
         let at =
             |x: usize, y: usize, c: usize| usize::from(self.rgb8[(y * self.width + x) * 3 + c]);

@@ -14,7 +14,7 @@ use serde_json::Value;
 const WIDTH: usize = 96;
 const HEIGHT: usize = 80;
 
-/// `texture` of pictures.py.
+/// The picture that `texture` of `pictures.py` draws.
 fn truth() -> Vec<usize> {
     let value = |x: usize, y: usize, c: usize| match x < WIDTH / 2 && y < HEIGHT / 2 {
         true => 200,
@@ -29,7 +29,7 @@ fn truth() -> Vec<usize> {
         .collect()
 }
 
-/// `degraded` of pictures.py.
+/// The picture that `degraded` of `pictures.py` makes of it.
 fn degraded(truth: &[usize]) -> Vec<usize> {
     let at = |x: usize, y: usize, c: usize| truth[(y * WIDTH + x) * 3 + c];
     let value = |x: usize, y: usize, c: usize| {
@@ -45,7 +45,7 @@ fn floats(rgb8: &[usize]) -> Vec<f32> {
     rgb8.iter().map(|&value| value as f32 / 255.0).collect()
 }
 
-/// `filled` of lpips.py.
+/// The weights that `filled` of `lpips.py` gives a tensor.
 fn filled(number: usize, name: &str, shape: &[usize]) -> Vec<f32> {
     let fan_in: usize = shape[1..].iter().product();
     let value = |i: usize| {

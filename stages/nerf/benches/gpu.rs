@@ -48,7 +48,7 @@ fn trainer(device: &Device) -> Option<GpuTrainer> {
     ))
 }
 
-/// Milliseconds per step.
+/// Milliseconds per training step.
 fn time(device: &Device, trainer: &mut GpuTrainer) -> f64 {
     device.finish();
     let begin = Instant::now();

@@ -25,9 +25,9 @@ pub struct TrainView {
 pub struct Pixel {
     /// Index of its view.
     pub view: usize,
-    /// Column.
+    /// Column, from 0 at the left.
     pub x: u32,
-    /// Row.
+    /// Row, from 0 at the top.
     pub y: u32,
     /// Its number in the batch; the key of its random numbers.
     pub element: u64,

@@ -84,7 +84,7 @@ impl FieldConfig {
         }
     }
 
-    /// The same with every value known.
+    /// This configuration with every value known, as the cameras ask for it.
     ///
     /// From far away, a ray meets the near and the far side of a box at distances that differ by a
     /// small factor: growing steps would only be coarse all over. Held out, an object of 100 pixels

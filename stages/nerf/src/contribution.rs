@@ -2,18 +2,20 @@
 //! gradients all the way back. Knows nothing of optimisers.
 
 use crate::batch::{Pixel, Sampler, TrainView};
-use crate::block::{Block, FieldGradient, Rays, Regularizer, Seen, SeenGradient};
-use crate::corrections::{Corrections, Pulls, cameras_backward};
-use crate::dials::Dial;
+use crate::corrections::{Corrections, ViewGradients, cameras_backward};
 use crate::exposure::{self, Exposure};
 use crate::features::Features;
 use crate::field::Field;
-use crate::look::Look;
 use crate::loss::{smooth_l1, smooth_l1_backward};
 use crate::march::Segment;
 use crate::network::Transposed;
 use crate::options::TrainOptions;
+use crate::ray_termination::RayTermination;
 use crate::samples::Samples;
+use crate::view_parameters::ViewVector;
+use crate::volume_rendering::{
+    FieldGradient, RayBundle, RayOutput, RayOutputGradient, Regularizer, VolumeRenderer,
+};
 use std::ops::Range;
 
 /// One part of a batch, and what it adds to a step.
@@ -22,16 +24,16 @@ pub struct Contribution {
     pixels: Vec<Pixel>,
     /// The samples of the pixels' sub-rays.
     pub samples: Samples,
-    /// Which of them are seen.
-    pub look: Look,
+    /// The search for the visible ones.
+    pub termination: RayTermination,
     /// The gradients to the field.
     pub gradient: FieldGradient,
     /// The photometric loss, summed.
     pub loss: f64,
     /// The squared error, summed, without the views' weights.
     pub squared_error: f64,
-    /// The gradients to what is learnt about the views.
-    pub pulls: Pulls,
+    /// The gradients to the exposures and poses of the views.
+    pub view_gradients: ViewGradients,
 }
 
 /// A batch of pixels, and what it is traced through and compared with.
@@ -40,13 +42,13 @@ pub struct Batch<'a> {
     pub field: &'a Field,
     /// Its networks' weights, turned over.
     pub transposed: &'a Transposed,
-    /// The photos.
+    /// The photos with their cameras.
     pub views: &'a [TrainView],
-    /// Draws the pixels.
+    /// Draws pixels by their number in the batch.
     pub sampler: &'a Sampler,
     /// What is learnt about them.
     pub corrections: &'a Corrections,
-    /// How to train.
+    /// Strengths of the losses, and how pixels are drawn.
     pub options: &'a TrainOptions,
     /// Steps taken so far.
     pub step: u32,
@@ -60,7 +62,7 @@ impl Batch<'_> {
         let Contribution {
             pixels,
             samples,
-            look,
+            termination,
             ..
         } = part;
         pixels.clear();
@@ -80,56 +82,56 @@ impl Batch<'_> {
                 );
             }
         }
-        look.start(samples);
+        termination.start(samples);
     }
 
-    /// Ends a part for which everything has been looked up: what its rays see, compared with the
-    /// photos, and all the way back; `per_block` pixels at a time.
+    /// Ends a part for which everything has been looked up: its rays are rendered, compared with the
+    /// photos, and gradients taken back to the field; `per_bundle` pixels at a time.
     pub fn learn(
         &self,
         features: &Features,
-        per_block: usize,
-        block: &mut Block,
+        per_bundle: usize,
+        renderer: &mut VolumeRenderer,
         part: &mut Contribution,
     ) {
         let Contribution {
             pixels,
             samples,
-            look,
+            termination,
             gradient,
             loss,
             squared_error,
-            pulls,
+            view_gradients,
         } = part;
-        look.cut(samples);
+        termination.keep_visible(samples);
         let moves = self.corrections.move_cameras(self.step);
         let exposes = self.corrections.exposures.is_some();
-        pulls.clear(self.views.len(), exposes, moves);
+        view_gradients.clear(self.views.len(), exposes, moves);
         gradient.directions = moves.then(Vec::new);
         gradient.clear(self.field);
         *loss = 0.0;
         *squared_error = 0.0;
         let mut first = 0;
-        for pixels in pixels.chunks(per_block) {
+        for pixels in pixels.chunks(per_bundle) {
             let count = pixels
                 .iter()
                 .map(|pixel| self.views[pixel.view].rays_per_pixel())
                 .sum::<usize>();
-            let rays = Rays {
+            let rays = RayBundle {
                 samples,
                 range: first..first + count,
                 features,
-                rows: &look.rows,
+                rows: &termination.rows,
             };
             first += count;
-            let (d_seen, more, squared) =
-                self.compare(pixels, block.forward(self.field, &rays), pulls);
+            let (d_outputs, more, squared) =
+                self.compare(pixels, renderer.forward(self.field, &rays), view_gradients);
             let regularizer = self.regularizer(count as f32 / pixels.len() as f32);
-            block.backward(
+            renderer.backward(
                 self.field,
                 self.transposed,
                 &rays,
-                &d_seen,
+                &d_outputs,
                 regularizer,
                 gradient,
             );
@@ -144,7 +146,7 @@ impl Batch<'_> {
                 pixels,
                 samples,
                 gradient,
-                &mut pulls.poses,
+                &mut view_gradients.poses,
             );
         }
     }
@@ -171,18 +173,18 @@ impl Batch<'_> {
         }
     }
 
-    /// Gradients to what every sub-ray sees, the summed loss and the summed squared error; adds to
+    /// Gradients to the outputs of every sub-ray, the summed loss and the summed squared error; adds to
     /// the gradients to exposures. A pixel is the mean of its sub-rays.
     fn compare(
         &self,
         pixels: &[Pixel],
-        seen: &[Seen],
-        pulls: &mut Pulls,
-    ) -> (Vec<SeenGradient>, f64, f64) {
-        let mut d_seen = Vec::with_capacity(seen.len());
+        outputs: &[RayOutput],
+        view_gradients: &mut ViewGradients,
+    ) -> (Vec<RayOutputGradient>, f64, f64) {
+        let mut d_outputs = Vec::with_capacity(outputs.len());
         let mut loss = 0.0;
         let mut squared_error = 0.0;
-        let mut rest = seen;
+        let mut rest = outputs;
         for pixel in pixels {
             let view = &self.views[pixel.view];
             let (rays, behind) = rest.split_at(view.rays_per_pixel());
@@ -191,17 +193,17 @@ impl Batch<'_> {
             let exposure = self.corrections.exposure(pixel.view);
             let Exposure { gain, lift, .. } = exposure.unwrap_or(Exposure::NONE);
             let share = 1.0 / rays.len() as f32;
-            let mut d = SeenGradient::default();
+            let mut d = RayOutputGradient::default();
             let mut d_shown = [0.0; 3];
             for (c, target) in target.into_iter().enumerate() {
                 // The background is drawn, not photographed: no exposure changes it.
-                let color = |ray: &Seen| {
+                let color = |ray: &RayOutput| {
                     let shown = gain[c] * ray.rgb[c] + (1.0 - ray.transmittance) * lift[c];
                     shown + ray.transmittance * pixel.background[c]
                 };
                 let mut residual = share * rays.iter().map(color).sum::<f32>() - target;
                 if exposure.is_some() {
-                    residual = exposure::told(residual, target);
+                    residual = exposure::clipped_residual(residual, target);
                 }
                 let beta = self.options.beta as f32;
                 loss += f64::from(view.weight * smooth_l1(residual, beta));
@@ -216,18 +218,18 @@ impl Batch<'_> {
             }
             if let Some(exposure) = exposure {
                 let pull = exposure_backward(&exposure, rays, d_shown);
-                let sums = pulls.exposures[pixel.view].iter_mut();
+                let sums = view_gradients.exposures[pixel.view].iter_mut();
                 sums.zip(pull).for_each(|(sum, d)| *sum += d);
             }
             // All rays of a pixel have one gradient, as the pixel is their mean.
-            d_seen.extend(std::iter::repeat_n(d, rays.len()));
+            d_outputs.extend(std::iter::repeat_n(d, rays.len()));
         }
-        (d_seen, loss, squared_error)
+        (d_outputs, loss, squared_error)
     }
 }
 
 /// The gradient to a view's exposure from those to the colours that a pixel's rays show.
-fn exposure_backward(exposure: &Exposure, rays: &[Seen], d_shown: [f32; 3]) -> Dial {
+fn exposure_backward(exposure: &Exposure, rays: &[RayOutput], d_shown: [f32; 3]) -> ViewVector {
     let opacity: f32 = rays.iter().map(|ray| 1.0 - ray.transmittance).sum();
     let color = |c: usize| rays.iter().map(|ray| ray.rgb[c]).sum::<f32>();
     let d_gain = [0, 1, 2].map(|c| d_shown[c] * color(c));

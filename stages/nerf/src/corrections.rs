@@ -2,15 +2,15 @@
 //! nothing of how rays are traced.
 
 use crate::batch::{Pixel, TrainView};
-use crate::block::FieldGradient;
-use crate::dials::{COUNT, Dial};
 use crate::exposure::{Exposure, Exposures};
 use crate::field::Field;
 use crate::kernels::slope::positions_backward;
 use crate::options::TrainOptions;
-use crate::poses::Poses;
+use crate::poses::{Gauge, Poses};
 use crate::samples::Samples;
 use crate::tensors::{FieldError, Tensors};
+use crate::view_parameters::{COUNT, ViewVector};
+use crate::volume_rendering::FieldGradient;
 use glam::Vec3;
 
 /// What is learnt about the views.
@@ -22,24 +22,25 @@ pub struct Corrections {
     pub poses: Option<Poses>,
 }
 
-/// What a part of a batch adds: gradients by view. Empty where nothing is learnt.
+/// Gradients to the views' parameters that a part of a batch adds, by view. Empty where nothing is
+/// learnt.
 #[derive(Default)]
-pub struct Pulls {
-    /// To the six numbers of the exposures.
-    pub exposures: Vec<Dial>,
+pub struct ViewGradients {
+    /// To the six parameters of the exposures.
+    pub exposures: Vec<ViewVector>,
     /// Torques and forces on the cameras.
-    pub poses: Vec<Dial>,
+    pub poses: Vec<ViewVector>,
 }
 
-impl Pulls {
+impl ViewGradients {
     /// Forgets everything, and makes room for what is learnt.
     pub fn clear(&mut self, views: usize, of_exposures: bool, of_poses: bool) {
-        for (pulls, wanted) in [
+        for (gradients, wanted) in [
             (&mut self.exposures, of_exposures),
             (&mut self.poses, of_poses),
         ] {
-            pulls.clear();
-            pulls.resize(if wanted { views } else { 0 }, [0.0; COUNT]);
+            gradients.clear();
+            gradients.resize(if wanted { views } else { 0 }, [0.0; COUNT]);
         }
     }
 }
@@ -55,6 +56,13 @@ impl Corrections {
                 .poses
                 .as_ref()
                 .map(|options| Poses::new(options, cameras())),
+        }
+    }
+
+    /// From now on the field, which stays as it is, holds the cameras in place.
+    pub fn trust_field(&mut self) {
+        if let Some(poses) = &mut self.poses {
+            poses.gauge = Gauge::Field;
         }
     }
 
@@ -74,7 +82,7 @@ impl Corrections {
     /// `views` follow.
     pub fn descend<'a>(
         &mut self,
-        parts: impl Iterator<Item = &'a Pulls> + Clone,
+        parts: impl Iterator<Item = &'a ViewGradients> + Clone,
         options: &TrainOptions,
         steps: u32,
         views: &mut [TrainView],
@@ -100,7 +108,7 @@ impl Corrections {
         }
     }
 
-    /// As tensors.
+    /// All parameters and their moments, by names that begin with `trainer.`.
     pub fn tensors(&self) -> Tensors {
         let exposures = self.exposures.iter().flat_map(Exposures::tensors);
         exposures
@@ -130,7 +138,7 @@ pub fn cameras_backward(
     pixels: &[Pixel],
     samples: &Samples,
     gradient: &FieldGradient,
-    pulls: &mut [Dial],
+    gradients: &mut [ViewVector],
 ) {
     let d_samples = samples_backward(field, samples, gradient);
     let directions = gradient.directions.iter().flatten();
@@ -154,7 +162,7 @@ pub fn cameras_backward(
             }
         }
         let sums = torque.to_array().into_iter().chain(force.to_array());
-        pulls[pixel.view]
+        gradients[pixel.view]
             .iter_mut()
             .zip(sums)
             .for_each(|(sum, d)| *sum += d);

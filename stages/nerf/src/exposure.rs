@@ -8,13 +8,13 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::dials::{self, Dial, Dials};
 use crate::exponential::exp;
 use crate::tensors::{FieldError, Tensors};
+use crate::view_parameters::{self, ViewParameters, ViewVector};
 
 /// The encoded value, turned over, that a gain in linear light leaves where it is.
 const PIVOT: f32 = 0.055;
-/// The encoding's exponent.
+/// The exponent of the sRGB encoding above its straight foot, turned over.
 const GAMMA: f32 = 2.4;
 /// From here on a value counts as cut off at white: encoding linear 1 gives a little less than 1, and
 /// the next value of an 8-bit photo is 0.996.
@@ -49,9 +49,9 @@ impl Default for ExposureOptions {
 /// What one photo shows of a colour c, sRGB-encoded, by channel: `gain * c + lift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
-    /// Factors.
+    /// Factors, above 0; 1 changes nothing.
     pub gain: [f32; 3],
-    /// Offsets.
+    /// Offsets in encoded values; 0 changes nothing.
     pub lift: [f32; 3],
     /// The factors that these are in linear light.
     pub linear_gain: [f32; 3],
@@ -66,18 +66,18 @@ impl Exposure {
     };
 
     /// Of a view's six numbers: the logarithms of three gains, and three offsets.
-    fn of(dial: &Dial) -> Self {
-        let gain = [0, 1, 2].map(|c| exp(dial[c]));
-        let lift = [0, 1, 2].map(|c| PIVOT * (gain[c] - 1.0) + dial[3 + c]);
+    fn of(vector: &ViewVector) -> Self {
+        let gain = [0, 1, 2].map(|c| exp(vector[c]));
+        let lift = [0, 1, 2].map(|c| PIVOT * (gain[c] - 1.0) + vector[3 + c]);
         Self {
             gain,
             lift,
-            linear_gain: [0, 1, 2].map(|c| exp(GAMMA * dial[c])),
+            linear_gain: [0, 1, 2].map(|c| exp(GAMMA * vector[c])),
         }
     }
 
     /// The gradient to the six numbers from those to gain and lift.
-    pub fn backward(&self, d_gain: [f32; 3], d_lift: [f32; 3]) -> Dial {
+    pub fn backward(&self, d_gain: [f32; 3], d_lift: [f32; 3]) -> ViewVector {
         // The logarithm of a gain moves the gain by itself, and the lift by PIVOT times that.
         let [a, b, c] = [0, 1, 2].map(|c| self.gain[c] * (d_gain[c] + PIVOT * d_lift[c]));
         let [d, e, f] = d_lift;
@@ -89,15 +89,15 @@ impl Exposure {
         [0, 1, 2].map(|c| self.lift[c] - PIVOT * (self.gain[c] - 1.0))
     }
 
-    /// The colour of which a photo shows this.
-    pub fn undone(&self, shown: [f32; 3]) -> [f32; 3] {
+    /// The colour of which a photo shows this: the inverse of the affine map.
+    pub fn inverse(&self, shown: [f32; 3]) -> [f32; 3] {
         [0, 1, 2].map(|c| (shown[c] - self.lift[c]) / self.gain[c])
     }
 }
 
-/// A residual, of what a photo would show less what it does. Of a value that its range cut off a
-/// photo says only on which side it lies.
-pub fn told(residual: f32, shown: f32) -> f32 {
+/// A residual, what a photo would show less what it does show, or 0 where the photo clipped the
+/// value and the residual is on the clipped side: there the photo says nothing more.
+pub fn clipped_residual(residual: f32, shown: f32) -> f32 {
     // A residual towards more of what was cut off is no error.
     let is_silent = shown >= WHITE && residual > 0.0 || shown <= 0.0 && residual < 0.0;
     if is_silent { 0.0 } else { residual }
@@ -107,7 +107,7 @@ pub fn told(residual: f32, shown: f32) -> f32 {
 #[derive(Clone, Debug)]
 pub struct Exposures {
     options: ExposureOptions,
-    dials: Dials,
+    parameters: ViewParameters,
 }
 
 impl Exposures {
@@ -115,52 +115,58 @@ impl Exposures {
     pub fn new(options: &ExposureOptions, views: usize) -> Self {
         Self {
             options: options.clone(),
-            dials: Dials::new(views),
+            parameters: ViewParameters::new(views),
         }
     }
 
     /// That of a view.
     pub fn of(&self, view: usize) -> Exposure {
-        Exposure::of(&self.dials.values[view])
+        Exposure::of(&self.parameters.values[view])
     }
 
     /// Those of all views, in their order.
     pub fn all(&self) -> Vec<Exposure> {
-        self.dials.values.iter().map(Exposure::of).collect()
+        self.parameters.values.iter().map(Exposure::of).collect()
     }
 
     /// Step number `n`, from 1; `share` is the part of the highest rate that holds now. The mean of
     /// the six numbers over all views stays zero: the field is as bright as the photos are on
     /// average.
-    pub fn descend<'a>(&mut self, parts: impl Iterator<Item = &'a Vec<Dial>>, share: f64, n: u32) {
-        let views = self.dials.values.len();
-        let mut gradient = dials::sum(views, parts);
+    pub fn descend<'a>(
+        &mut self,
+        parts: impl Iterator<Item = &'a Vec<ViewVector>>,
+        share: f64,
+        n: u32,
+    ) {
+        let views = self.parameters.values.len();
+        let mut gradient = view_parameters::sum(views, parts);
         // The loss is a mean over views and channels, and the pull is in its terms.
         let pull = self.options.pull as f32 / (3.0 * views as f32);
-        let values = self.dials.values.as_flattened().iter();
+        let values = self.parameters.values.as_flattened().iter();
         let pulled = gradient.as_flattened_mut().iter_mut().zip(values);
         pulled.for_each(|(d, value)| *d += pull * value);
-        self.dials.step(&gradient, share * self.options.rate, n);
+        self.parameters
+            .step(&gradient, share * self.options.rate, n);
         // After Adam, whose steps differ by view and so move the mean.
         self.center();
     }
 
     fn center(&mut self) {
-        let values = &mut self.dials.values;
-        for i in 0..dials::COUNT {
-            let mean = values.iter().map(|dial| dial[i]).sum::<f32>() / values.len() as f32;
-            values.iter_mut().for_each(|dial| dial[i] -= mean);
+        let values = &mut self.parameters.values;
+        for i in 0..view_parameters::COUNT {
+            let mean = values.iter().map(|vector| vector[i]).sum::<f32>() / values.len() as f32;
+            values.iter_mut().for_each(|vector| vector[i] -= mean);
         }
     }
 
-    /// As tensors.
+    /// All parameters and their moments.
     pub fn tensors(&self) -> Tensors {
-        self.dials.tensors(NAME)
+        self.parameters.tensors(NAME)
     }
 
     /// Takes up what [`Exposures::tensors`] gave.
     pub fn read(&mut self, tensors: &Tensors) -> Result<(), FieldError> {
-        self.dials.read(NAME, tensors)
+        self.parameters.read(NAME, tensors)
     }
 }
 
@@ -169,7 +175,7 @@ mod tests {
     use super::*;
     use formats::color::{linear_to_srgb, srgb_to_linear};
 
-    const DIAL: Dial = [0.2, -0.1, 0.3, 0.01, -0.02, 0.03];
+    const VECTOR: ViewVector = [0.2, -0.1, 0.3, 0.01, -0.02, 0.03];
 
     #[test]
     fn a_gain_in_linear_light_is_exact_above_the_foot() {
@@ -184,31 +190,31 @@ mod tests {
 
     #[test]
     fn undoing_an_exposure_gives_the_colour_back() {
-        let exposure = Exposure::of(&DIAL);
+        let exposure = Exposure::of(&VECTOR);
         let shown = [0, 1, 2].map(|c| exposure.gain[c] * 0.4 + exposure.lift[c]);
-        let back = exposure.undone(shown);
+        let back = exposure.inverse(shown);
         assert!(back.iter().all(|c| (c - 0.4).abs() < 1e-6), "{back:?}");
         let offset = exposure.offset();
-        assert!((0..3).all(|c| (offset[c] - DIAL[3 + c]).abs() < 1e-6));
+        assert!((0..3).all(|c| (offset[c] - VECTOR[3 + c]).abs() < 1e-6));
     }
 
     #[test]
     fn the_gradient_to_the_six_numbers_matches_finite_differences() {
         let color = [0.3, 0.5, 0.7];
         let d = [0.9, -0.4, 0.6];
-        let value = |dial: &Dial| -> f32 {
-            let exposure = Exposure::of(dial);
+        let value = |vector: &ViewVector| -> f32 {
+            let exposure = Exposure::of(vector);
             (0..3)
                 .map(|c| d[c] * (exposure.gain[c] * color[c] + exposure.lift[c]))
                 .sum()
         };
         let d_gain = [0, 1, 2].map(|c| d[c] * color[c]);
-        let analytic = Exposure::of(&DIAL).backward(d_gain, d);
+        let analytic = Exposure::of(&VECTOR).backward(d_gain, d);
         for i in 0..6 {
             let at = |step: f32| {
-                let mut dial = DIAL;
-                dial[i] += step;
-                value(&dial)
+                let mut vector = VECTOR;
+                vector[i] += step;
+                value(&vector)
             };
             let numeric = (at(1e-2) - at(-1e-2)) / 2e-2;
             assert!((numeric - analytic[i]).abs() < 1e-3, "{i}: {numeric}");
@@ -217,11 +223,17 @@ mod tests {
 
     #[test]
     fn what_is_cut_off_says_only_that_it_is_so_bright() {
-        assert_eq!([told(0.2, 1.0), told(-0.2, 1.0)], [0.0, -0.2]);
-        assert_eq!(told(0.2, linear_to_srgb(1.0)), 0.0);
-        assert_eq!(told(0.2, 254.0 / 255.0), 0.2);
-        assert_eq!([told(0.2, 0.0), told(-0.2, 0.0)], [0.2, 0.0]);
-        assert_eq!(told(0.2, 0.5), 0.2);
+        assert_eq!(
+            [clipped_residual(0.2, 1.0), clipped_residual(-0.2, 1.0)],
+            [0.0, -0.2]
+        );
+        assert_eq!(clipped_residual(0.2, linear_to_srgb(1.0)), 0.0);
+        assert_eq!(clipped_residual(0.2, 254.0 / 255.0), 0.2);
+        assert_eq!(
+            [clipped_residual(0.2, 0.0), clipped_residual(-0.2, 0.0)],
+            [0.2, 0.0]
+        );
+        assert_eq!(clipped_residual(0.2, 0.5), 0.2);
     }
 
     #[test]
@@ -229,7 +241,12 @@ mod tests {
         let mut exposures = Exposures::new(&ExposureOptions::default(), 3);
         let gradient = vec![[1.0; 6], [-1.0; 6], [1.0; 6]];
         exposures.descend([&gradient].into_iter(), 1.0, 1);
-        let sum: f32 = exposures.dials.values.iter().map(|dial| dial[0]).sum();
-        assert!(sum.abs() < 1e-6 && exposures.dials.values[1][0] > 0.0);
+        let sum: f32 = exposures
+            .parameters
+            .values
+            .iter()
+            .map(|vector| vector[0])
+            .sum();
+        assert!(sum.abs() < 1e-6 && exposures.parameters.values[1][0] > 0.0);
     }
 }

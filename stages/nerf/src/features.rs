@@ -25,7 +25,7 @@ pub struct LookUp<'a> {
 }
 
 impl LookUp<'_> {
-    /// Does it.
+    /// Writes the features of the positions that were added since the last look-up.
     pub fn run(self) {
         let done = self.features.len();
         // Only what was added since the last look-up.

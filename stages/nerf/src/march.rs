@@ -1,4 +1,4 @@
-//! Where along a ray the field is looked at. Knows the occupancy grid, and nothing of densities or
+//! Where along a ray the field is sampled. Knows the occupancy grid, and nothing of densities or
 //! colours.
 
 use formats::{Camera, Ray};
@@ -10,9 +10,9 @@ use crate::space::Space;
 /// The part of a ray inside the box and between near and far, in unit space.
 #[derive(Clone, Copy, Debug)]
 pub struct Segment {
-    /// The camera's position.
+    /// The camera's position; in perspective, where the ray enters.
     pub origin: [f32; 3],
-    /// Unit vector.
+    /// Unit vector in unit space, which is not the world's in perspective.
     pub direction: [f32; 3],
     /// First and last distance from the origin; empty if the first is not less.
     pub range: [f32; 2],

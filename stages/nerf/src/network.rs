@@ -5,11 +5,11 @@
 //! Matrices are kept as [inputs, outputs], padded with zero columns to whole vectors;
 //! [`crate::Field::tensors`] turns them into PyTorch's [outputs, inputs].
 
+use crate::direction_encoding::DirectionEncoding;
 use crate::kernels::matrix::{
     COLUMNS, Epilogue, Matrix, Prologue, add_transposed_product, product,
 };
 use crate::spherical::COEFFICIENTS;
-use crate::views::Views;
 use compute::rng::Rng;
 use std::ops::Range;
 
@@ -52,10 +52,10 @@ pub struct Network {
     pub weights: Vec<f32>,
 }
 
-/// The same weights as [outputs, inputs], which the backward pass multiplies with.
+/// The weights as [outputs, inputs], which the backward pass multiplies with.
 pub struct Transposed(Vec<f32>);
 
-/// What one pass over a block of samples leaves behind. Rows are samples.
+/// What one pass over a bundle of samples leaves behind. Rows are samples.
 #[derive(Default)]
 pub struct Activations {
     /// Hash features, and the gradient to them after the backward pass.
@@ -64,7 +64,7 @@ pub struct Activations {
     /// Outputs of the density network, and the gradient to them after the colour network's backward
     /// pass.
     pub geometry: Vec<f32>,
-    views: Views,
+    directions: DirectionEncoding,
     color_hidden: [Vec<f32>; 2],
     /// Raw colours, before the sigmoid.
     pub color: Vec<f32>,
@@ -73,8 +73,8 @@ pub struct Activations {
 
 impl Activations {
     /// Says which rows are seen along which unit direction. Ranges follow each other.
-    pub fn see(&mut self, views: impl Iterator<Item = ([f32; 3], Range<usize>)>) {
-        self.views.see(views);
+    pub fn set_directions(&mut self, directions: impl Iterator<Item = ([f32; 3], Range<usize>)>) {
+        self.directions.set(directions);
     }
 }
 
@@ -106,7 +106,7 @@ impl Network {
         network
     }
 
-    /// The same shape with all weights zero.
+    /// A network of the shape that [`Network::new`] gives, with all weights zero.
     pub fn zeros(features: usize, used: usize) -> Self {
         let shapes = [
             ("density.0.weight", features, HIDDEN, [used, HIDDEN]),
@@ -177,13 +177,13 @@ impl Network {
         );
     }
 
-    /// `encoding` to `geometry`.
+    /// The density network: from `encoding` to `geometry`.
     pub fn density(&self, a: &mut Activations) {
         self.forward_layer(0, &a.encoding, &mut a.density_hidden, Epilogue::Relu);
         self.forward_layer(1, &a.density_hidden, &mut a.geometry, Epilogue::Keep);
     }
 
-    /// `geometry`, seen along the directions of [`Activations::see`], to `color`.
+    /// `geometry`, seen along the directions of [`Activations::set_directions`], to `color`.
     pub fn color(&self, a: &mut Activations) {
         let [first, second] = &mut a.color_hidden;
         let (of_geometry, of_view) = self.matrix(2).split_at(GEOMETRY * HIDDEN);
@@ -191,7 +191,7 @@ impl Network {
         let of_geometry = Matrix::new(of_geometry, HIDDEN);
         first.resize(geometry.rows() * HIDDEN, 0.0);
         // What the directions give is there first, and the geometry's product is added.
-        a.views.forward(of_view, first);
+        a.directions.forward(of_view, first);
         product(
             first,
             geometry,
@@ -285,7 +285,7 @@ impl Network {
         );
         let (of_geometry, of_view) =
             d_weights[self.layers[2].range()].split_at_mut(GEOMETRY * HIDDEN);
-        a.views.backward(d_b, of_view);
+        a.directions.backward(d_b, of_view);
         let geometry = Matrix::new(&a.geometry, GEOMETRY);
         let d_first = Matrix::new(d_b, HIDDEN);
         // The weights' gradient comes first: the product below writes over `geometry`.
@@ -303,7 +303,7 @@ impl Network {
     /// [`Network::color_backward`].
     pub fn harmonics_backward(&self, a: &Activations) -> impl Iterator<Item = [f32; COEFFICIENTS]> {
         let of_view = &self.matrix(2)[GEOMETRY * HIDDEN..];
-        a.views.harmonics_backward(of_view)
+        a.directions.harmonics_backward(of_view)
     }
 
     /// The backward pass of [`Network::density`]: takes the gradient from `geometry`, leaves the

@@ -4,12 +4,12 @@
 use crate::space::Space;
 use rayon::prelude::*;
 
-/// What a cell keeps of its value when it is looked at again.
+/// What a cell keeps of its value when it is measured again.
 const DECAY: f32 = 0.95;
 /// A cell is occupied from this optical depth per marching step on, or from half the mean if that
 /// is less: an even haze stays occupied.
 const THRESHOLD: f32 = 0.01;
-/// The value of a cell not looked at yet: occupied, and forgotten at the first update.
+/// The value of a cell not measured yet: occupied, and forgotten at the first update.
 const UNKNOWN: f32 = THRESHOLD;
 /// The value of cells that no camera sees: they are never filled.
 const UNSEEN: f32 = -1.0;
@@ -26,7 +26,7 @@ pub struct OccupancyGrid {
     pub resolution: f32,
     /// Optical depths, x fastest; negative where no camera looks.
     pub values: Vec<f32>,
-    /// Updates so far.
+    /// Updates so far; the stream of random numbers follows from it.
     pub updates: u32,
     seen: Vec<u64>,
     occupied: Vec<u64>,
@@ -53,7 +53,7 @@ impl OccupancyGrid {
         grid
     }
 
-    /// Number of cells.
+    /// Number of cells, seen or not.
     pub fn cells(&self) -> usize {
         self.values.len()
     }
@@ -67,7 +67,7 @@ impl OccupancyGrid {
 
     /// Marks the cells that `seen` (by their index) refuses: they stay empty for good. A cell that
     /// was marked before and is seen now starts anew as possibly occupied.
-    pub fn see(&mut self, seen: &[bool]) {
+    pub fn set_seen(&mut self, seen: &[bool]) {
         for (value, &seen) in self.values.iter_mut().zip(seen) {
             *value = match (seen, *value < 0.0) {
                 (false, _) => UNSEEN,
@@ -218,11 +218,11 @@ mod tests {
         let mut grid = grid();
         let mut seen = vec![true; 16];
         seen[7] = false;
-        grid.see(&seen);
+        grid.set_seen(&seen);
         grid.update(&[7], &[100.0]);
         assert_eq!(grid.values[7], -1.0);
         assert!(!grid.occupied_cells().contains(&7) && !grid.seen_cells().contains(&7));
-        grid.see(&[true; 16]);
+        grid.set_seen(&[true; 16]);
         assert!(
             grid.occupied_cells().contains(&7),
             "another set of cameras sees it"

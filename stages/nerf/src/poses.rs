@@ -6,8 +6,8 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::dials::{self, Dial, Dials};
 use crate::tensors::{FieldError, Tensors};
+use crate::view_parameters::{self, ViewParameters, ViewVector};
 
 /// The rate of the last step, as a part of the first's.
 const FINAL: f64 = 0.01;
@@ -38,14 +38,26 @@ impl Default for PoseOptions {
     }
 }
 
+/// What says where all cameras together are. Photos do not: a field that moves with them shows the
+/// same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gauge {
+    /// The poses as they are given: what the cameras' moves have in common is taken back.
+    Given,
+    /// A field that stays as it is.
+    Field,
+}
+
 /// The poses of all views in training.
 #[derive(Clone, Debug)]
 pub struct Poses {
     options: PoseOptions,
     given: Vec<Camera>,
+    /// What keeps the whole in place.
+    pub gauge: Gauge,
     /// By view: a turn as twice a quaternion's vector part over its real part, which is nearly the
     /// rotation vector and needs no sine, and a shift in parts of the camera's distance.
-    dials: Dials,
+    parameters: ViewParameters,
 }
 
 /// The distance at which a turn and a shift of one size move what is seen about as far: the
@@ -54,19 +66,19 @@ fn distance(camera: &Camera) -> f64 {
     (camera.near * camera.far).sqrt()
 }
 
-fn halves(dial: &Dial) -> [DVec3; 2] {
-    let [a, b, c, d, e, f] = dial.map(f64::from);
+fn halves(vector: &ViewVector) -> [DVec3; 2] {
+    let [a, b, c, d, e, f] = vector.map(f64::from);
     [DVec3::new(a, b, c), DVec3::new(d, e, f)]
 }
 
-fn dial(turn: DVec3, shift: DVec3) -> Dial {
+fn view_vector(turn: DVec3, shift: DVec3) -> ViewVector {
     let [a, b, c] = turn.as_vec3().to_array();
     let [d, e, f] = shift.as_vec3().to_array();
     [a, b, c, d, e, f]
 }
 
 /// A camera turned about itself and shifted.
-fn placed(given: &Camera, numbers: &Dial) -> Camera {
+fn placed(given: &Camera, numbers: &ViewVector) -> Camera {
     let [turn, shift] = halves(numbers);
     let half = 0.5 * turn;
     // (turn / 2, 1), brought to unit length, is the quaternion: no sine, no case for small turns.
@@ -83,12 +95,12 @@ fn placed(given: &Camera, numbers: &Dial) -> Camera {
 
 /// The gradient to a view's six numbers, from that to a turn of the camera about itself where it
 /// stands now (a torque) and to its place (a force).
-fn placed_backward(given: &Camera, numbers: &Dial, pull: &Dial) -> Dial {
+fn placed_backward(given: &Camera, numbers: &ViewVector, pull: &ViewVector) -> ViewVector {
     let [torque, force] = halves(pull);
     let half = 0.5 * halves(numbers)[0];
     // The derivative of that rotation by the numbers, turned over.
     let turn = (torque - half.cross(torque)) / (1.0 + half.length_squared());
-    dial(turn, distance(given) * force)
+    view_vector(turn, distance(given) * force)
 }
 
 impl Poses {
@@ -96,14 +108,15 @@ impl Poses {
     pub fn new(options: &PoseOptions, given: Vec<Camera>) -> Self {
         Self {
             options: options.clone(),
-            dials: Dials::new(given.len()),
+            parameters: ViewParameters::new(given.len()),
             given,
+            gauge: Gauge::Given,
         }
     }
 
     /// The camera of a view as it is now.
     pub fn camera(&self, view: usize) -> Camera {
-        placed(&self.given[view], &self.dials.values[view])
+        placed(&self.given[view], &self.parameters.values[view])
     }
 
     /// Whether the step after so many moves cameras.
@@ -115,34 +128,37 @@ impl Poses {
     /// and moves the cameras against them.
     pub fn descend<'a>(
         &mut self,
-        parts: impl Iterator<Item = &'a Vec<Dial>>,
+        parts: impl Iterator<Item = &'a Vec<ViewVector>>,
         steps: u32,
         all: u32,
     ) {
-        let pulls = dials::sum(self.given.len(), parts);
-        let views = self.given.iter().zip(&self.dials.values).zip(&pulls);
-        let gradient: Vec<Dial> = views
+        let pulls = view_parameters::sum(self.given.len(), parts);
+        let views = self.given.iter().zip(&self.parameters.values).zip(&pulls);
+        let gradient: Vec<ViewVector> = views
             .map(|((given, numbers), pull)| placed_backward(given, numbers, pull))
             .collect();
         let done = steps.saturating_sub(self.options.start);
         let progress = f64::from(done) / f64::from(all.saturating_sub(self.options.start).max(1));
         let rate = self.options.rate * FINAL.powf(progress.min(1.0));
-        self.dials.step(&gradient, rate, done + 1);
-        // After Adam, whose steps differ by camera and so move the whole.
-        self.hold();
+        self.parameters.step(&gradient, rate, done + 1);
+        if self.gauge == Gauge::Given {
+            // After Adam, whose steps differ by camera and so move the whole.
+            self.fix_gauge();
+        }
     }
 
-    /// Takes back what all cameras have in common, a turn, a shift and a growth about their middle
-    /// (to first order, by least squares over places and turns): photos say nothing about it, and
-    /// cameras that are not refined with these stay valid.
-    fn hold(&mut self) {
+    /// Takes back the similarity that all cameras have in common: a turn, a shift and a growth about
+    /// their middle, to first order and by least squares over places and turns. Photos do not
+    /// determine it (the gauge freedom of bundle adjustment), and cameras that are not refined with
+    /// these stay valid.
+    fn fix_gauge(&mut self) {
         let count = self.given.len() as f64;
         let middle = self.given.iter().map(Camera::position).sum::<DVec3>() / count;
         let scale = self.given.iter().map(distance).sum::<f64>() / count;
         let moves: Vec<[DVec3; 3]> = self
             .given
             .iter()
-            .zip(&self.dials.values)
+            .zip(&self.parameters.values)
             .map(|(given, numbers)| {
                 let [turn, shift] = halves(numbers);
                 [
@@ -152,37 +168,37 @@ impl Poses {
                 ]
             })
             .collect();
-        let common = Common::of(&moves);
+        let common = Similarity::of(&moves);
         let own = self
             .given
             .iter()
-            .zip(self.dials.values.iter_mut())
+            .zip(self.parameters.values.iter_mut())
             .zip(&moves);
         for ((given, numbers), [place, turn, shift]) in own {
             let shift = *shift - common.shift_at(*place);
-            *numbers = dial(*turn - common.turn, shift * scale / distance(given));
+            *numbers = view_vector(*turn - common.turn, shift * scale / distance(given));
         }
     }
 
-    /// As tensors.
+    /// All parameters and their moments.
     pub fn tensors(&self) -> Tensors {
-        self.dials.tensors(NAME)
+        self.parameters.tensors(NAME)
     }
 
     /// Takes up what [`Poses::tensors`] gave.
     pub fn read(&mut self, tensors: &Tensors) -> Result<(), FieldError> {
-        self.dials.read(NAME, tensors)
+        self.parameters.read(NAME, tensors)
     }
 }
 
-/// What moves of several cameras have in common.
-struct Common {
+/// A similarity of the world to first order: what moves of several cameras have in common.
+struct Similarity {
     turn: DVec3,
     shift: DVec3,
     growth: f64,
 }
 
-impl Common {
+impl Similarity {
     /// Of places about their middle, turns and shifts. The three parts do not mix in the sum of
     /// squares, since places have no mean and a turn moves at right angles to them.
     fn of(moves: &[[DVec3; 3]]) -> Self {
@@ -237,13 +253,13 @@ mod tests {
         let numbers = [0.3, -0.2, 0.4, 0.01, 0.02, -0.03];
         let inside = DVec3::new(0.4, -0.3, -2.0);
         let slope = DVec3::new(0.7, -1.1, 0.4);
-        let point = |numbers: &Dial| {
+        let point = |numbers: &ViewVector| {
             let camera = placed(&given, numbers);
             camera.camera_to_world.transform_point3(inside)
         };
         let camera = placed(&given, &numbers);
         let torque = (point(&numbers) - camera.position()).cross(slope);
-        let analytic = placed_backward(&given, &numbers, &dial(torque, slope));
+        let analytic = placed_backward(&given, &numbers, &view_vector(torque, slope));
         for i in 0..6 {
             let value = |step: f32| {
                 let mut moved = numbers;
@@ -274,10 +290,11 @@ mod tests {
                 let place = given.position();
                 let shift = turn.cross(place) + 2e-4 * place + DVec3::splat(3e-4);
                 let own = if i == 3 { own } else { 0.0 };
-                poses.dials.values[i] = dial(turn, shift / distance(given) + DVec3::Y * own);
+                poses.parameters.values[i] =
+                    view_vector(turn, shift / distance(given) + DVec3::Y * own);
             }
-            poses.hold();
-            poses.dials.values
+            poses.fix_gauge();
+            poses.parameters.values
         };
         let most = |numbers: &[f32]| numbers.iter().fold(0.0f32, |most, x| most.max(x.abs()));
         assert!(most(moved(0.0).as_flattened()) < 1e-7);

@@ -13,7 +13,7 @@ impl Positions {
         self.0[0].len()
     }
 
-    /// Adds a position.
+    /// Adds a position at the end, behind padding if there is any.
     pub fn push(&mut self, position: [f32; 3]) {
         self.0
             .iter_mut()
@@ -21,7 +21,7 @@ impl Positions {
             .for_each(|(axis, x)| axis.push(x));
     }
 
-    /// A position.
+    /// The coordinates of position number `index`.
     pub fn at(&self, index: usize) -> [f32; 3] {
         self.0.each_ref().map(|axis| axis[index])
     }
@@ -47,7 +47,6 @@ impl Positions {
         }
     }
 
-    /// Forgets all positions.
     pub fn clear(&mut self) {
         self.0.iter_mut().for_each(Vec::clear);
     }

@@ -1,12 +1,12 @@
 //! Images of a field: colour, depth and opacity for a camera. Knows nothing of training.
 
-use crate::block::{Block, Rays, Seen};
 use crate::features::Features;
 use crate::field::Field;
-use crate::look::{FAINT, Look};
 use crate::march::Segment;
 use crate::pool::Pool;
+use crate::ray_termination::{MIN_WEIGHT, RayTermination};
 use crate::samples::Samples;
+use crate::volume_rendering::{RayBundle, RayOutput, VolumeRenderer};
 use formats::Camera;
 use rayon::prelude::*;
 use std::convert::Infallible;
@@ -15,9 +15,9 @@ use std::ops::Range;
 /// Pixels one task renders at a time; fixed, so that images do not depend on the number of threads.
 const PIXELS: usize = 256;
 /// Rays that pass through the networks together: their activations stay in the second-level cache.
-const RAYS_PER_BLOCK: usize = 32;
+const RAYS_PER_BUNDLE: usize = 32;
 
-/// How to render.
+/// Options of [`render`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderOptions {
     /// Rays per pixel and axis, spread evenly over the pixel and averaged.
@@ -46,7 +46,7 @@ impl Default for RenderOptions {
 pub struct Rendered {
     /// Pixels in a row.
     pub width: u32,
-    /// Rows.
+    /// Rows of pixels.
     pub height: u32,
     /// Colours in the space the field was trained in (sRGB-encoded photos give sRGB), composited on
     /// the background: `height * width * 3` values.
@@ -67,7 +67,8 @@ pub fn render(field: &Field, camera: &Camera, options: &RenderOptions) -> Render
     rendered
 }
 
-/// The same, unless `may_go_on`, which is asked before every few hundred pixels, says why not.
+/// Renders what a camera sees, unless `may_go_on`, which is called before every few hundred pixels,
+/// returns an error, which is passed on.
 pub fn try_render<E: Send>(
     field: &Field,
     camera: &Camera,
@@ -80,12 +81,12 @@ pub fn try_render<E: Send>(
         may_go_on()?;
         let range = chunk * PIXELS..pixels.min((chunk + 1) * PIXELS);
         let rays = segments(field, camera, options, range);
-        Ok(scratch.lend(|glance: &mut Glance| {
-            let pixels = glance.pixels(field, rays, camera, options);
-            (pixels, glance.samples.t.len())
+        Ok(scratch.lend(|renderer: &mut ChunkRenderer| {
+            let pixels = renderer.pixels(field, rays, camera, options);
+            (pixels, renderer.samples.t.len())
         }))
     };
-    let chunks: Vec<(Vec<Pixel>, usize)> = (0..pixels.div_ceil(PIXELS))
+    let chunks: Vec<(Vec<RenderedPixel>, usize)> = (0..pixels.div_ceil(PIXELS))
         .into_par_iter()
         .map(chunk)
         .collect::<Result<_, E>>()?;
@@ -97,7 +98,7 @@ pub fn try_render<E: Send>(
 /// The image that pixels make up.
 pub(crate) fn image<'p>(
     camera: &Camera,
-    pixels: impl Iterator<Item = &'p Pixel> + Clone,
+    pixels: impl Iterator<Item = &'p RenderedPixel> + Clone,
     samples: usize,
 ) -> Rendered {
     Rendered {
@@ -110,8 +111,8 @@ pub(crate) fn image<'p>(
     }
 }
 
-/// What a pixel shows.
-pub(crate) struct Pixel {
+/// Colour with the background, world depth along the view axis, and opacity of one pixel.
+pub(crate) struct RenderedPixel {
     rgb: [f32; 3],
     depth: f32,
     opacity: f32,
@@ -142,87 +143,104 @@ pub(crate) fn segments(
         .collect()
 }
 
-/// What pixels show whose rays see this.
+/// Each pixel from the mean of its rays, which follow each other.
 pub(crate) fn averages(
-    seen: &[Seen],
+    outputs: &[RayOutput],
     segments: &[Segment],
     camera: &Camera,
     options: &RenderOptions,
-) -> Vec<Pixel> {
+) -> Vec<RenderedPixel> {
     let rays = options.rays_per_pixel();
-    let pixels = seen.chunks(rays).zip(segments.chunks(rays));
+    let pixels = outputs.chunks(rays).zip(segments.chunks(rays));
     pixels
-        .map(|(seen, segments)| average(seen, segments, camera, options))
+        .map(|(outputs, segments)| average(outputs, segments, camera, options))
         .collect()
 }
 
-/// Scratch space for some pixels.
+/// Renders some pixels, and keeps its arrays for the next ones.
 #[derive(Default)]
-struct Glance {
+struct ChunkRenderer {
     samples: Samples,
-    look: Look,
+    termination: RayTermination,
     features: Features,
-    block: Block,
+    volume: VolumeRenderer,
 }
 
-impl Glance {
+impl ChunkRenderer {
     fn pixels(
         &mut self,
         field: &Field,
         rays: Vec<Segment>,
         camera: &Camera,
         options: &RenderOptions,
-    ) -> Vec<Pixel> {
+    ) -> Vec<RenderedPixel> {
         self.samples.clear();
         rays.into_iter()
             // Without jitter, so that an image is the same each time.
             .for_each(|segment| self.samples.march(field, segment, 0.0));
-        averages(&self.seen(field), &self.samples.segments, camera, options)
+        averages(
+            &self.outputs(field),
+            &self.samples.segments,
+            camera,
+            options,
+        )
     }
 
-    /// What every ray sees.
-    fn seen(&mut self, field: &Field) -> Vec<Seen> {
+    /// The outputs of all rays that were marched, in their order.
+    fn outputs(&mut self, field: &Field) -> Vec<RayOutput> {
         let Self {
             samples,
-            look,
+            termination,
             features,
-            block,
+            volume,
         } = self;
-        // The block's activations are free until its forward pass, and serve as scratch space.
-        look.along(field, samples, features, &mut block.activations, FAINT);
+        // The volume's activations are free until its forward pass, and serve as scratch space.
+        termination.run(
+            field,
+            samples,
+            features,
+            &mut volume.activations,
+            MIN_WEIGHT,
+        );
         let count = samples.rays.len();
-        let mut seen = Vec::with_capacity(count);
-        for first in (0..count).step_by(RAYS_PER_BLOCK) {
-            let range = first..count.min(first + RAYS_PER_BLOCK);
-            let rays = Rays {
+        let mut outputs = Vec::with_capacity(count);
+        for first in (0..count).step_by(RAYS_PER_BUNDLE) {
+            let range = first..count.min(first + RAYS_PER_BUNDLE);
+            let rays = RayBundle {
                 samples,
                 range,
                 features,
-                rows: &look.rows,
+                rows: &termination.rows,
             };
-            seen.extend_from_slice(block.forward_from(field, &rays, &look.geometry));
+            outputs.extend_from_slice(volume.forward_from(field, &rays, &termination.geometry));
         }
-        seen
+        outputs
     }
 }
 
-fn average(seen: &[Seen], segments: &[Segment], camera: &Camera, options: &RenderOptions) -> Pixel {
-    let share = 1.0 / seen.len() as f32;
-    let mut pixel = Pixel {
+fn average(
+    outputs: &[RayOutput],
+    segments: &[Segment],
+    camera: &Camera,
+    options: &RenderOptions,
+) -> RenderedPixel {
+    let share = 1.0 / outputs.len() as f32;
+    let mut pixel = RenderedPixel {
         rgb: [0.0; 3],
         depth: 0.0,
         opacity: 0.0,
     };
-    for (seen, segment) in seen.iter().zip(segments) {
-        for ((sum, color), background) in pixel.rgb.iter_mut().zip(seen.rgb).zip(options.background)
+    for (output, segment) in outputs.iter().zip(segments) {
+        for ((sum, color), background) in
+            pixel.rgb.iter_mut().zip(output.rgb).zip(options.background)
         {
-            *sum += share * (color + seen.transmittance * background);
+            *sum += share * (color + output.transmittance * background);
         }
-        let opacity = 1.0 - seen.transmittance;
+        let opacity = 1.0 - output.transmittance;
         pixel.opacity += share * opacity;
         if opacity > 0.0 {
             // Weighted by opacity: a sub-ray that sees nothing has no depth to add.
-            pixel.depth += share * opacity * segment.depth(seen.distance / opacity);
+            pixel.depth += share * opacity * segment.depth(output.distance / opacity);
         }
     }
     pixel.depth = if pixel.opacity < 1e-3 {

@@ -8,11 +8,11 @@ use std::ops::Range;
 /// Rays, and their samples from front to back.
 #[derive(Default)]
 pub struct Samples {
-    /// The rays.
+    /// By ray: its part inside the box.
     pub segments: Vec<Segment>,
     /// Which samples are a ray's.
     pub rays: Vec<Range<usize>>,
-    /// Where samples are.
+    /// By sample: its point in unit space.
     pub positions: Positions,
     /// Their distances from the camera.
     pub t: Vec<f32>,
@@ -21,7 +21,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Forgets all rays.
+    /// Forgets all rays, and keeps the memory.
     pub fn clear(&mut self) {
         let Self {
             segments,

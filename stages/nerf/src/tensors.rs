@@ -36,9 +36,9 @@ pub enum FieldError {
     /// A tensor has another shape than the configuration says.
     #[error("tensor \"{name}\" has shape {found:?}; this configuration and box need {expected:?}")]
     Shape {
-        /// Its name.
+        /// Its name among the field's tensors.
         name: String,
-        /// Its shape.
+        /// The shape it has.
         found: Vec<usize>,
         /// The shape it should have.
         expected: Vec<usize>,

@@ -4,7 +4,6 @@
 use crate::adam::table::{SparseMoments, update_sparse};
 use crate::adam::{Moments, update_dense};
 use crate::batch::{Sampler, TrainView};
-use crate::block::Block;
 use crate::config::FEATURES;
 use crate::contribution::{Batch, Contribution};
 use crate::corrections::Corrections;
@@ -13,9 +12,10 @@ use crate::features::{Features, LookUp};
 use crate::field::Field;
 use crate::kernels::hash::encode_backward;
 use crate::loss::psnr;
+use crate::occupancy_update::{self, UpdateScratch};
 use crate::options::TrainOptions;
 use crate::pool::Pool;
-use crate::survey::{self, SurveyScratch};
+use crate::volume_rendering::VolumeRenderer;
 use compute::rng::Rng;
 use formats::Camera;
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ use rayon::prelude::*;
 const PARTS: u32 = 32;
 /// Rays that go from the features to the gradients together: their activations stay in the
 /// second-level cache.
-const RAYS_PER_BLOCK: usize = 16;
+const RAYS_PER_BUNDLE: usize = 16;
 /// Pixels of the first batch, and the fewest of any.
 const PIXELS: [u32; 2] = [64, 16];
 /// Rays of the largest batch.
@@ -58,11 +58,13 @@ pub struct Trainer {
     pub(crate) views: Vec<TrainView>,
     pub(crate) corrections: Corrections,
     pub(crate) sampler: Sampler,
-    pub(crate) survey_rng: Rng,
+    pub(crate) occupancy_rng: Rng,
+    /// The field stays as it is: only what is learnt about the views changes.
+    frozen: bool,
     parts: Vec<Contribution>,
     features: Features,
-    blocks: Pool<Block>,
-    survey: Pool<SurveyScratch>,
+    renderers: Pool<VolumeRenderer>,
+    update_scratch: Pool<UpdateScratch>,
     /// The gradient to one level's entries; zero between steps.
     d_tables: Pool<Vec<[f32; FEATURES]>>,
 }
@@ -73,23 +75,44 @@ impl Trainer {
     ///
     /// Panics if a view's sizes do not fit together or there is no view.
     pub fn new(mut field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
-        assert!(!views.is_empty(), "training needs at least one view");
-        views.iter().for_each(TrainView::check);
-        survey::see(
+        occupancy_update::mark_unseen_cells(
             &mut field,
             &views.iter().map(|view| &view.camera).collect::<Vec<_>>(),
         );
+        Self::begin(field, views, options, seed)
+    }
+
+    /// Learns about the views alone, by a field that stays as it is. The field holds the cameras in
+    /// place, so what they have in common is not taken back.
+    ///
+    /// Panics as [`Trainer::new`] does.
+    pub(crate) fn of_views(
+        field: Field,
+        views: Vec<TrainView>,
+        options: &TrainOptions,
+        seed: u64,
+    ) -> Self {
+        let mut trainer = Self::begin(field, views, options, seed);
+        trainer.frozen = true;
+        trainer.corrections.trust_field();
+        trainer
+    }
+
+    fn begin(field: Field, views: Vec<TrainView>, options: &TrainOptions, seed: u64) -> Self {
+        assert!(!views.is_empty(), "training needs at least one view");
+        views.iter().for_each(TrainView::check);
         Self {
             step: 0,
             pixels: PIXELS[0],
             table_moments: SparseMoments::new(&field.table),
             network_moments: Moments::new(field.network.weights.len()),
             sampler: Sampler::new(&views, seed),
-            survey_rng: Rng::new(seed, "occupancy update"),
+            occupancy_rng: Rng::new(seed, "occupancy update"),
+            frozen: false,
             parts: (0..PARTS).map(|_| Contribution::default()).collect(),
             features: Features::default(),
-            blocks: Pool::default(),
-            survey: Pool::default(),
+            renderers: Pool::default(),
+            update_scratch: Pool::default(),
             d_tables: Pool::default(),
             options: options.clone(),
             corrections: Corrections::new(options, &views),
@@ -103,7 +126,7 @@ impl Trainer {
         &self.field
     }
 
-    /// Ends training.
+    /// Ends training, and drops the moments.
     pub fn into_field(self) -> Field {
         self.field
     }
@@ -132,14 +155,16 @@ impl Trainer {
         // One bad batch (an infinite density, say) must not put NaN into moments that live for
         // thousands of steps.
         if stats.loss.is_finite() {
-            self.descend(&parts);
-            let pulls = parts.iter().map(|part| &part.pulls);
+            if !self.frozen {
+                self.descend(&parts);
+            }
+            let view_gradients = parts.iter().map(|part| &part.view_gradients);
             self.corrections
-                .descend(pulls, &self.options, self.step, &mut self.views);
+                .descend(view_gradients, &self.options, self.step, &mut self.views);
         }
         self.step += 1;
-        if self.step.is_multiple_of(OCCUPANCY_EVERY) {
-            survey::update(&mut self.field, &self.survey_rng, &self.survey);
+        if !self.frozen && self.step.is_multiple_of(OCCUPANCY_EVERY) {
+            occupancy_update::update(&mut self.field, &self.occupancy_rng, &self.update_scratch);
         }
         self.pixels = self.next_pixels(stats.samples);
         self.parts = parts;
@@ -184,7 +209,7 @@ impl Trainer {
     /// Gradients of the batch, part by part; features are looked up for all parts together, level
     /// by level.
     fn contribute(&mut self, parts: &mut [Contribution]) {
-        let per_block = (RAYS_PER_BLOCK / self.rays_per_pixel()).max(1);
+        let per_bundle = (RAYS_PER_BUNDLE / self.rays_per_pixel()).max(1);
         let transposed = self.field.network.transposed();
         let Self {
             field,
@@ -195,7 +220,7 @@ impl Trainer {
             step,
             pixels,
             features,
-            blocks,
+            renderers,
             ..
         } = self;
         let batch = Batch {
@@ -220,23 +245,32 @@ impl Trainer {
         // Rays ask for a few samples at a time, since most end early at a surface. All parts'
         // questions of one turn are looked up level by level: a level's table stays in the cache
         // for all of them.
-        while parts.iter_mut().map(|part| part.look.ask(features)).max() == Some(true) {
+        while parts
+            .iter_mut()
+            .map(|part| part.termination.request(features))
+            .max()
+            == Some(true)
+        {
             let look_ups: Vec<LookUp<'_>> = features.look_ups(field).collect();
             look_ups
                 .into_par_iter()
                 .with_max_len(1)
                 .for_each(LookUp::run);
-            parts
-                .par_iter_mut()
-                .for_each(|Contribution { look, samples, .. }| {
-                    blocks.lend(|block| {
-                        look.answer(field, samples, features, &mut block.activations)
+            parts.par_iter_mut().for_each(
+                |Contribution {
+                     termination,
+                     samples,
+                     ..
+                 }| {
+                    renderers.lend(|renderer| {
+                        termination.advance(field, samples, features, &mut renderer.activations)
                     });
-                });
+                },
+            );
         }
-        parts
-            .par_iter_mut()
-            .for_each(|part| blocks.lend(|block| batch.learn(features, per_block, block, part)));
+        parts.par_iter_mut().for_each(|part| {
+            renderers.lend(|renderer| batch.learn(features, per_bundle, renderer, part))
+        });
     }
 
     /// Sums the gradients in the order of the parts and takes a step down.

@@ -14,7 +14,7 @@ use formats::Camera;
 
 /// A field in training on a device.
 pub enum Training {
-    /// By threads.
+    /// By threads of the CPU.
     Cpu(Box<Trainer>),
     /// By the kernels of an adapter.
     Gpu(Box<GpuTrainer>),
@@ -100,7 +100,7 @@ impl Training {
         }
     }
 
-    /// Ends training.
+    /// Ends training. From a GPU the field is read back.
     pub fn into_field(self) -> Field {
         match self {
             Self::Cpu(trainer) => trainer.into_field(),

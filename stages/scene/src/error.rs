@@ -12,7 +12,7 @@ pub enum SceneError {
         path: PathBuf,
         /// What should have been there.
         expected: &'static str,
-        /// What to do.
+        /// How the user can mend it.
         remedy: String,
     },
     /// The operating system could not read it.
@@ -26,7 +26,7 @@ pub enum SceneError {
     /// A file of poses, cameras or points with something in it that cannot be.
     #[error("{path}: {place}: {fault}", path = path.display())]
     Content {
-        /// The file.
+        /// The file that holds it.
         path: PathBuf,
         /// Where in it: a field, a line, a record.
         place: String,
@@ -36,9 +36,9 @@ pub enum SceneError {
     /// A `.npy` file that is broken or holds something else than expected.
     #[error("{path}: {fault}; expected {expected}", path = path.display())]
     Npy {
-        /// The file.
+        /// The `.npy` file.
         path: PathBuf,
-        /// What is wrong.
+        /// What is wrong with it, as its reader found it.
         fault: String,
         /// What a good file holds.
         expected: &'static str,
@@ -47,11 +47,11 @@ pub enum SceneError {
     /// far.
     #[error("{path}, row {row} (counted from 0): {fault}; run the pose estimation again or leave this photo out", path = path.display())]
     Pose {
-        /// The file.
+        /// The file that the camera is from.
         path: PathBuf,
-        /// Which camera.
+        /// The number of the camera in it.
         row: usize,
-        /// What is wrong.
+        /// What is wrong with it.
         fault: String,
     },
     /// As many cameras as photos are needed.
@@ -69,7 +69,7 @@ pub enum SceneError {
     /// A photo that cannot be decoded.
     #[error("{path}: not a readable photo: {fault}; copy it again, or convert it to {formats}", path = path.display(), formats = crate::photo_file::FORMATS)]
     Image {
-        /// The file.
+        /// The photo that cannot be decoded.
         path: PathBuf,
         /// What the decoder said.
         fault: String,
@@ -81,7 +81,7 @@ pub enum SceneError {
         path: PathBuf,
         /// Its width and height.
         size: (u32, u32),
-        /// The first photo.
+        /// The first photo, which the others have to match.
         first: PathBuf,
         /// Its width and height.
         first_size: (u32, u32),
@@ -89,7 +89,7 @@ pub enum SceneError {
     /// A text that git-lfs left in a file's place.
     #[error("{path}: is a git-lfs pointer, the file itself was not fetched; run `git lfs pull` in its repository", path = path.display())]
     NotFetched {
-        /// The file.
+        /// The file in whose place it lies.
         path: PathBuf,
     },
     /// A requested size or factor that leaves no pixels.
@@ -99,7 +99,7 @@ pub enum SceneError {
         what: String,
         /// The size that would result.
         size: (u32, u32),
-        /// What to do.
+        /// How the user can mend it.
         remedy: &'static str,
     },
 }

@@ -20,11 +20,11 @@ pub(crate) const DYNAMIC_MASK: &str = "dynamic_mask_";
 /// Where the photo lies that a path means.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Found {
-    /// Here.
+    /// The photo that lies there, in a format that is read.
     Photo(PathBuf),
     /// Here, in a format that is not read.
     NotRead(PathBuf, &'static str),
-    /// Nowhere.
+    /// No place that was tried has it.
     Missing,
 }
 

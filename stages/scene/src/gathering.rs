@@ -104,7 +104,7 @@ impl Gathering {
         Ok(self.notes())
     }
 
-    /// The same of photos that are known to be there.
+    /// Notes on what was gathered, of photos that are known to be there.
     pub(crate) fn notes(self) -> Vec<String> {
         let count = self.found + self.missing.len() + self.not_read.len();
         let mut notes = Vec::new();

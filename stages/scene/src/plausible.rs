@@ -58,7 +58,7 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
 /// A camera far from all others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stray {
-    /// Which one.
+    /// Its index among the cameras.
     pub(crate) index: usize,
     /// How many times as far away as nine tenths of the cameras.
     pub(crate) times: f64,

@@ -39,7 +39,7 @@ pub trait Reader {
     /// to match.
     ///
     /// # Errors
-    /// The same, and photos that are damaged.
+    /// Those of [`Reader::survey`], and photos that are damaged.
     fn read(&self) -> Result<SceneData, SceneError> {
         self.survey()?.read()
     }

@@ -22,7 +22,7 @@ pub struct Splat {
 /// Splats of one scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cloud {
-    /// The splats.
+    /// The splats, in the order in which files list them.
     pub splats: Vec<Splat>,
     /// The degree of their harmonics.
     pub degree: u32,

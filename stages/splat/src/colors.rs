@@ -15,7 +15,7 @@ const HIDDEN: f32 = 0.03;
 /// of directions.
 const HOLD: [f32; 3] = [1e-3, 1.0, 2.0];
 
-/// Sums over the pictures that were looked at.
+/// Sums over the views that were added.
 pub struct Colors {
     sums: Vec<Sums>,
 }
@@ -28,7 +28,7 @@ struct Sums {
 }
 
 impl Colors {
-    /// Nothing has been looked at yet.
+    /// No view has been added yet.
     pub fn new(cloud: &Cloud) -> Self {
         let none = Sums {
             matrix: [[0.0; MOST]; MOST],
@@ -39,8 +39,9 @@ impl Colors {
         }
     }
 
-    /// Looks at a picture and its depth along the view axis.
-    pub fn look(&mut self, cloud: &Cloud, camera: &Camera, picture: &Picture, depth: &[f32]) {
+    /// Adds what one view says of the colours. `depth` is along the view axis; splats that it shows
+    /// to be hidden get nothing.
+    pub fn add_view(&mut self, cloud: &Cloud, camera: &Camera, picture: &Picture, depth: &[f32]) {
         let coefficients = cloud.coefficients();
         let eye = camera.position().as_vec3();
         let sums = self.sums.par_iter_mut().zip(&cloud.splats);

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-/// The highest degree.
+/// The highest degree that is supported.
 pub const HIGHEST: u32 = 2;
 /// Coefficients of all degrees.
 pub const MOST: usize = 9;

@@ -14,10 +14,10 @@
 //! let picture = Picture { pixels: vec![[0.5, 0.5, 0.5, 1.0]; 16 * 12] };
 //!
 //! let mut seeds = Seeds::new(1000, depth.len());
-//! seeds.look(&camera, &depth, &vec![1.0; depth.len()]);
+//! seeds.add_view(&camera, &depth, &vec![1.0; depth.len()]);
 //! let mut cloud = seeds.cloud(0)?;
 //! let mut colors = Colors::new(&cloud);
-//! colors.look(&cloud, &camera, &picture, &depth);
+//! colors.add_view(&cloud, &camera, &picture, &depth);
 //! colors.settle(&mut cloud);
 //!
 //! let mut fit = Fit::new(cloud, 20);

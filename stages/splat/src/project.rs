@@ -190,7 +190,7 @@ fn inverse_backward(conic: Symmetric, by: Symmetric) -> Symmetric {
     ]
 }
 
-/// uᵀ G u.
+/// The quadratic form uᵀ G u.
 fn form([xx, xy, yy]: Symmetric, u: Vec2) -> f32 {
     xx * u.x * u.x + 2.0 * xy * u.x * u.y + yy * u.y * u.y
 }

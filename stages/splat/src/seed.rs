@@ -14,7 +14,7 @@ use crate::harmonics::MOST;
 const COVERED: f32 = 0.5;
 /// Neighbours whose depths differ by more than this part of them lie on different things.
 const BREAK: f32 = 0.08;
-/// How many points are looked at for one that is kept.
+/// How many points are gathered for one that is kept.
 const SPARE: usize = 8;
 /// By what patches grow as long as there are too many of them.
 const GROWTH: f32 = 1.1;
@@ -68,16 +68,16 @@ impl Seeds {
         }
     }
 
-    /// Looks at a picture: depth along the view axis and coverage, by rows.
-    pub fn look(&mut self, camera: &Camera, depth: &[f32], coverage: &[f32]) {
-        let sheet = Sheet {
+    /// Adds the surface points of one view. Depth, along the view axis, and coverage are by rows.
+    pub fn add_view(&mut self, camera: &Camera, depth: &[f32], coverage: &[f32]) {
+        let map = DepthMap {
             camera,
             depth,
             coverage,
             stride: self.stride,
         };
         let rows = (0..camera.height.div_ceil(self.stride)).into_par_iter();
-        let found: Vec<Vec<Seed>> = rows.map(|row| sheet.row(row * self.stride)).collect();
+        let found: Vec<Vec<Seed>> = rows.map(|row| map.row(row * self.stride)).collect();
         self.points.extend(found.into_iter().flatten());
     }
 
@@ -110,7 +110,7 @@ impl Seeds {
 /// depths of neighbours on the same thing; towards the camera where there are none, and zero where
 /// nothing is covered.
 pub fn normals(camera: &Camera, depth: &[f32], coverage: &[f32]) -> Vec<[f32; 3]> {
-    let sheet = Sheet {
+    let map = DepthMap {
         camera,
         depth,
         coverage,
@@ -118,7 +118,7 @@ pub fn normals(camera: &Camera, depth: &[f32], coverage: &[f32]) -> Vec<[f32; 3]
     };
     let pixel = |i: u32| {
         let [x, y] = [i % camera.width, i / camera.width];
-        let normal = sheet.normal(x, y).or_else(|| sheet.towards(x, y));
+        let normal = map.normal(x, y).or_else(|| map.towards(x, y));
         normal.unwrap_or(Vec3::ZERO).to_array()
     };
     (0..camera.width * camera.height)
@@ -127,15 +127,15 @@ pub fn normals(camera: &Camera, depth: &[f32], coverage: &[f32]) -> Vec<[f32; 3]
         .collect()
 }
 
-/// A picture whose pixels are looked at.
-struct Sheet<'s> {
+/// A view as a depth map: camera, depth and coverage.
+struct DepthMap<'s> {
     camera: &'s Camera,
     depth: &'s [f32],
     coverage: &'s [f32],
     stride: u32,
 }
 
-impl Sheet<'_> {
+impl DepthMap<'_> {
     fn row(&self, y: u32) -> Vec<Seed> {
         let columns = (0..self.camera.width).step_by(self.stride as usize);
         columns.filter_map(|x| self.seed(x, y)).collect()
@@ -282,7 +282,7 @@ mod tests {
             let place = DVec3::new(0.05 * f64::from(i), 0.0, 4.0);
             let pose = DMat4::from_translation(place);
             let camera = Camera::centered((40, 30), 50.0, pose, [1.0, 9.0]);
-            seeds.look(&camera, &[4.0; 1200], &[1.0; 1200]);
+            seeds.add_view(&camera, &[4.0; 1200], &[1.0; 1200]);
         }
         seeds.cloud(0).unwrap()
     }

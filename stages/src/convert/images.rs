@@ -74,7 +74,7 @@ pub fn disk_pixels(image: &Array, alpha: Option<Vec<f32>>) -> Pixels<Linear> {
     Pixels::of_before_black(pixels(image), alpha).linear()
 }
 
-/// The same for an array in -1 to 1.
+/// Pixels for disk of an array in -1 to 1, as the prior has it; [`disk_pixels`] otherwise.
 pub fn disk_pixels_of_signed(image: &Array, alpha: Option<Vec<f32>>) -> Pixels<Linear> {
     let before_black = pixels(image).iter().map(|x| 0.5 * x + 0.5).collect();
     Pixels::of_before_black(before_black, alpha).linear()

@@ -37,7 +37,7 @@ impl Convolution {
         Self::read_sized(tensors, name, inputs, outputs, 3)
     }
 
-    /// The same with a kernel of `side` by `side`.
+    /// The convolution under the place `name` with a kernel of `side` by `side`.
     pub fn read_sized(
         tensors: &Tensors,
         name: &str,
@@ -57,7 +57,7 @@ impl Convolution {
         self.finished(x, Finish::None)
     }
 
-    /// The same, finished before it is stored; what is added is `[N, O, H, W]`.
+    /// `x` convolved and finished before it is stored; what is added is `[N, O, H, W]`.
     pub fn finished(&self, x: &Array, finish: Finish<&Array>) -> Array {
         let conv = Conv {
             stride: 1,

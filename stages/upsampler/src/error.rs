@@ -10,7 +10,7 @@ pub enum UpsamplerError {
     /// A file that is something else than is wanted.
     #[error("{file}: {problem}")]
     File {
-        /// The file.
+        /// The path of the file.
         file: String,
         /// What is wrong with it, and how to mend it.
         problem: String,
@@ -24,7 +24,7 @@ pub enum UpsamplerError {
     /// A layer of an ncnn graph that cannot be used.
     #[error("{file}: line {line}: layer {layer} {problem}")]
     Layer {
-        /// The `.param` file.
+        /// The path of the `.param` file.
         file: String,
         /// The line in it, from 1.
         line: usize,

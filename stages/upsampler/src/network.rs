@@ -5,7 +5,7 @@ use compute::Array;
 /// What is known of a network without running it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Facts {
-    /// The architecture's name.
+    /// The architecture, as `model check` prints it: `SPAN`.
     pub family: &'static str,
     /// The result's side over the image's.
     pub scale: usize,

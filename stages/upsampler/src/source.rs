@@ -10,7 +10,7 @@ use crate::error::UpsamplerError;
 /// The network that the program carries.
 const EMBEDDED: &[u8] = include_bytes!("../models/residual-x4.safetensors");
 
-/// Its name.
+/// The name of the embedded network, as it is printed.
 pub const EMBEDDED_NAME: &str = "residual-x4";
 
 /// Where an upsampler is read from.

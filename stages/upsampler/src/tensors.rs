@@ -23,7 +23,7 @@ const PREFIXES: [&str; 7] = [
 /// Enlargements beyond this are no networks that anybody uses.
 const LARGEST: usize = 16;
 
-/// An open file.
+/// A file whose tensors are being handed out.
 pub struct Tensors {
     file: TensorFile,
     device: Device,

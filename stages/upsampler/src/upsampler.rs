@@ -32,7 +32,7 @@ impl Default for Options {
 /// What a network is made of.
 #[derive(Clone, Debug)]
 pub struct Inventory {
-    /// The architecture's name.
+    /// The architecture, as `model check` prints it: `SPAN`.
     pub family: &'static str,
     /// The result's side over the image's.
     pub scale: usize,

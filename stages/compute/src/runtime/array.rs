@@ -4,7 +4,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::cpu::buffer::Buffer;
+use super::cpu::buffer::HostBuffer;
 use super::device::{Backend, Device};
 use super::gpu::context::Gpu;
 use super::gpu::each::fill;
@@ -20,13 +20,13 @@ pub struct Array {
 
 #[derive(Clone)]
 enum Storage {
-    Cpu(Arc<Buffer>),
+    Cpu(Arc<HostBuffer>),
     Gpu(Arc<pool::Buffer>),
 }
 
 impl Array {
     /// An array in host memory.
-    pub(crate) fn on_cpu(shape: &[usize], values: impl Into<Buffer>) -> Array {
+    pub(crate) fn on_cpu(shape: &[usize], values: impl Into<HostBuffer>) -> Array {
         let values = values.into();
         let expected: usize = shape.iter().product();
         assert_eq!(
@@ -84,7 +84,8 @@ impl Array {
         }
     }
 
-    /// The same values under another shape of the same size, without a copy.
+    /// These values under another shape of as many elements, without a copy. Panics if it has more
+    /// or fewer.
     pub fn reshape(&self, shape: &[usize]) -> Array {
         let expected: usize = shape.iter().product();
         assert_eq!(
@@ -114,7 +115,7 @@ impl Array {
             Storage::Cpu(values) => {
                 // Copies only if a clone shares the values, so that an array given away never
                 // changes.
-                let buffer: &mut Buffer = Arc::make_mut(values);
+                let buffer: &mut HostBuffer = Arc::make_mut(values);
                 buffer
             }
             Storage::Gpu(_) => panic!("an array on a GPU is not changed in place"),

@@ -56,7 +56,7 @@ impl Device {
         })
     }
 
-    /// The same, as if the adapter were a weak one ([`Gpu::open`]).
+    /// A GPU as [`Device::gpu`] opens it, as if the adapter were a weak one ([`Gpu::open`]).
     pub(crate) fn weak_gpu(index: Option<usize>, window: u64) -> Result<Device, GpuError> {
         Ok(Device {
             backend: Backend::Gpu(Arc::new(Gpu::open(index, Some(window))?)),

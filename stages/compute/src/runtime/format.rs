@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 /// How the bytes of a weight encode numbers; all are little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// IEEE 754 binary32.
+    /// IEEE 754 binary32, four bytes.
     F32,
-    /// IEEE 754 binary16.
+    /// IEEE 754 binary16, two bytes.
     F16,
     /// The upper half of a binary32.
     Bf16,

@@ -17,7 +17,7 @@ pub enum StoredFault {
     NotFinite {
         /// Which one, counted from 0.
         index: usize,
-        /// What it is.
+        /// The infinity or NaN.
         value: f32,
     },
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use super::array::Array;
-use super::cpu::buffer::Buffer;
+use super::cpu::buffer::HostBuffer;
 use super::cpu::values::Values;
 use super::device::{Backend, Device};
 use super::gpu::context::Gpu;
@@ -26,7 +26,7 @@ pub struct Weight {
     storage: Storage,
     precision: Precision,
     /// Where the CPU keeps its transformed kernels, if it is to.
-    transformed: Option<Arc<OnceLock<Buffer>>>,
+    transformed: Option<Arc<OnceLock<HostBuffer>>>,
 }
 
 #[derive(Clone)]
@@ -42,7 +42,7 @@ pub(crate) struct Encoded {
     format: Format,
     owner: SharedBytes,
     range: Range<usize>,
-    /// The same bytes in the memory of a GPU, once a kernel has asked for them.
+    /// The bytes in the memory of a GPU, once a kernel has asked for them.
     copy: Arc<OnceLock<pool::Buffer>>,
 }
 
@@ -117,14 +117,13 @@ impl Weight {
         }
     }
 
-    /// The same weight, multiplied in another precision.
+    /// Sets the precision that factors are rounded to in products.
     pub fn with_precision(self, precision: Precision) -> Weight {
         Weight { precision, ..self }
     }
 
-    /// The same weight of a 3x3 convolution, whose transforms the CPU keeps once it has needed
-    /// them: for networks that run often, and can spare four times what the numbers take in `f32`.
-    /// Clones share them.
+    /// Lets the CPU keep the transforms of a 3x3 convolution once it has needed them: for networks
+    /// that run often, and can spare four times what the numbers take in `f32`. Clones share them.
     pub fn keeping_transforms(self) -> Weight {
         Weight {
             transformed: Some(Arc::default()),
@@ -150,7 +149,8 @@ impl Weight {
         }
     }
 
-    /// The same numbers under another shape of the same size, without a copy.
+    /// These numbers under another shape of as many elements, without a copy. Panics if it has more
+    /// or fewer.
     pub fn reshape(&self, shape: &[usize]) -> Weight {
         let [old, new] = [&self.shape, shape].map(|shape| shape.iter().product::<usize>());
         assert_eq!(old, new, "weight: {:?} does not fit {shape:?}", self.shape);
@@ -192,7 +192,7 @@ impl Weight {
     }
 
     /// The place for transformed kernels, for CPU kernels only.
-    pub(crate) fn transformed(&self) -> Option<&OnceLock<Buffer>> {
+    pub(crate) fn transformed(&self) -> Option<&OnceLock<HostBuffer>> {
         self.transformed.as_deref()
     }
 

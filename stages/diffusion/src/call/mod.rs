@@ -90,7 +90,7 @@ impl Call {
         )?))))
     }
 
-    /// One forward pass.
+    /// Runs the part on its inputs once. Called again it gives the same bits.
     pub fn forward(&self) -> Outputs {
         match &self.0 {
             Kind::Unet(call) => call.forward(),

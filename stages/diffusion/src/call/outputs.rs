@@ -7,16 +7,16 @@ use compute::Array;
 use formats::tensor_file::{self, WriteError};
 use formats::{TensorView, Values};
 
-/// One result.
+/// One tensor that a part gives.
 #[derive(Clone, Debug)]
 pub enum Output {
-    /// `f32`.
+    /// Numbers in `f32`, on the device that computed them.
     Real(Array),
     /// `i64`, with a shape.
     Whole(Vec<usize>, Vec<i64>),
 }
 
-/// Results by name.
+/// Tensors by the names of diffusers' results.
 pub type Outputs = BTreeMap<String, Output>;
 
 impl Output {

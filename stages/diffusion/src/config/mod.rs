@@ -23,9 +23,9 @@ pub use vae::VaeConfig;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 pub enum PerBlock<T> {
-    /// For all blocks.
+    /// One value that holds for all blocks.
     Same(T),
-    /// One for each block.
+    /// One value for each block, from the first down block on.
     Each(Vec<T>),
 }
 

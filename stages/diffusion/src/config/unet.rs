@@ -19,7 +19,8 @@ pub enum UnetBlock {
     CrossAttention,
 }
 
-/// `UNet2DConditionModel`.
+/// The options of `UNet2DConditionModel` that the supported models use, by their names in
+/// `unet/config.json`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[allow(missing_docs)]

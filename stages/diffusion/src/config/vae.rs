@@ -8,7 +8,8 @@ use super::check::{check_divisors, check_lengths, check_sizes};
 use super::parse;
 use crate::error::ModelError;
 
-/// `AutoencoderKL`.
+/// The options of `AutoencoderKL` that the supported models use, by their names in
+/// `vae/config.json`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[allow(missing_docs)]

@@ -84,7 +84,7 @@ pub fn classifier_free(scale: f64, velocities: impl FnOnce(&[Prompt]) -> Vec<Arr
 }
 
 impl Guidance {
-    /// The rule itself.
+    /// The rule behind the options: what all rules have in common.
     pub fn rule(&self) -> &dyn Rule {
         match self {
             Self::Rsd(rule) => rule,

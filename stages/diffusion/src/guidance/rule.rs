@@ -36,7 +36,7 @@ pub struct LoraTraining {
     pub warm_up: u32,
     /// Step size of its optimiser.
     pub rate: f64,
-    /// Its rank.
+    /// Its rank, r in alpha / r.
     pub rank: u32,
     /// How often it learns without its camera.
     pub camera_drop: f64,

@@ -19,7 +19,7 @@ impl Conv2d {
         Self::with(scope, inputs, outputs, 3, Conv::padded(1))
     }
 
-    /// 1x1.
+    /// 1x1 without padding: a linear layer over channels.
     pub fn pointwise(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self, ModelError> {
         Self::with(scope, inputs, outputs, 1, Conv::default())
     }

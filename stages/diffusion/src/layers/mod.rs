@@ -13,7 +13,7 @@ mod transformer;
 
 pub(crate) use conv::Conv2d;
 pub(crate) use linear::Linear;
-pub(crate) use norm::{GroupNorm, LayerNorm, Moments};
+pub(crate) use norm::{GroupMoments, GroupNorm, LayerNorm};
 pub(crate) use resample::{Downsample, Upsample};
 pub(crate) use resnet::{Resnet, ResnetShape, ResnetTape};
 pub(crate) use transformer::{Transformer, TransformerShape, TransformerTape};

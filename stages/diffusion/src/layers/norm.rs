@@ -50,7 +50,7 @@ impl GroupNorm {
     }
 
     /// What it would normalise `x [1, C, ..]` by.
-    pub fn moments(&self, x: &Array) -> Moments {
+    pub fn moments(&self, x: &Array) -> GroupMoments {
         // With one sample, a group's channels lie side by side in memory, so that it is one row.
         let rows = x.reshape(&[self.groups, x.len() / self.groups]);
         let group = |i| {
@@ -63,12 +63,12 @@ impl GroupNorm {
                 mean_square(&sub(&row, &row.device().full(row.shape(), mean))).into(),
             ]
         };
-        Moments((0..self.groups).map(group).collect())
+        GroupMoments((0..self.groups).map(group).collect())
     }
 
     /// [`GroupNorm::forward`] of `x [1, C, ..]` by other means and variances than its own: those
     /// only change the scale and the shift of what its own give.
-    pub fn forward_by(&self, x: &Array, moments: &Moments) -> Array {
+    pub fn forward_by(&self, x: &Array, moments: &GroupMoments) -> Array {
         // The operator normalises by the input's own moments and no others: the difference goes
         // into gamma and beta.
         let own = self.moments(x);
@@ -112,9 +112,9 @@ impl GroupNorm {
 
 /// Mean and variance of each group.
 #[derive(Clone, Debug)]
-pub(crate) struct Moments(Vec<[f64; 2]>);
+pub(crate) struct GroupMoments(Vec<[f64; 2]>);
 
-impl Moments {
+impl GroupMoments {
     /// Those of equal parts together.
     pub fn pool(parts: &[Self]) -> Self {
         let count = parts.len() as f64;

@@ -22,7 +22,7 @@ pub(crate) struct ResnetShape {
     pub eps: f32,
 }
 
-/// A residual block.
+/// A residual block: two normalised 3x3 convolutions, with the time embedding added between them.
 pub(crate) struct Resnet {
     norm1: GroupNorm,
     conv1: Conv2d,
@@ -45,7 +45,7 @@ pub(crate) struct ResnetGradients {
 }
 
 impl ResnetTape {
-    /// The input.
+    /// The input `[N, C, H, W]`, from which the tape can be computed once more.
     pub fn input(&self) -> &Array {
         &self.x
     }
@@ -91,7 +91,7 @@ impl Resnet {
         self.forward_by(x, time, |norm, x| norm.forward(x))
     }
 
-    /// The same with normalisations that the caller computes.
+    /// [`Resnet::forward`] with normalisations that the caller computes.
     pub fn forward_by(
         &self,
         x: &Array,

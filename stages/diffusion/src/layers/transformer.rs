@@ -60,7 +60,7 @@ struct BlockTape {
 }
 
 impl TransformerTape {
-    /// The input.
+    /// The input `[N, C, H, W]`, from which the tape can be computed once more.
     pub fn input(&self) -> &Array {
         &self.x
     }

@@ -28,7 +28,7 @@ pub struct Query<'a> {
 /// A latent upscaler, and the LoRA of it that variational score distillation trains. Velocities are
 /// `[N, C, h, w]`.
 pub trait Denoiser {
-    /// Where it computes.
+    /// The device that it computes on, where the latents have to lie.
     fn device(&self) -> &Device;
 
     /// The noise schedule of the latents.

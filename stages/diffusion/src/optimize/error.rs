@@ -8,13 +8,13 @@ pub enum OptimizeError {
     /// An option that makes no sense.
     #[error(transparent)]
     Option(#[from] InvalidOption),
-    /// Nothing to optimise.
+    /// There is no view to optimise.
     #[error("there are no views")]
     NoViews,
     /// A view that does not fit the others or itself.
     #[error("view `{name}` {problem}")]
     View {
-        /// The view's name.
+        /// The name of the view that does not fit.
         name: String,
         /// What is wrong with it.
         problem: String,

@@ -11,11 +11,11 @@ use super::options::lora_adam;
 /// A LoRA in training.
 #[derive(Clone, Debug)]
 pub struct LoraState {
-    /// The parameters.
+    /// The tensors that are trained.
     pub parameters: LoraParameters,
-    /// Each parameter's moments.
+    /// Adam's moments by the name of the parameter.
     pub moments: BTreeMap<String, AdamState>,
-    /// Steps taken.
+    /// Steps taken, those of the warm-up included. A step whose gradient overflowed does not count.
     pub steps: u64,
 }
 

@@ -63,7 +63,8 @@ impl<'a> Optimization<'a> {
         })
     }
 
-    /// The same optimisation from where `state` left it.
+    /// This optimisation from where `state` left it. Fails if the state is of other views or
+    /// options.
     pub fn resume(mut self, state: State) -> Result<Self, OptimizeError> {
         // Plain descent keeps no moments: their length tells the optimisers apart.
         let like = |a: &Residual, b: &Residual| a.shape == b.shape && a.mean.len() == b.mean.len();

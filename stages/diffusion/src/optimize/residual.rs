@@ -12,7 +12,7 @@ use super::window::Window;
 /// optimiser's state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Residual {
-    /// Channels, height, width.
+    /// Channels, height and width in latent pixels.
     pub shape: [usize; 3],
     /// The residual latent, zero at first.
     pub values: Vec<f32>,

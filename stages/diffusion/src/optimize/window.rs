@@ -5,13 +5,13 @@ use compute::{Array, shape};
 /// A rectangle of latent pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
-    /// First row.
+    /// Row of its first pixel, from 0.
     pub top: usize,
-    /// First column.
+    /// Column of its first pixel, from 0.
     pub left: usize,
-    /// Rows.
+    /// How many rows it has.
     pub height: usize,
-    /// Columns.
+    /// How many columns it has.
     pub width: usize,
 }
 

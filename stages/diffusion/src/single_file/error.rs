@@ -5,13 +5,13 @@ use crate::network::Network;
 /// Why a file is not the x4 upscaler in one file, or not all of it.
 #[derive(Debug, thiserror::Error)]
 pub enum SingleFileError {
-    /// A pickle.
+    /// A `.ckpt`, which is a pickle and never opened.
     #[error(
         "{file}: is a pickle, which can run any code when it is read; x4-upscaler-ema.safetensors lies beside it where it came from. \
          Where you trust it, convert it:\n{CONVERT}"
     )]
     Pickle {
-        /// The file.
+        /// The pickle, as it was named.
         file: String,
     },
     /// Another model, or a model in another layout.
@@ -19,11 +19,11 @@ pub enum SingleFileError {
         "{file}: is {model}: {why}; expected the Stable Diffusion x4 upscaler, x4-upscaler-ema.safetensors"
     )]
     OtherModel {
-        /// The file.
+        /// The file, as it was named.
         file: String,
         /// What it seems to be.
         model: &'static str,
-        /// What tells.
+        /// The tensor or the shape by which it is told.
         why: String,
     },
     /// A tensor that is not there.
@@ -31,7 +31,7 @@ pub enum SingleFileError {
         "{file}: tensor `{stored}` is missing, which is {place} of diffusers; get the file anew, whole"
     )]
     Missing {
-        /// The file.
+        /// The file that lacks it.
         file: String,
         /// The tensor's name in the file.
         stored: String,
@@ -41,7 +41,7 @@ pub enum SingleFileError {
     /// A tensor of a shape that does not go with those of the others.
     #[error("{file}: tensor `{stored}` {problem}")]
     Shape {
-        /// The file.
+        /// The file that holds it.
         file: String,
         /// The tensor's name in the file.
         stored: String,
@@ -56,7 +56,7 @@ pub enum SingleFileError {
     NoVocabulary {
         /// The file that was looked for.
         missing: String,
-        /// The model's file.
+        /// The model's file, beside which it should be.
         file: String,
     },
 }

@@ -104,7 +104,7 @@ impl SingleFile {
         Ok(Weights::single(self.tensors, names, device))
     }
 
-    /// The file itself.
+    /// The mapped file that the tensors lie in.
     pub fn file(&self) -> &FileBytes {
         self.tensors.file()
     }

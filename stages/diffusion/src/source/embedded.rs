@@ -6,7 +6,7 @@ macro_rules! embedded {
     };
 }
 
-/// Names and contents.
+/// The files of tiny-x4: names below the model's folder, and contents.
 pub(super) const EMBEDDED: &[(&str, &[u8])] = embedded![
     "low_res_scheduler/scheduler_config.json",
     "model_index.json",

@@ -36,7 +36,7 @@ pub(super) enum LayerTape {
 
 /// Where the walk stands: the image (or, backwards, its gradient) and the open skip connections.
 #[derive(Clone)]
-pub(super) struct Walk {
+pub(super) struct WalkState {
     pub x: Array,
     pub skips: Vec<Array>,
 }
@@ -94,7 +94,7 @@ impl Layer {
         }
     }
 
-    pub fn forward(&self, walk: &mut Walk, pass: &Pass) -> LayerTape {
+    pub fn forward(&self, walk: &mut WalkState, pass: &Pass) -> LayerTape {
         let x = &walk.x;
         let size = [x.shape()[2], x.shape()[3]];
         let (y, tape) = match self {
@@ -139,7 +139,7 @@ impl Layer {
     pub fn backward(
         &self,
         tape: LayerTape,
-        walk: &mut Walk,
+        walk: &mut WalkState,
         pass: &Pass,
         gathered: &mut Gathered,
         input: bool,
@@ -150,7 +150,7 @@ impl Layer {
             // do.
             (_, LayerTape::Again(x)) => {
                 let tape = self.forward(
-                    &mut Walk {
+                    &mut WalkState {
                         x,
                         skips: Vec::new(),
                     },

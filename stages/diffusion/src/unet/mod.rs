@@ -23,14 +23,14 @@ use crate::lora::{AdapterSite, LoraGradients, LoraNetwork};
 use crate::network::Network;
 use crate::source::ModelSource;
 use crate::weights::Weights;
-use layer::{Gathered, Layer, Pass, Walk};
+use layer::{Gathered, Layer, Pass, WalkState};
 use tape::Kept;
 use time::TimeEmbedding;
 
 pub use tape::Tape;
 pub use text::TextContext;
 
-/// The denoising network.
+/// The UNet of a latent upscaler, which predicts noise or velocities of noised latents.
 pub struct Unet {
     config: UnetConfig,
     device: Device,
@@ -47,7 +47,7 @@ pub struct Unet {
 pub struct Input<'a> {
     /// The samples `[N, C, h, w]`, any h and w.
     pub sample: &'a Array,
-    /// One timestep each.
+    /// The timestep of each sample, as many as there are samples.
     pub timesteps: &'a [u32],
     /// One class each, if the network knows classes (the x4 upscaler's noise levels).
     pub class_labels: &'a [u32],
@@ -97,7 +97,7 @@ impl Unet {
         Ok(unet)
     }
 
-    /// The network's configuration.
+    /// What its `config.json` says.
     pub fn config(&self) -> &UnetConfig {
         &self.config
     }
@@ -177,8 +177,8 @@ impl Unet {
         )
     }
 
-    fn enter(&self, input: &Input) -> Walk {
-        Walk {
+    fn enter(&self, input: &Input) -> WalkState {
+        WalkState {
             x: self.conv_in.forward(input.sample),
             skips: Vec::new(),
         }
@@ -201,7 +201,7 @@ impl Unet {
         sample: bool,
     ) -> LoraGradients {
         let pass = Pass::new(&tape.embedding, text, input);
-        let mut walk = Walk {
+        let mut walk = WalkState {
             x: self.backward_head(&tape, dy),
             skips: Vec::new(),
         };

@@ -6,7 +6,7 @@ use compute::elementwise::add;
 use compute::norm::Activation;
 use compute::shape::{nchw_to_tokens, tokens_to_nchw};
 
-use super::statistics::{Statistics, Walk};
+use super::statistics::{Statistics, TileWalk};
 use crate::config::VaeConfig;
 use crate::error::ModelError;
 use crate::layers::{Conv2d, Downsample, GroupNorm, Linear, Resnet, ResnetShape, Upsample};
@@ -110,7 +110,7 @@ impl Coder {
 }
 
 impl Layer {
-    fn forward(&self, x: &Array, walk: &mut Walk) -> Array {
+    fn forward(&self, x: &Array, walk: &mut TileWalk) -> Array {
         match self {
             Self::Resnet(resnet) => {
                 resnet
@@ -144,7 +144,7 @@ impl Attention {
         })
     }
 
-    fn forward(&self, x: &Array, walk: &mut Walk) -> Array {
+    fn forward(&self, x: &Array, walk: &mut TileWalk) -> Array {
         let tokens = nchw_to_tokens(&walk.normalise(&self.norm, x));
         let [q, k, v] = [&self.query, &self.key, &self.value].map(|layer| layer.forward(&tokens));
         // Not causal, and one head as wide as the image.

@@ -23,7 +23,7 @@ use tiles::Tiling;
 /// The smallest tile, in latent pixels.
 const MIN_TILE: usize = 8;
 
-/// The autoencoder.
+/// A variational autoencoder between images and latents.
 pub struct Vae {
     config: VaeConfig,
     encoder: Coder,
@@ -36,7 +36,7 @@ pub struct Vae {
 /// element `[N, C, h, w]`, unscaled.
 #[derive(Clone, Debug)]
 pub struct Posterior {
-    /// Means.
+    /// The means of the latents.
     pub mean: Array,
     /// Logarithms of variances, within [-30, 20] as diffusers bounds them.
     pub logvar: Array,
@@ -74,7 +74,7 @@ impl Vae {
         Ok(vae)
     }
 
-    /// The autoencoder's configuration.
+    /// What its `config.json` says.
     pub fn config(&self) -> &VaeConfig {
         &self.config
     }

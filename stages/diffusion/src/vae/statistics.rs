@@ -7,20 +7,21 @@
 
 use compute::Array;
 
-use crate::layers::{GroupNorm, Moments};
+use crate::layers::{GroupMoments, GroupNorm};
 
 /// How normalisations find mean and variance.
 pub(super) enum Statistics {
     /// Each over what it is given.
     Own,
-    /// The same, and what they found is kept: for each normalisation, one entry per tile.
-    Gather(Vec<Vec<Moments>>),
+    /// Each over what it is given. What it found is kept: for each normalisation, one entry per
+    /// tile.
+    Gather(Vec<Vec<GroupMoments>>),
     /// Those of all tiles together, for each normalisation.
-    Pooled(Vec<Moments>),
+    Pooled(Vec<GroupMoments>),
 }
 
 /// One walk through a network.
-pub(super) struct Walk<'a> {
+pub(super) struct TileWalk<'a> {
     statistics: &'a mut Statistics,
     /// How many normalisations came before.
     met: usize,
@@ -28,8 +29,8 @@ pub(super) struct Walk<'a> {
 
 impl Statistics {
     /// A walk that uses these statistics, or adds to them.
-    pub fn walk(&mut self) -> Walk<'_> {
-        Walk {
+    pub fn walk(&mut self) -> TileWalk<'_> {
+        TileWalk {
             statistics: self,
             met: 0,
         }
@@ -38,15 +39,18 @@ impl Statistics {
     /// What was gathered, pooled over tiles.
     pub fn pooled(self) -> Self {
         match self {
-            Self::Gather(layers) => {
-                Self::Pooled(layers.iter().map(|tiles| Moments::pool(tiles)).collect())
-            }
+            Self::Gather(layers) => Self::Pooled(
+                layers
+                    .iter()
+                    .map(|tiles| GroupMoments::pool(tiles))
+                    .collect(),
+            ),
             other => other,
         }
     }
 }
 
-impl Walk<'_> {
+impl TileWalk<'_> {
     /// The next normalisation of `x [1, C, H, W]`.
     pub fn normalise(&mut self, norm: &GroupNorm, x: &Array) -> Array {
         let met = self.met;

@@ -12,9 +12,9 @@ pub enum CameraError {
     /// A size that no image has.
     #[error("is {width}x{height}; expected 1 to {LARGEST_EXTENT} pixels each way")]
     Size {
-        /// In pixels.
+        /// Pixels in a row.
         width: u32,
-        /// In pixels.
+        /// Rows of pixels.
         height: u32,
     },
     /// A number that JSON cannot hold.

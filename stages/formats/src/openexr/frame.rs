@@ -28,9 +28,9 @@ const NORMALS: &str = "N";
 /// What a frame holds.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'f> {
-    /// What saw it.
+    /// The camera that it was seen with, which goes into the header.
     pub camera: &'f Camera,
-    /// Colours and coverage.
+    /// Colours, scene-linear and premultiplied, and coverage.
     pub pixels: &'f Pixels<Linear>,
     /// Height x width, depth along the viewing axis in scene units.
     pub depth: Option<&'f [f32]>,
@@ -60,7 +60,7 @@ pub struct FrameOptions {
 /// How pixels are packed. DWAA and DWAB lose a little, all others nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
-    /// Not at all.
+    /// Numbers as they are.
     None,
     /// Runs of equal bytes.
     Rle,

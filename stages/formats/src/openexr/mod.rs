@@ -30,7 +30,7 @@ const MASK: &str = "mask";
 /// What lies in a file beside the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channels {
-    /// Colours and coverage.
+    /// Colours, scene-linear and premultiplied, and coverage.
     pub pixels: Pixels<Linear>,
     /// Height x width, depth along the viewing axis in scene units.
     pub depth: Option<Vec<f32>>,

@@ -32,7 +32,7 @@ pub fn text(shot: &Shot) -> String {
     format!("{page:#}\n")
 }
 
-/// The same in one binary file.
+/// One binary file: the JSON, and its numbers behind it.
 pub fn binary(shot: &Shot) -> Vec<u8> {
     let (page, numbers) = page(shot);
     let mut bytes = Vec::new();

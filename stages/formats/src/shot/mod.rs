@@ -15,16 +15,16 @@ use crate::Camera;
 /// Which way is up in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Up {
-    /// +y.
+    /// +y is up.
     Y,
-    /// +z.
+    /// +z is up.
     Z,
 }
 
 /// A format of cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// OpenUSD's text.
+    /// OpenUSD as text.
     Usda,
     /// glTF 2.0 as JSON, its numbers within it.
     Gltf,
@@ -51,7 +51,7 @@ pub struct Shot {
     pub cameras: Vec<(String, Camera)>,
     /// One camera that moves from frame to frame; else one for each view.
     pub moves: bool,
-    /// Frames a second.
+    /// How many frames a second the animation has.
     pub rate: Rate,
     /// The number of the first frame.
     pub first: u32,
@@ -60,7 +60,7 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// The file.
+    /// The bytes of the whole file. Equal shots give equal bytes.
     pub fn to_bytes(&self, format: Format) -> Vec<u8> {
         match format {
             Format::Usda => usd::text(self).into_bytes(),

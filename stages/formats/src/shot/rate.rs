@@ -12,7 +12,7 @@ const PARTS: u32 = 1000;
 /// The fastest that is taken.
 const FASTEST: f64 = 1000.0;
 
-/// Frames a second.
+/// Frames a second as a fraction of whole numbers, since NTSC's rates are no decimals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate {
     frames: u32,
@@ -30,7 +30,7 @@ impl Rate {
         Self { frames, seconds: 1 }
     }
 
-    /// As a number.
+    /// Frames a second as one number, which 24000/1001 is only nearly.
     pub fn per_second(self) -> f64 {
         f64::from(self.frames) / f64::from(self.seconds)
     }

@@ -8,7 +8,7 @@ pub enum TensorError {
     /// A header that is none, or does not fit the file.
     #[error("{file}: is not a sound safetensors file: {source}")]
     Header {
-        /// The file.
+        /// The path of the file.
         file: String,
         /// What its reader said.
         source: SafeTensorError,
@@ -16,7 +16,7 @@ pub enum TensorError {
     /// A tensor that is missing, of another shape or of another type than is asked for.
     #[error("{file}: tensor `{tensor}` {problem}")]
     Tensor {
-        /// The file.
+        /// The path of the file.
         file: String,
         /// The tensor's name in the file.
         tensor: String,

@@ -15,7 +15,7 @@ const METADATA: &str = "__metadata__";
 #[derive(Debug, thiserror::Error)]
 #[error("tensor {tensor:?}: {problem}")]
 pub struct WriteError {
-    /// The tensor's name.
+    /// The name of the tensor that is refused.
     pub tensor: String,
     /// What is wrong with it.
     pub problem: String,

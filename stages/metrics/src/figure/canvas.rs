@@ -8,7 +8,7 @@ const TEXT_SCALE: usize = 3;
 /// The height of a line of text.
 pub(super) const TEXT_HEIGHT: usize = font::GLYPH_ROWS * TEXT_SCALE;
 
-/// An sRGB colour.
+/// Red, green and blue, sRGB-encoded.
 pub(super) type Colour = [u8; 3];
 
 /// Column, row, width and height, in pixels.

@@ -21,13 +21,13 @@ const TO_XYZ: [[f64; 3]; 3] = [
         70_074_185.0 / 73_733_382.0,
     ],
 ];
-/// The other way.
+/// From XYZ to linear sRGB: the inverse of [`TO_XYZ`].
 const FROM_XYZ: [[f64; 3]; 3] = [
     [3.241_003_275, -1.537_398_934, -0.498_615_861],
     [-0.969_224_334, 1.875_930_071, 0.041_554_224],
     [0.055_639_423, -0.204_011_202, 1.057_148_933],
 ];
-/// XYZ of white.
+/// XYZ of white, D65 at luminance 1.
 const WHITE: [f64; 3] = [0.950_428_545, 1.0, 1.088_900_371];
 
 /// YCxCz: luminance, red to green, yellow to blue; linear in light.
@@ -39,7 +39,7 @@ pub struct Opponent(pub [f64; 3]);
 pub struct Lab([f64; 3]);
 
 impl Opponent {
-    /// A colour's own.
+    /// From an sRGB-encoded colour, 0 to 1.
     pub fn of_srgb(rgb: [f32; 3]) -> Self {
         Self::of_linear(rgb.map(|value| to_linear(f64::from(value))))
     }
@@ -49,7 +49,7 @@ impl Opponent {
         Self([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
     }
 
-    /// The same colour, brought into the range of the screen.
+    /// This colour brought into the range of the screen, in CIELAB.
     pub fn lab(self) -> Lab {
         let [luminance, red, yellow] = self.0;
         let y = (luminance + 16.0) / 116.0;

@@ -13,7 +13,7 @@ pub enum Step {
         stride: usize,
         pad: usize,
     },
-    /// max(x, 0).
+    /// max(x, 0), element by element.
     Relu,
     /// The largest of a window of this side, so far apart; `up` says whether the last one may hang
     /// over the edge.
@@ -40,9 +40,9 @@ impl Step {
     }
 }
 
-/// A known network.
+/// An architecture that LPIPS is computed with.
 pub struct Network {
-    /// Of the column.
+    /// The name of its column in tables.
     pub name: &'static str,
     /// A tensor that no other network has.
     pub sign: &'static str,
@@ -97,7 +97,7 @@ fn alex(first: Vec<Step>, halving: &[Step]) -> Vec<Vec<Step>> {
     ]
 }
 
-/// VGG-16.
+/// The slices of torchvision's VGG-16.
 fn vgg(halving: &[Step]) -> Vec<Vec<Step>> {
     let convs = |outputs, count| [conv(outputs, 3, 1, 1), Relu].repeat(count);
     vec![
@@ -109,7 +109,7 @@ fn vgg(halving: &[Step]) -> Vec<Vec<Step>> {
     ]
 }
 
-/// SqueezeNet 1.1.
+/// The slices of torchvision's SqueezeNet 1.1.
 fn squeeze() -> Vec<Vec<Step>> {
     // Torchvision pools with `ceil_mode` in SqueezeNet, and without it in the other trunks.
     let halving = Step::Largest {

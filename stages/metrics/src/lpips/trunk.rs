@@ -13,7 +13,7 @@ use super::pool::{blurred, largest};
 /// The weights of a trunk, step by step.
 pub struct Trunk {
     slices: Vec<Vec<Layer>>,
-    /// After each slice.
+    /// Channels behind each slice.
     pub channels: Vec<usize>,
 }
 

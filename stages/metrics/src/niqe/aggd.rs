@@ -108,7 +108,7 @@ impl Sum {
         self.count += 1;
     }
 
-    /// NaN over nothing.
+    /// The mean of what was added; NaN if nothing was.
     fn mean(&self) -> f64 {
         self.total / self.count as f64
     }

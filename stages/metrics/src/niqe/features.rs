@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// The side of a block at full size; half of it at half size.
 pub(super) const BLOCK: usize = 96;
-/// Features per scale.
+/// Features of a block at each of the two scales.
 const PER_SCALE: usize = FEATURES / 2;
 /// Neighbours that coefficients are multiplied with: right, below, and both diagonals, as (rows,
 /// columns) to roll by.

@@ -29,7 +29,7 @@ pub struct Task {
     pub space: Space,
     /// The shape of the field.
     pub config: FieldConfig,
-    /// How to train.
+    /// Options of this project's trainer; the reference takes over those that it has.
     pub options: TrainOptions,
     /// Steps after which the held-out views are looked at.
     pub marks: Vec<u32>,

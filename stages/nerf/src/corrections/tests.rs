@@ -1,12 +1,14 @@
 //! The torques and forces on a camera against finite differences of what its rays see.
 
 use super::*;
-use crate::block::{Block, Rays, Regularizer, Seen, SeenGradient};
 use crate::config::FieldConfig;
 use crate::features::Features;
 use crate::march::Segment;
 use crate::poses::PoseOptions;
 use crate::space::{Space, SpaceKind};
+use crate::volume_rendering::{
+    RayBundle, RayOutput, RayOutputGradient, Regularizer, VolumeRenderer,
+};
 use compute::rng::Rng;
 use formats::{Camera, Pixels};
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -14,7 +16,7 @@ use half::f16;
 
 /// Rays through the field.
 const RAYS: u64 = 24;
-/// Places on each.
+/// Samples on each ray.
 const PLACES: u64 = 12;
 
 fn camera() -> Camera {
@@ -66,9 +68,9 @@ fn samples(field: &Field, camera: &Camera) -> Samples {
     samples
 }
 
-fn d_seen() -> Vec<SeenGradient> {
+fn d_outputs() -> Vec<RayOutputGradient> {
     let rng = Rng::new(13, "corrections test");
-    let gradient = |i: u64| SeenGradient {
+    let gradient = |i: u64| RayOutputGradient {
         rgb: [2, 3, 4].map(|c| rng.normal(c, i)),
         transmittance: rng.normal(5, i),
     };
@@ -81,31 +83,31 @@ fn loss(field: &Field, samples: &Samples) -> (f64, FieldGradient) {
     let places = (0..samples.t.len()).map(|i| samples.positions.at(i));
     field.look_up(places, &mut features);
     let rows: Vec<u32> = (0..samples.t.len() as u32).collect();
-    let d_seen = d_seen();
-    let rays = Rays {
+    let d_outputs = d_outputs();
+    let rays = RayBundle {
         samples,
         range: 0..RAYS as usize,
         features: &features,
         rows: &rows,
     };
-    let mut block = Block::default();
-    let linear = |(seen, d): (&Seen, &SeenGradient)| {
-        let colors: f64 = (0..3).map(|c| f64::from(seen.rgb[c] * d.rgb[c])).sum();
-        colors + f64::from(seen.transmittance * d.transmittance)
+    let mut renderer = VolumeRenderer::default();
+    let linear = |(output, d): (&RayOutput, &RayOutputGradient)| {
+        let colors: f64 = (0..3).map(|c| f64::from(output.rgb[c] * d.rgb[c])).sum();
+        colors + f64::from(output.transmittance * d.transmittance)
     };
-    let seen = block.forward(field, &rays);
-    let loss = seen.iter().zip(&d_seen).map(linear).sum();
+    let outputs = renderer.forward(field, &rays);
+    let loss = outputs.iter().zip(&d_outputs).map(linear).sum();
     let mut gradient = FieldGradient {
         directions: Some(vec![]),
         ..FieldGradient::default()
     };
     gradient.clear(field);
     let none = Regularizer::default();
-    block.backward(
+    renderer.backward(
         field,
         &field.network.transposed(),
         &rays,
-        &d_seen,
+        &d_outputs,
         none,
         &mut gradient,
     );

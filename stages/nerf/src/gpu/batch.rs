@@ -13,7 +13,7 @@ use std::ops::Range;
 const PIXEL: usize = 8;
 
 /// A batch on the device.
-pub struct Batch {
+pub struct GpuBatch {
     /// The rays of all pixels, one pixel's behind the other's.
     pub rays: Rays,
     /// Of each pixel: the colour that it should have, its view's weight, the background, and how
@@ -21,13 +21,13 @@ pub struct Batch {
     pub pixels: Buffer,
     /// Room for the loss and the squared error of each pixel.
     pub losses: Buffer,
-    /// How many pixels.
+    /// Pixels of the batch.
     pub count: usize,
     /// Rays that are traced together: those of whole pixels.
     pub passes: Vec<Range<usize>>,
 }
 
-impl Batch {
+impl GpuBatch {
     /// The next batch of a trainer.
     pub fn draw(trainer: &Trainer, resident: &Resident) -> Self {
         let gpu = &resident.gpu;

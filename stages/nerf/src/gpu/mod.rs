@@ -8,11 +8,11 @@
 mod batch;
 mod check;
 mod moments;
+mod occupancy_update;
 mod params;
 mod programs;
 mod render;
 mod resident;
-mod survey;
 mod trace;
 mod train;
 mod work;

@@ -9,8 +9,8 @@ use crate::adam::{CORRECTED, correction};
 use crate::train::Trainer;
 use compute::kernels::{Buffer, Gpu, Job, folded};
 
-/// Adam's state.
-pub struct Moments {
+/// Adam's moments and the values that steps are taken on, on the device.
+pub struct GpuMoments {
     /// First, then second moments of the networks' weights.
     network: Buffer,
     /// The table's values and their moments, of which a word holds an entry's two.
@@ -29,12 +29,12 @@ pub struct Gradients<'a> {
     pub parts: &'a Buffer,
     /// Those to the table.
     pub table: &'a Buffer,
-    /// The loss and the counts: where the loss is no number, no step is taken. The kernels look, so
+    /// The loss and the counts: where the loss is no number, no step is taken. The kernels read it, so
     /// that the host need not wait to know.
     pub stats: &'a Buffer,
 }
 
-impl Moments {
+impl GpuMoments {
     /// Those of a trainer on the CPU.
     pub fn new(gpu: &Gpu, host: &Trainer) -> Self {
         let table = &host.table_moments;

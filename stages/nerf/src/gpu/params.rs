@@ -103,7 +103,7 @@ params! {
 }
 
 params! {
-    /// All cells.
+    /// How many cells the grid has.
     pub struct Cells {
         cells: u32,
     }

@@ -8,7 +8,8 @@ use compute::kernels::Kernel;
 /// Quads of samples that a workgroup works on together.
 // 64 samples of 64 rows of 4 bytes are 16 KiB of a workgroup's memory.
 const QUADS: u32 = 16;
-/// The same where all activations of a sample stay in the workgroup.
+/// Quads of samples that a workgroup of the backward kernel takes, which holds all their
+/// activations.
 // 16 samples of 272 rows are 17 KiB; 32 would be more than the 25 KiB that are asked of adapters.
 const QUADS_BACKWARD: u32 = 4;
 /// Rows of features of the widest layer.
@@ -20,8 +21,8 @@ macro_rules! templates {
 
 /// All kernels for fields of one shape.
 pub struct Programs {
-    /// How many samples of each ray are seen.
-    pub look: Kernel<Pass>,
+    /// How many samples of each ray are visible.
+    pub ray_termination: Kernel<Pass>,
     /// Sums of counts before each.
     pub scan: Kernel<Span>,
     /// Sums of the members of each word before it.
@@ -30,7 +31,7 @@ pub struct Programs {
     pub gather: Kernel<Pass>,
     /// Raw densities and colours.
     pub shade: Kernel<Pass>,
-    /// What rays see.
+    /// Composites the samples of each ray, front to back.
     pub composite: Kernel<Pass>,
     /// Gradients to raw densities and colours.
     pub composite_backward: Kernel<Pass>,
@@ -44,8 +45,8 @@ pub struct Programs {
     pub adam_table: Kernel<TableStep>,
     /// Random members of a set of cells.
     pub pick: Kernel<Draw>,
-    /// Fresh optical depths of cells.
-    pub survey: Kernel<Update>,
+    /// Folds fresh optical depths of cells into the grid.
+    pub occupancy_update: Kernel<Update>,
     /// From where on a cell is occupied.
     pub threshold: Kernel<Cells>,
     /// The bits of occupied cells.
@@ -60,9 +61,9 @@ impl Programs {
         let scan = |name, body| Kernel::new(name, templates!["scan"], [1, 1]).having(count(body));
         let forward = [&shape[..], &[("QUADS", QUADS), ("ROWS", WIDEST)]].concat();
         Self {
-            look: Kernel::new(
-                "look",
-                templates!["exponential", "rays", "march", "field", "look"],
+            ray_termination: Kernel::new(
+                "ray_termination",
+                templates!["exponential", "rays", "march", "field", "ray_termination"],
                 [5, 1],
             )
             .with(&forward),
@@ -92,9 +93,15 @@ impl Programs {
                 .with(&shape),
             adam_table: Kernel::new("adam_table", templates!["adam", "adam_table"], [2, 6]),
             pick: Kernel::new("pick", templates!["random", "cells", "pick"], [2, 1]),
-            survey: Kernel::new(
-                "survey",
-                templates!["exponential", "random", "cells", "field", "survey"],
+            occupancy_update: Kernel::new(
+                "occupancy_update",
+                templates![
+                    "exponential",
+                    "random",
+                    "cells",
+                    "field",
+                    "occupancy_update"
+                ],
                 [5, 1],
             )
             .with(&forward),

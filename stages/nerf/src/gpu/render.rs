@@ -2,10 +2,10 @@
 
 use super::resident::Resident;
 use super::trace::{RAY, Rays, ray};
-use crate::block::Seen;
 use crate::field::Field;
 use crate::march::Segment;
-use crate::render::{Pixel, RenderOptions, Rendered, averages, image, segments};
+use crate::render::{RenderOptions, Rendered, RenderedPixel, averages, image, segments};
+use crate::volume_rendering::RayOutput;
 use compute::Device;
 use formats::Camera;
 use rayon::prelude::*;
@@ -37,7 +37,8 @@ impl<'f> Renderer<'f> {
         rendered
     }
 
-    /// The same, unless `may_go_on`, which is asked now and then, says why not.
+    /// Renders what a camera sees, unless `may_go_on`, which is called now and then, returns an
+    /// error, which is passed on.
     pub fn try_render<E: Send>(
         &self,
         camera: &Camera,
@@ -49,21 +50,21 @@ impl<'f> Renderer<'f> {
         };
         let all = camera.width as usize * camera.height as usize;
         let round = (ROUND / options.rays_per_pixel()).max(1);
-        let mut pixels: Vec<Pixel> = Vec::with_capacity(all);
+        let mut pixels: Vec<RenderedPixel> = Vec::with_capacity(all);
         let mut samples: usize = 0;
         for first in (0..all).step_by(round) {
             may_go_on()?;
             let segments = segments(self.field, camera, options, first..all.min(first + round));
-            let (seen, count) = see(resident, &segments);
-            pixels.extend(averages(&seen, &segments, camera, options));
+            let (outputs, count) = trace(resident, &segments);
+            pixels.extend(averages(&outputs, &segments, camera, options));
             samples += count;
         }
         Ok(image(camera, pixels.iter(), samples))
     }
 }
 
-/// What rays see, and how many samples passed through both networks.
-fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
+/// The outputs of rays, and how many samples passed through both networks.
+fn trace(resident: &Resident, segments: &[Segment]) -> (Vec<RayOutput>, usize) {
     let numbers: Vec<[f32; RAY]> = segments
         .par_iter()
         // Without jitter, so that an image is the same each time.
@@ -75,17 +76,17 @@ fn see(resident: &Resident, segments: &[Segment]) -> (Vec<Seen>, usize) {
     for first in (0..rays.count).step_by(at_once) {
         resident.trace(&rays, first..rays.count.min(first + at_once));
     }
-    let views = gpu.read(&rays.views, 8 * rays.count);
+    let outputs = gpu.read(&rays.outputs, 8 * rays.count);
     let counts = gpu.read(&rays.seen, rays.count);
-    let seen = views.as_chunks().0.iter().map(seen_by).collect();
+    let outputs = outputs.as_chunks().0.iter().map(ray_output).collect();
     (
-        seen,
+        outputs,
         counts.iter().map(|count| count.to_bits() as usize).sum(),
     )
 }
 
-fn seen_by(&[r, g, b, transmittance, distance, ..]: &[f32; 8]) -> Seen {
-    Seen {
+fn ray_output(&[r, g, b, transmittance, distance, ..]: &[f32; 8]) -> RayOutput {
+    RayOutput {
         rgb: [r, g, b],
         transmittance,
         distance,

@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 /// A field in the memory of a GPU.
 pub struct Resident {
-    /// The device.
+    /// The device that holds all that follows.
     pub gpu: Arc<Gpu>,
     /// Kernels for fields of this shape.
     pub programs: Programs,
@@ -117,7 +117,7 @@ fn pairs(table: &[Entry]) -> Vec<u32> {
         .collect()
 }
 
-/// The other way.
+/// Hash entries from what the kernels read, as they are read back.
 pub fn entries(pairs: impl Iterator<Item = u32>) -> Vec<Entry> {
     pairs
         .map(|pair| [pair as u16, (pair >> 16) as u16].map(f16::from_bits))

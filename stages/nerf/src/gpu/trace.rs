@@ -1,5 +1,5 @@
-//! Rays through a field on a GPU: which samples are seen, what they look like and what the rays
-//! see. Knows nothing of pixels or losses.
+//! Rays through a field on a GPU: which samples are visible, their densities and colours, and the
+//! composited rays. Knows nothing of pixels or losses.
 
 use super::params::{Pass, Span};
 use super::resident::Resident;
@@ -11,7 +11,7 @@ use std::ops::Range;
 const ROOM: usize = 1 << 20;
 /// Rays that are traced at once at most.
 const MOST_RAYS: usize = 1 << 18;
-/// Rays of one workgroup that looks along them.
+/// Rays that one workgroup of the ray termination kernel follows.
 const RAYS_PER_GROUP: usize = 16;
 /// Workgroups that take turns at the samples: enough for the largest GPUs, and the same for all.
 pub const TURNS: u32 = 512;
@@ -21,17 +21,17 @@ pub const RAY: usize = 16;
 
 /// Rays on the device.
 pub struct Rays {
-    /// How many.
+    /// Number of rays.
     pub count: usize,
     /// Sixteen numbers each: origin and start; direction and end; jitter, pixel and number within
     /// the pixel; direction in the world.
     pub buffer: Buffer,
-    /// Samples of each that are seen.
+    /// Visible samples of each.
     pub seen: Buffer,
-    /// Samples of each that a CPU would have looked at.
-    pub looked: Buffer,
-    /// What each sees: colour and transmittance; then distance.
-    pub views: Buffer,
+    /// Samples of each whose density a CPU would have computed.
+    pub queried: Buffer,
+    /// Eight numbers each: colour and transmittance; then distance and padding.
+    pub outputs: Buffer,
 }
 
 /// Part of the rays, traced: samples and what was found there.
@@ -101,8 +101,8 @@ impl Rays {
             count,
             buffer,
             seen: gpu.buffer(count),
-            looked: gpu.buffer(count),
-            views: gpu.buffer(8 * count),
+            queried: gpu.buffer(count),
+            outputs: gpu.buffer(8 * count),
         }
     }
 }
@@ -123,11 +123,11 @@ impl Resident {
         let pass = self.pass(which.start, count);
         let field = [&self.levels, &self.table, &self.weights];
         let [levels, table, weights] = field;
-        let look = [&rays.buffer, &self.bits, levels, table, weights, &rays.seen];
+        let termination = [&rays.buffer, &self.bits, levels, table, weights, &rays.seen];
         start(
             gpu,
-            &programs.look,
-            &look,
+            &programs.ray_termination,
+            &termination,
             pass,
             count.div_ceil(RAYS_PER_GROUP) as u32,
         );
@@ -154,7 +154,7 @@ impl Resident {
             &rays.seen,
             &before,
             &samples,
-            &rays.looked,
+            &rays.queried,
         ];
         start(gpu, &programs.gather, &gather, pass, by_256(count));
         start(
@@ -167,7 +167,7 @@ impl Resident {
         start(
             gpu,
             &programs.composite,
-            &[&before, &raw, &samples, &rays.views],
+            &[&before, &raw, &samples, &rays.outputs],
             pass,
             by_256(count),
         );

@@ -2,11 +2,11 @@
 //! Knows the CPU's trainer, whose numbers it takes over and gives back, so that states and fields
 //! are the same format.
 
-use super::batch::Batch;
-use super::moments::{Gradients, Moments};
+use super::batch::GpuBatch;
+use super::moments::{GpuMoments, Gradients};
+use super::occupancy_update::GpuOccupancyUpdate;
 use super::params::{Outcome, Pass};
 use super::resident::{Resident, entries};
-use super::survey::GpuSurvey;
 use super::trace::{Rays, Traced, by_256, start};
 use super::work::{self, Extent, PARTS, Work};
 use crate::field::Field;
@@ -23,8 +23,8 @@ pub struct GpuTrainer {
     pub(crate) host: Trainer,
     gpu: Arc<Gpu>,
     resident: Resident,
-    survey: GpuSurvey,
-    moments: Moments,
+    occupancy_update: GpuOccupancyUpdate,
+    moments: GpuMoments,
     /// Gradient to the table, two numbers of two words per entry.
     d_table: Buffer,
     /// What the last step gave the kernels to do.
@@ -36,8 +36,8 @@ impl GpuTrainer {
     pub fn new(gpu: &Arc<Gpu>, host: Trainer) -> Self {
         let resident = Resident::new(gpu, &host.field);
         Self {
-            survey: GpuSurvey::new(&resident, &host.field),
-            moments: Moments::new(gpu, &host),
+            occupancy_update: GpuOccupancyUpdate::new(&resident, &host.field),
+            moments: GpuMoments::new(gpu, &host),
             d_table: zeros(gpu, 4 * host.field.table.len()),
             gpu: gpu.clone(),
             work: Vec::new(),
@@ -62,7 +62,7 @@ impl GpuTrainer {
         self.host.state()
     }
 
-    /// Ends training.
+    /// Ends training, and brings the field back to the host.
     pub fn into_field(mut self) -> Field {
         self.fetch();
         self.host.into_field()
@@ -70,7 +70,7 @@ impl GpuTrainer {
 
     /// One training step. Returns when its loss is known, while the device still learns from it.
     pub fn step(&mut self) -> StepStats {
-        let batch = Batch::draw(&self.host, &self.resident);
+        let batch = GpuBatch::draw(&self.host, &self.resident);
         // Not cleared: the first pass's kernel writes all of it.
         let parts = self
             .gpu
@@ -86,10 +86,10 @@ impl GpuTrainer {
         self.host.step += 1;
         if self.host.step.is_multiple_of(OCCUPANCY_EVERY) {
             let round = self.host.field.occupancy.updates;
-            self.survey.update(
+            self.occupancy_update.update(
                 &self.resident,
                 &self.host.field,
-                &self.host.survey_rng,
+                &self.host.occupancy_rng,
                 round,
             );
             // The host counts, since the step of the random numbers follows from it.
@@ -101,7 +101,7 @@ impl GpuTrainer {
     }
 
     /// Gradients of the batch, and what it came to, which is asked for before the last way back.
-    fn learn(&self, batch: &Batch, parts: &Buffer) -> (Buffer, Requested) {
+    fn learn(&self, batch: &GpuBatch, parts: &Buffer) -> (Buffer, Requested) {
         let gpu = &*self.gpu;
         let stats = self.gpu.buffer(4);
         let mut asked = None;
@@ -115,7 +115,7 @@ impl GpuTrainer {
                     rays: batch.rays.count as u32,
                     pixels: batch.count as u32,
                 };
-                let arrays = [&batch.losses, &batch.rays.seen, &batch.rays.looked, &stats];
+                let arrays = [&batch.losses, &batch.rays.seen, &batch.rays.queried, &stats];
                 start(gpu, &self.resident.programs.stats, &arrays, outcome, 1);
                 asked = Some(gpu.request(&stats, 4));
             }
@@ -145,7 +145,7 @@ impl GpuTrainer {
 
     /// Losses of the pixels of a pass, and gradients to the raw densities and colours of its
     /// samples.
-    fn compare(&self, batch: &Batch, traced: &Traced, rays: usize) -> Buffer {
+    fn compare(&self, batch: &GpuBatch, traced: &Traced, rays: usize) -> Buffer {
         let options = &self.host.options;
         let pass = Pass {
             pixels: batch.count as u32,
@@ -156,8 +156,10 @@ impl GpuTrainer {
             ..traced.pass
         };
         let d_raw = self.gpu.buffer(traced.raw.bytes() as usize / 4);
-        let Batch {
-            rays: Rays { buffer, views, .. },
+        let GpuBatch {
+            rays: Rays {
+                buffer, outputs, ..
+            },
             pixels,
             losses,
             ..
@@ -167,7 +169,7 @@ impl GpuTrainer {
             &traced.before,
             &traced.samples,
             &traced.raw,
-            views,
+            outputs,
             pixels,
             &d_raw,
             losses,
@@ -185,12 +187,12 @@ impl GpuTrainer {
     /// What the step came to, and the size of the next batch.
     fn finish(&mut self, rays: usize, stats: &[f32]) -> StepStats {
         let host = &mut self.host;
-        let [loss, squared_error, samples, looked] = [0, 1, 2, 3].map(|i| stats[i]);
-        let [samples, looked] = [samples, looked].map(|count| count.to_bits() as usize);
+        let [loss, squared_error, samples, queried] = [0, 1, 2, 3].map(|i| stats[i]);
+        let [samples, queried] = [samples, queried].map(|count| count.to_bits() as usize);
         let extent = Extent {
             rays,
             pixels: host.pixels as usize,
-            looked,
+            queried,
             samples,
         };
         self.work = work::of_step(&extent, &host.field.levels, &host.field.network);

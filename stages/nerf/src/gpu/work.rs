@@ -14,18 +14,18 @@ pub const PARTS: u32 = 256;
 pub struct Work {
     /// Floating-point operations of look-ups and networks.
     pub operations: u64,
-    /// Bytes.
+    /// Bytes from and to device memory.
     pub bytes: u64,
 }
 
 /// The sizes that decide the work of a step.
 pub struct Extent {
-    /// Rays.
+    /// Rays of the batch, all passes together.
     pub rays: usize,
-    /// Pixels.
+    /// Pixels of the batch.
     pub pixels: usize,
-    /// Samples whose density was looked at.
-    pub looked: usize,
+    /// Samples whose density was computed to find the ends of rays.
+    pub queried: usize,
     /// Samples that passed through both networks.
     pub samples: usize,
 }
@@ -35,7 +35,7 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
     let &Extent {
         rays,
         pixels,
-        looked,
+        queried,
         samples,
     } = extent;
     let weights = network.weights.len();
@@ -45,7 +45,7 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
     let look_up = 32 * levels.len();
     let corners = 32 * levels.len();
     let scattered = 8 * levels.len() * 2 * 8;
-    let look = 2 * (encoding * HIDDEN + HIDDEN) + look_up;
+    let query = 2 * (encoding * HIDDEN + HIDDEN) + look_up;
     let backward = 2 * (weights - HIDDEN * COLOR_OUTPUT) + 4 * weights + 2 * look_up;
     let touched: usize = levels
         .iter()
@@ -55,7 +55,11 @@ pub fn of_step(extent: &Extent, levels: &[Level], network: &Network) -> Vec<(&'s
     let parts = PARTS as usize * weights * 4;
     // Bytes: a ray has 64, what it sees 32, a sample 16, its raw numbers 16, a pixel 32, a count 4.
     let works = [
-        ("look", looked * look, looked * corners + rays * 68),
+        (
+            "ray termination",
+            queried * query,
+            queried * corners + rays * 68,
+        ),
         ("scan", 0, rays * 8),
         ("gather", 0, samples * 16 + rays * 76),
         (

@@ -18,7 +18,7 @@ const ROW_BLOCK: usize = 64;
 /// A matrix to be read.
 #[derive(Clone, Copy)]
 pub struct Matrix<'a> {
-    /// Row after row.
+    /// All elements, row after row.
     pub values: &'a [f32],
     /// Numbers in a row.
     pub width: usize,
@@ -35,7 +35,7 @@ impl<'a> Matrix<'a> {
         Self { values, width }
     }
 
-    /// Number of rows.
+    /// How many whole rows the values make.
     pub fn rows(&self) -> usize {
         self.values.len() / self.width
     }
@@ -44,18 +44,18 @@ impl<'a> Matrix<'a> {
 /// What a product is added to.
 #[derive(Clone, Copy)]
 pub enum Prologue {
-    /// Nothing.
+    /// The output is overwritten.
     Zero,
-    /// What is there.
+    /// The output is added to.
     Add,
 }
 
 /// What happens to a product on its way to memory.
 #[derive(Clone, Copy)]
 pub enum Epilogue<'a> {
-    /// Nothing.
+    /// It is stored as it is.
     Keep,
-    /// max(x, 0).
+    /// max(x, 0), element by element.
     Relu,
     /// The backward pass of `Relu`: zero where this output of it was zero.
     ReluBackward(&'a [f32]),

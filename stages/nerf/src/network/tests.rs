@@ -35,7 +35,7 @@ fn gradients_match_finite_differences() {
             encoding: encoding.clone(),
             ..Default::default()
         };
-        a.see(
+        a.set_directions(
             [
                 ([0.6, 0.0, 0.8], 0..5),
                 ([0.0, 1.0, 0.0], 5..6),

@@ -5,13 +5,12 @@
 
 mod photos;
 
-use formats::Camera;
 use metrics::Image;
 use nerf::{
     ExposureOptions, Field, FieldConfig, PoseOptions, RenderOptions, Space, SpaceKind,
-    TrainOptions, TrainView, Trainer, render,
+    TrainOptions, TrainView, Trainer, localize, render,
 };
-use photos::{Scene, aligned, with_exposures, with_poses_off, with_something_that_moves};
+use photos::{Scene, with_exposures, with_poses_off, with_something_that_moves};
 use scene::Photo;
 
 /// Which of the disturbances, or which of the remedies.
@@ -49,14 +48,13 @@ struct Size {
 struct Quality {
     plain: f64,
     exposed: f64,
-    /// At its own exposure, from cameras that are aligned as the training cameras with the truth.
-    aligned: f64,
+    /// At its own exposure, from where the field shows each photo best.
+    posed: f64,
 }
 
 impl Size {
     fn fit(&self, disturbed: Of, remedies: Of) -> Quality {
         let mut scene = Scene::draw(self.views, self.pixels);
-        let truth: Vec<Camera> = scene.train.iter().map(|photo| photo.camera).collect();
         if disturbed.moves {
             with_something_that_moves(&mut scene.train);
         }
@@ -66,25 +64,27 @@ impl Size {
         if disturbed.poses {
             with_poses_off(&mut scene.train);
         }
-        let views = self.views(&scene, remedies);
+        let views = self.views(&scene.train, remedies);
         let options = self.options(remedies);
         let mut trainer = Trainer::new(self.field(&scene, &views), views, &options, 1);
         (0..self.steps).for_each(|_| {
             trainer.step();
         });
-        let given: Vec<Camera> = scene.held_out.iter().map(|photo| photo.camera).collect();
-        let aligned = aligned(&scene.held_out, &truth, &trainer.cameras());
         let field = trainer.into_field();
-        let [plain, exposed] = quality(&field, &scene.held_out, &given);
-        let [_, aligned] = quality(&field, &scene.held_out, &aligned);
+        let [plain, exposed] = quality(&field, &scene.held_out);
+        let views = self.views(&scene.held_out, NONE);
+        for (photo, view) in scene.held_out.iter_mut().zip(views) {
+            photo.camera = localize(&field, view, 1);
+        }
+        let [_, posed] = quality(&field, &scene.held_out);
         Quality {
             plain,
             exposed,
-            aligned,
+            posed,
         }
     }
 
-    fn views(&self, scene: &Scene, remedies: Of) -> Vec<TrainView> {
+    fn views(&self, photos: &[Photo], remedies: Of) -> Vec<TrainView> {
         let view = |photo: &Photo| TrainView {
             camera: photo.camera,
             pixels: photo.pixels.clone(),
@@ -92,7 +92,7 @@ impl Size {
             weight: 1.0,
             supersample: 2,
         };
-        scene.train.iter().map(view).collect()
+        photos.iter().map(view).collect()
     }
 
     fn options(&self, remedies: Of) -> TrainOptions {
@@ -113,17 +113,17 @@ impl Size {
     }
 }
 
-/// PSNR as it is and at each photo's exposure, from these cameras.
-fn quality(field: &Field, held_out: &[Photo], cameras: &[Camera]) -> [f64; 2] {
+/// PSNR as it is and at each photo's exposure.
+fn quality(field: &Field, held_out: &[Photo]) -> [f64; 2] {
     let options = RenderOptions {
         supersample: 2,
         ..RenderOptions::default()
     };
     let count = held_out.len() as f64;
     let mut sum = [0.0; 2];
-    for (photo, camera) in held_out.iter().zip(cameras) {
+    for photo in held_out {
         let [width, height] = [photo.camera.width, photo.camera.height].map(|side| side as usize);
-        let rendered = render(field, camera, &options).rgb;
+        let rendered = render(field, &photo.camera, &options).rgb;
         let image = |rgb| Image::new(width, height, rgb);
         let truth = image(&photo.pixels.rgb);
         let exposed = metrics::exposed(image(&rendered), truth, None);
@@ -136,7 +136,7 @@ fn quality(field: &Field, held_out: &[Photo], cameras: &[Camera]) -> [f64; 2] {
 /// The numbers of `docs/inputs.md`: some minutes.
 #[test]
 #[ignore = "takes minutes"]
-fn every_disturbance_costs_less_than_a_db_once_it_is_learnt() {
+fn every_disturbance_costs_at_most_half_a_db_once_it_is_learnt() {
     let size = Size {
         views: 24,
         pixels: (128, 96),
@@ -179,11 +179,11 @@ fn every_disturbance_costs_less_than_a_db_once_it_is_learnt() {
         let without = size.fit(disturbed, NONE);
         let with = size.fit(disturbed, disturbed);
         println!("{name}: without {without:.2?}, with {with:.2?}");
-        assert!(with.aligned > still.aligned - 0.8, "{name}");
+        assert!(with.posed > still.posed - 0.5, "{name}");
     }
 }
 
-/// The same in seconds: a smaller scene, fewer steps, and only what is learnt against what is not.
+/// All corrections against all disturbances in seconds: a smaller scene and fewer steps.
 #[test]
 fn what_is_learnt_about_photos_wins_back_much_of_what_disturbs_them() {
     let size = small();
@@ -218,7 +218,7 @@ fn training_that_was_interrupted_ends_with_the_same_bits_on_any_number_of_thread
     let size = small();
     let mut scene = Scene::draw(size.views, size.pixels);
     with_exposures(&mut scene.train);
-    let views = size.views(&scene, ALL);
+    let views = size.views(&scene.train, ALL);
     let options = TrainOptions {
         poses: Some(PoseOptions {
             rate: 1e-3,
@@ -245,4 +245,31 @@ fn training_that_was_interrupted_ends_with_the_same_bits_on_any_number_of_thread
     assert_eq!(straight.state(), resumed.state());
     assert_eq!(straight.cameras(), resumed.cameras());
     assert!(straight.cameras()[0] != views[0].camera);
+}
+
+#[test]
+fn a_camera_that_is_off_is_found_again_by_a_field_that_shows_its_photo() {
+    let size = small();
+    let mut scene = Scene::draw(size.views, size.pixels);
+    let views = size.views(&scene.train, NONE);
+    let field = size.field(&scene, &views);
+    let mut trainer = Trainer::new(field, views, &size.options(NONE), 1);
+    (0..size.steps).for_each(|_| _ = trainer.step());
+    let field = trainer.into_field();
+    let photo = scene.train[0].clone();
+    with_poses_off(&mut scene.train);
+    let view = size.views(&scene.train[..1], NONE).remove(0);
+    // Where what is as far as the camera looks appears in the image, in pixels.
+    let seen = |camera: &formats::Camera| {
+        let ahead = (camera.near * camera.far).sqrt();
+        let world = photo.camera.camera_to_world;
+        let world = world.transform_point3(-ahead * glam::DVec3::Z);
+        let [x, y, _] = camera.project(world.to_array()).unwrap();
+        glam::DVec2::new(x, y)
+    };
+    let off = |camera: &formats::Camera| (seen(camera) - seen(&photo.camera)).length();
+    let given = off(&view.camera);
+    let found = off(&localize(&field, view, 1));
+    assert!(given > 0.3, "{given}");
+    assert!(found < 0.3 * given, "{given} {found}");
 }

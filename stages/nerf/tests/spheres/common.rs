@@ -95,7 +95,7 @@ pub fn in_perspective(config: &FieldConfig, views: &[TrainView]) -> Field {
     )
 }
 
-/// A small field.
+/// A field that trains in seconds: few levels, short tables, a coarse grid.
 pub fn config() -> FieldConfig {
     FieldConfig {
         levels: 8,

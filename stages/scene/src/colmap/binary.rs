@@ -1,6 +1,6 @@
 //! COLMAP's binary files. Bounded: no count is believed that the file's own length does not back.
 
-use super::model::{Image, Model, Point, camera_to_world, lens, model_by_number};
+use super::model::{Image, Model, SparsePoint, camera_to_world, lens, model_by_number};
 
 /// Bytes of the shortest records: a photo without points, a point without a track.
 // Four bytes of number, 32 of rotation, 24 of translation, 4 of camera; a name's end; a count.
@@ -144,7 +144,8 @@ pub(super) fn images(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
     })
 }
 
-/// Reads `points3D.bin`.
+/// Adds the points of `points3D.bin` to a model. Fails with the place in the file and what is wrong
+/// there.
 pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, String)> {
     records(bytes, POINT, |cursor| {
         // Its number, to which nothing that is read here refers.
@@ -158,7 +159,7 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
         let seen_in = track
             .map(|step| u32::from_le_bytes([step[0], step[1], step[2], step[3]]))
             .collect();
-        model.points.push(Point {
+        model.points.push(SparsePoint {
             position,
             error,
             seen_in,

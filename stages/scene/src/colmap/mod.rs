@@ -74,7 +74,7 @@ impl Colmap {
 pub struct Registered {
     /// Photos whose poses are known.
     pub photos: usize,
-    /// Sparse points.
+    /// Sparse points of the reconstruction.
     pub points: usize,
     /// Their mean reprojection error in pixels, where it was measured.
     pub error: Option<f64>,

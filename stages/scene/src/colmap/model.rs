@@ -17,7 +17,7 @@ pub(super) struct Model {
     pub(super) lenses: BTreeMap<u32, Camera>,
     /// Registered photos by their number.
     pub(super) images: BTreeMap<u32, Image>,
-    pub(super) points: Vec<Point>,
+    pub(super) points: Vec<SparsePoint>,
     /// What had to be guessed to read it.
     pub(super) notes: Vec<String>,
 }
@@ -33,7 +33,7 @@ impl Model {
     }
 }
 
-/// A registered photo.
+/// A photo that COLMAP registered, as `images.txt` or `images.bin` has it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Image {
     /// Its path in the folder of photos.
@@ -45,7 +45,7 @@ pub(super) struct Image {
 
 /// A sparse point and the numbers of the images that it was found in.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Point {
+pub(super) struct SparsePoint {
     pub(super) position: [f64; 3],
     /// Mean distance in pixels between where photos show it and where it should be; below zero
     /// where nobody has measured it.
@@ -78,7 +78,7 @@ pub(super) fn model_by_number(number: i32) -> Result<(&'static str, usize), Stri
         .ok_or_else(|| unsupported(&format!("number {number}")))
 }
 
-/// The same by name, in any case.
+/// A camera model by its name, in any case.
 pub(super) fn model_by_name(name: &str) -> Result<(&'static str, usize), String> {
     let known = MODELS
         .iter()

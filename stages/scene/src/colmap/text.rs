@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::model::{Image, Model, Point, camera_to_world, lens, model_by_name};
+use super::model::{Image, Model, SparsePoint, camera_to_world, lens, model_by_name};
 use crate::source_files;
 
 /// The words of a line, taken one by one.
@@ -165,7 +165,7 @@ pub(super) fn points(bytes: &[u8], model: &mut Model) -> Result<(), (String, Str
             // Read to keep in step; only the photo matters.
             words.word("POINT2D_IDX")?;
         }
-        model.points.push(Point {
+        model.points.push(SparsePoint {
             position,
             error,
             seen_in,

@@ -30,14 +30,14 @@ pub enum Layout {
     InstantNgp,
 }
 
-/// What is written.
+/// A scene with its photos, to be written in a layout.
 #[derive(Clone, Copy, Debug)]
 pub struct Capture<'c> {
     /// What is trained on.
     pub train: Part<'c>,
     /// What is held out.
     pub test: Part<'c>,
-    /// The scene box.
+    /// The scene box, in the scene's coordinates.
     pub bounds: Bounds,
     /// Takes the scene's coordinates to those of the files that it was read from.
     pub to_source: Option<DMat4>,
@@ -48,7 +48,7 @@ pub struct Capture<'c> {
 /// Photos with the files that they come from.
 #[derive(Clone, Copy, Debug)]
 pub struct Part<'p> {
-    /// The photos.
+    /// Photos with their cameras, decoded.
     pub photos: &'p [Photo],
     /// The folder with their EXR files, scene-linear and premultiplied, if these are wanted instead
     /// of PNGs.
@@ -58,9 +58,9 @@ pub struct Part<'p> {
 /// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Where it is.
+    /// Where it is, in the scene's coordinates.
     pub position: [f32; 3],
-    /// Its colour, sRGB-encoded.
+    /// Its colour, red, green and blue, sRGB-encoded.
     pub color: [u8; 3],
 }
 
@@ -72,9 +72,9 @@ pub enum LayoutError {
     Unheld {
         /// What it cannot hold.
         what: String,
-        /// The program.
+        /// The program whose layout it is.
         layout: &'static str,
-        /// What to do.
+        /// How the user can mend it.
         remedy: &'static str,
     },
     /// The file system says no.

@@ -18,9 +18,10 @@ const MASKS: &str = "masks";
 pub(super) enum Masks {
     /// `masks/NAME.png` for every photo: who names one names all. White counts.
     All,
-    /// The same for photos that have one.
+    /// `masks/NAME.png` for photos that have one. White counts.
     Some,
-    /// The same with the photo's ending before the mask's own.
+    /// `masks/NAME.ENDING.png`, the photo's ending before the mask's own, for photos that have one.
+    /// White counts.
     WithEnding,
     /// `dynamic_mask_NAME.png` beside the photo. White does not count.
     Dynamic,

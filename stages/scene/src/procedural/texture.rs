@@ -11,7 +11,7 @@ use super::glyphs::Text;
 /// How a point of a surface answers light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
-    /// Diffuse reflectance, linear.
+    /// Diffuse reflectance in linear light, 0 to 1.
     pub(super) color: Vec3,
     /// Strength of the highlight in 0..=1.
     pub(super) gloss: f32,

@@ -51,7 +51,7 @@ pub struct Transforms {
 }
 
 /// Photos of one file.
-struct Part {
+struct TransformsFile {
     path: PathBuf,
     page: Page,
     photos: Vec<(String, Posed)>,
@@ -133,16 +133,16 @@ impl Transforms {
 
     /// The file, or one file for each split as NeRF-synthetic has it, and what is noteworthy about
     /// there being others.
-    fn parts(&self) -> Result<(Vec<Part>, Vec<String>), SceneError> {
+    fn parts(&self) -> Result<(Vec<TransformsFile>, Vec<String>), SceneError> {
         let beside = |name: &str| Some(self.path.join(name)).filter(|path| path.is_file());
         let whole = beside("transforms.json");
         // A file that is named is all that is meant, whatever lies beside it.
         if self.path.is_file() {
-            return Ok((vec![Part::read(&self.path, true)?], Vec::new()));
+            return Ok((vec![TransformsFile::read(&self.path, true)?], Vec::new()));
         }
         let Some(train) = beside("transforms_train.json") else {
             let whole = whole.ok_or_else(|| self.nothing())?;
-            return Ok((vec![Part::read(&whole, true)?], Vec::new()));
+            return Ok((vec![TransformsFile::read(&whole, true)?], Vec::new()));
         };
         let mut notes = Vec::new();
         if whole.is_some() {
@@ -150,7 +150,7 @@ impl Transforms {
                 "transforms.json is not read, since transforms_train.json is beside it".into(),
             );
         }
-        let mut parts = vec![Part::read(&train, false)?];
+        let mut parts = vec![TransformsFile::read(&train, false)?];
         let held_out = beside("transforms_test.json").or_else(|| {
             let validation = beside("transforms_val.json");
             notes.push(match validation {
@@ -160,17 +160,17 @@ impl Transforms {
             validation
         });
         if let Some(held_out) = held_out {
-            parts.push(Part::read(&held_out, false)?);
+            parts.push(TransformsFile::read(&held_out, false)?);
         }
         Ok((parts, notes))
     }
 }
 
-impl Part {
+impl TransformsFile {
     /// Reads a file and finds its photos; `alone` if no other file names photos beside them.
-    fn read(path: &Path, alone: bool) -> Result<Part, SceneError> {
+    fn read(path: &Path, alone: bool) -> Result<TransformsFile, SceneError> {
         let page = Page::read(path)?;
-        let mut part = Part {
+        let mut part = TransformsFile {
             path: path.to_owned(),
             photos: Vec::new(),
             ranged: true,

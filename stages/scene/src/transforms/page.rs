@@ -41,7 +41,7 @@ const QUIET: &[&str] = &[
     "srnerf",
 ];
 
-/// The whole file.
+/// What a `transforms.json` says, field by field.
 #[derive(Debug)]
 pub(crate) struct Page {
     pub(crate) frames: Vec<Frame>,
@@ -61,7 +61,7 @@ pub(crate) struct Page {
     pub(crate) unused: Vec<String>,
 }
 
-/// One photo.
+/// One entry of `frames`: a photo and its camera.
 #[derive(Debug)]
 pub(crate) struct Frame {
     pub(crate) file_path: String,
@@ -275,7 +275,7 @@ fn matrix(fields: &Map<String, Value>) -> Result<Vec<[f64; 4]>, String> {
         .map_err(|fault| format!("{name} {fault}"))
 }
 
-/// So many numbers.
+/// Exactly N numbers. Fails with what is there instead.
 fn vector<const N: usize>(value: &Value) -> Result<[f64; N], String> {
     let values = value.as_array().filter(|values| values.len() == N);
     let values = values.ok_or_else(|| format!("has a row that is not {N} numbers"))?;

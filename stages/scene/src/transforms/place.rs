@@ -10,7 +10,7 @@ use super::page::Page;
 use crate::reader::Posed;
 use crate::{SceneError, plausible, pose};
 
-/// instant-ngp's defaults.
+/// instant-ngp's defaults for `scale` and `offset`, by which it brings scenes into its unit cube.
 const SCALE: f64 = 0.33;
 const OFFSET: [f64; 3] = [0.5; 3];
 

@@ -10,7 +10,7 @@ pub use formats::shot::Up;
 
 use crate::cloud::Cloud;
 
-/// A format.
+/// A file format that holds splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// The PLY of 3D Gaussian Splatting (Kerbl et al. 2023), which viewers and editors read.

@@ -44,7 +44,7 @@ fn grey() -> Picture {
     }
 }
 
-/// The same loss, from the rendered picture.
+/// The loss that [`error_backward`] returns, computed from the rendered picture.
 fn error(cloud: &Cloud) -> f64 {
     let ours = render(cloud, &camera());
     let truth = grey();

@@ -44,7 +44,7 @@ pub fn asked(name: &str, device: &Device) -> [Array; 2] {
     })
 }
 
-/// Tensors by name.
+/// Tensors by name: number format, shape and little-endian bytes.
 pub type Stored = BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>;
 
 /// The tensors of a golden file.

@@ -15,7 +15,7 @@ use step::Step;
 /// The constants of one optimiser.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adam {
-    /// Step size.
+    /// Step size: about how far one step moves a value whose gradient keeps its sign.
     pub rate: f32,
     /// Decay of the first moment.
     pub beta1: f32,

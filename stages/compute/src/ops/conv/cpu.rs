@@ -11,7 +11,7 @@ use crate::ops::product::cpu::packed::Packed;
 use crate::ops::product::cpu::product::{Start, add_product, cut, product};
 use crate::ops::product::cpu::tile::Old;
 use crate::ops::product::finish::Finish;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::chunks::{CHUNK, fill};
 use crate::runtime::cpu::matrix::Matrix;
 use crate::runtime::cpu::share::Cut;
@@ -35,7 +35,7 @@ pub fn forward(
     bias: Option<&[f32]>,
     finish: Finish<&[f32]>,
     g: &Geometry,
-) -> Buffer {
+) -> HostBuffer {
     // In f32 whatever precision is asked for (docs/operators.md).
     if winograd::suits(g) {
         let task = Task { g, x, bias, finish };
@@ -47,7 +47,12 @@ pub fn forward(
     out
 }
 
-fn forward_by_product(x: &[f32], weight: &Weight, bias: Option<&[f32]>, g: &Geometry) -> Buffer {
+fn forward_by_product(
+    x: &[f32],
+    weight: &Weight,
+    bias: Option<&[f32]>,
+    g: &Geometry,
+) -> HostBuffer {
     // A pointwise convolution sees one long row, whose runs are not cut at the image's edges.
     let g = g.flat();
     let depth = g.channels * g.taps();
@@ -97,7 +102,7 @@ pub fn backward_input(
     dy: &[f32],
     (weight, precision): (Values, Precision),
     g: &Geometry,
-) -> Buffer {
+) -> HostBuffer {
     // The gradient is a convolution by the kernel turned around, where stride and padding allow it.
     if let Some(turned) = g.turned().filter(winograd::suits) {
         let task = Task {
@@ -136,14 +141,14 @@ fn backward_input_by_columns(
     dy: &[f32],
     (weight, precision): (Values, Precision),
     g: &Geometry,
-) -> Buffer {
+) -> HostBuffer {
     let taps = g.taps();
     let pixels = g.pixels();
     let share_rows = (HELD / (taps * pixels).max(1))
         .min(g.channels / TASKS)
         .max(CHANNELS);
     // Zeros, since windows overlap and their gradients are added.
-    let mut dx = Buffer::zeros(g.batch * g.channels * g.plane());
+    let mut dx = HostBuffer::zeros(g.batch * g.channels * g.plane());
     let planes = Cut {
         matrices: g.batch,
         rows: g.channels,
@@ -162,7 +167,7 @@ fn backward_input_by_columns(
             columns: g.channels * taps,
         });
         let dy = Matrix::new(&dy[image * g.outputs * pixels..], g.outputs, pixels);
-        let mut rows = Buffer::stale(channels.len() * taps * pixels);
+        let mut rows = HostBuffer::uninitialised(channels.len() * taps * pixels);
         Packed::new(&dy, g.outputs, pixels, precision).multiply(
             &mut rows,
             channels.len() * taps,
@@ -204,10 +209,10 @@ fn add_back(row: &[f32], g: &Geometry, [ky, kx]: [usize; 2], dx: &mut [f32]) {
 
 /// The gradient to the weight: over all images in their order, `dy` times the transposed column
 /// matrix.
-pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> Buffer {
+pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> HostBuffer {
     let g = g.flat();
     let rows = g.channels * g.taps();
-    let mut dw = Buffer::stale(g.outputs * rows);
+    let mut dw = HostBuffer::uninitialised(g.outputs * rows);
     cut([1, g.outputs, rows]).for_each_share(&mut dw, |mut share| {
         for image in 0..g.batch {
             let dy = Matrix::new(&dy[image * g.outputs * g.pixels()..], g.outputs, g.pixels());

@@ -109,7 +109,7 @@ impl Geometry {
         self.kernel == [1, 1] && self.conv == Conv::default()
     }
 
-    /// The same convolution of images of a single row, if it is [pointwise](Self::is_pointwise).
+    /// This convolution on images of a single row, if it is [pointwise](Self::is_pointwise).
     pub fn flat(&self) -> Geometry {
         if !self.is_pointwise() {
             return *self;

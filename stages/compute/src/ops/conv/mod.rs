@@ -23,7 +23,8 @@ pub fn conv2d(x: &Array, weight: impl Into<Weight>, bias: Option<&Array>, conv: 
     conv2d_finished(x, weight, bias, conv, Finish::None)
 }
 
-/// The same, and finished before it is stored; what is added has the result's shape.
+/// [`conv2d`] whose results are finished before they are stored; what is added has the result's
+/// shape.
 pub fn conv2d_finished(
     x: &Array,
     weight: impl Into<Weight>,

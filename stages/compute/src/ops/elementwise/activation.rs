@@ -37,7 +37,7 @@ pub fn quick_gelu_backward(x: &Array, dy: &Array) -> Array {
     binary("quick_gelu_backward", Binary::QuickGeluSlope, x, dy)
 }
 
-/// `max(x, 0)`.
+/// The rectifier `max(x, 0)`, element by element.
 pub fn relu(x: &Array) -> Array {
     unary(Unary::Leaky(0.0), x)
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::function::{Binary, Reduction, Unary};
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::chunks::{CHUNK, fill};
 use crate::runtime::cpu::math::{
     QUICK, gelu_slope, normal_cdf, quick_gelu_slope, sigmoid, silu, silu_slope,
@@ -18,7 +18,7 @@ const ROWS: usize = 16;
 macro_rules! map {
     ($x:expr, |$a:ident| $value:expr) => {{
         let x: &[f32] = $x;
-        let mut out = Buffer::stale(x.len());
+        let mut out = HostBuffer::uninitialised(x.len());
         fill(&mut out, CHUNK, |i, out| {
             let x = &x[i * CHUNK..];
             vectorize(
@@ -38,7 +38,7 @@ macro_rules! zip {
     ($x:expr, $y:expr, |$a:ident, $b:ident| $value:expr) => {{
         let x: &[f32] = $x;
         let y: &[f32] = $y;
-        let mut out = Buffer::stale(x.len());
+        let mut out = HostBuffer::uninitialised(x.len());
         fill(&mut out, CHUNK, |i, out| {
             let x = &x[i * CHUNK..];
             let y = &y[i * CHUNK..];
@@ -56,7 +56,7 @@ macro_rules! zip {
 }
 
 /// A function of every element.
-pub fn unary(function: Unary, x: &[f32]) -> Buffer {
+pub fn unary(function: Unary, x: &[f32]) -> HostBuffer {
     match function {
         Unary::Scale(factor) => map!(x, |x| factor * x),
         Unary::Clamp { low, high } => map!(x, |x| x.clamp(low, high)),
@@ -72,7 +72,7 @@ pub fn unary(function: Unary, x: &[f32]) -> Buffer {
 }
 
 /// A function of every pair of elements.
-pub fn binary(function: Binary, x: &[f32], y: &[f32]) -> Buffer {
+pub fn binary(function: Binary, x: &[f32], y: &[f32]) -> HostBuffer {
     match function {
         Binary::Product => zip!(x, y, |x, y| x * y),
         Binary::Sum([a, b]) => zip!(x, y, |x, y| a * x + b * y),
@@ -94,8 +94,8 @@ pub fn reduce(reduction: Reduction, x: &[f32]) -> f64 {
 }
 
 /// Every plane of `plane` elements plus its own number.
-pub fn add_per_plane(x: &[f32], numbers: &[f32], plane: usize) -> Buffer {
-    let mut out = Buffer::stale(x.len());
+pub fn add_per_plane(x: &[f32], numbers: &[f32], plane: usize) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(x.len());
     // A plane is one task, so its number is read once.
     fill(&mut out, plane.max(1), |i, out| {
         let x = &x[i * plane..];
@@ -112,8 +112,8 @@ pub fn add_per_plane(x: &[f32], numbers: &[f32], plane: usize) -> Buffer {
 }
 
 /// Every plane of `plane` elements, where they are below 0 times the number of its channel.
-pub fn leaky_per_channel(x: &[f32], slopes: &[f32], plane: usize) -> Buffer {
-    let mut out = Buffer::stale(x.len());
+pub fn leaky_per_channel(x: &[f32], slopes: &[f32], plane: usize) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(x.len());
     fill(&mut out, plane.max(1), |i, out| {
         let x = &x[i * plane..];
         let slope = slopes[i % slopes.len()];
@@ -130,8 +130,8 @@ pub fn leaky_per_channel(x: &[f32], slopes: &[f32], plane: usize) -> Buffer {
 }
 
 /// `a gelu(b)` for rows `[a, b]` of `2 * half` elements.
-pub fn geglu(x: &[f32], half: usize) -> Buffer {
-    let mut out = Buffer::stale(x.len() / 2);
+pub fn geglu(x: &[f32], half: usize) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(x.len() / 2);
     fill(&mut out, ROWS * half.max(1), |i, out| {
         let x = &x[i * 2 * ROWS * half..];
         for (out, x) in out.chunks_mut(half).zip(x.chunks(2 * half)) {
@@ -150,8 +150,8 @@ pub fn geglu(x: &[f32], half: usize) -> Buffer {
 }
 
 /// The gradient of [`geglu`].
-pub fn geglu_backward(x: &[f32], dy: &[f32], half: usize) -> Buffer {
-    let mut dx = Buffer::stale(x.len());
+pub fn geglu_backward(x: &[f32], dy: &[f32], half: usize) -> HostBuffer {
+    let mut dx = HostBuffer::uninitialised(x.len());
     fill(&mut dx, 2 * ROWS * half.max(1), |i, dx| {
         let rows = x[i * 2 * ROWS * half..]
             .chunks(2 * half)

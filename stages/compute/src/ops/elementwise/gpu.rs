@@ -42,7 +42,7 @@ params! {
 }
 
 params! {
-    /// What is reduced.
+    /// How many elements there are.
     struct Length {
         len: u32,
     }

@@ -37,12 +37,12 @@ pub(crate) fn binary(op: &str, function: Binary, x: &Array, y: &Array) -> Array 
     }
 }
 
-/// `x + y`.
+/// `x + y`, element by element; the shapes are equal.
 pub fn add(x: &Array, y: &Array) -> Array {
     scaled_sum(&[(1.0, x), (1.0, y)])
 }
 
-/// `x - y`.
+/// `x - y`, element by element; the shapes are equal.
 pub fn sub(x: &Array, y: &Array) -> Array {
     scaled_sum(&[(1.0, x), (-1.0, y)])
 }
@@ -52,12 +52,12 @@ pub fn mul(x: &Array, y: &Array) -> Array {
     binary("mul", Binary::Product, x, y)
 }
 
-/// `factor * x`.
+/// Every element times `factor`.
 pub fn scale(x: &Array, factor: f32) -> Array {
     unary(Unary::Scale(factor), x)
 }
 
-/// `x + number`.
+/// `number` added to every element.
 pub fn offset(x: &Array, number: f32) -> Array {
     unary(Unary::Offset(number), x)
 }

@@ -1,7 +1,7 @@
 //! Group and layer normalisation, forward and backward to the input.
 
 use super::groups::{Activation, Groups};
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::chunks::{CHUNK, fill};
 use crate::runtime::cpu::lanes;
 use crate::runtime::cpu::math::{silu, silu_slope};
@@ -61,8 +61,14 @@ fn group_at(i: usize, g: Groups) -> (usize, usize) {
 }
 
 /// `x` normalised group by group, scaled, shifted and activated.
-pub fn group(x: &[f32], gamma: &[f32], beta: &[f32], g: Groups, activation: Activation) -> Buffer {
-    let mut out = Buffer::stale(x.len());
+pub fn group(
+    x: &[f32],
+    gamma: &[f32],
+    beta: &[f32],
+    g: Groups,
+    activation: Activation,
+) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(x.len());
     fill(
         &mut out,
         // A group is one task: its sums have one order.
@@ -106,8 +112,8 @@ pub fn group_backward(
     g: Groups,
     activation: Activation,
     dy: &[f32],
-) -> Buffer {
-    let mut dx = Buffer::stale(x.len());
+) -> HostBuffer {
+    let mut dx = HostBuffer::uninitialised(x.len());
     fill(
         &mut dx,
         (g.channels / g.groups * g.plane).max(1),
@@ -162,10 +168,10 @@ fn project(x: &[f32], dx: &mut [f32], moments: Moments) {
 }
 
 /// Each row of `gamma.len()` elements normalised, scaled and shifted.
-pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
+pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> HostBuffer {
     let width = gamma.len();
     let rows = rows_per_task(gamma.len());
-    let mut out = Buffer::stale(x.len());
+    let mut out = HostBuffer::uninitialised(x.len());
     fill(&mut out, rows * width, |i, out| {
         let pairs = out
             .chunks_exact_mut(width)
@@ -188,10 +194,10 @@ pub fn layer(x: &[f32], gamma: &[f32], beta: &[f32], eps: f32) -> Buffer {
 }
 
 /// The gradient of [`layer`] to `x`.
-pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> Buffer {
+pub fn layer_backward(x: &[f32], gamma: &[f32], eps: f32, dy: &[f32]) -> HostBuffer {
     let width = gamma.len();
     let rows = rows_per_task(gamma.len());
-    let mut dx = Buffer::stale(x.len());
+    let mut dx = HostBuffer::uninitialised(x.len());
     fill(&mut dx, rows * width, |i, dx| {
         let inputs = x[i * rows * width..]
             .chunks_exact(width)

@@ -3,20 +3,20 @@
 /// What follows a group normalisation in the same pass over memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
-    /// Nothing.
+    /// The normalised values are stored as they are.
     None,
-    /// `y sigmoid(y)`.
+    /// `y sigmoid(y)` of the normalised value `y`.
     Silu,
 }
 
 /// The extents of a group normalisation over `[N, C, ..]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Groups {
-    /// Channels in all.
+    /// Channels in all, a multiple of `groups`.
     pub channels: usize,
-    /// Groups per image.
+    /// Groups that the channels of each image are divided into.
     pub groups: usize,
-    /// Elements per channel.
+    /// Elements per channel: the product of the axes behind C.
     pub plane: usize,
     pub eps: f32,
 }

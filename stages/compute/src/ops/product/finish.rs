@@ -3,7 +3,7 @@
 /// What becomes of a convolution's results before they are stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Finish<T> {
-    /// Nothing.
+    /// They are stored as they are.
     None,
     /// `x` above 0, this slope times `x` below.
     Leaky(f32),
@@ -12,7 +12,7 @@ pub enum Finish<T> {
 }
 
 impl<T> Finish<T> {
-    /// The same with the other array as someone else sees it.
+    /// Turns the other array into another form of it, such as its values on a device.
     pub(crate) fn map<U>(self, see: impl FnOnce(T) -> U) -> Finish<U> {
         match self {
             Finish::None => Finish::None,

@@ -1,19 +1,19 @@
 //! Separable resampling, one plane per task.
 
 use super::filter::Taps;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::chunks::fill;
 use crate::runtime::cpu::simd::vectorize;
 
 /// Applies the horizontal taps to every row, then the vertical taps to every column, of planes `[h,
 /// w]`.
-pub fn separable(x: &[f32], [h, w]: [usize; 2], vertical: &Taps, horizontal: &Taps) -> Buffer {
+pub fn separable(x: &[f32], [h, w]: [usize; 2], vertical: &Taps, horizontal: &Taps) -> HostBuffer {
     let height = vertical.windows.len();
     let width = horizontal.windows.len();
-    let mut out = Buffer::stale(x.len() / (h * w) * height * width);
+    let mut out = HostBuffer::uninitialised(x.len() / (h * w) * height * width);
     fill(&mut out, height * width, |plane, out| {
         // Rows first, into [h, width]: columns then go line by line, a vector of pixels at a time.
-        let mut narrow = Buffer::stale(h * width);
+        let mut narrow = HostBuffer::uninitialised(h * width);
         x[plane * h * w..]
             .chunks(w)
             .zip(narrow.chunks_mut(width))

@@ -101,7 +101,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     });
 }
 
-/// The same numbers on an adapter.
+/// What a GPU gives beside the CPU. Skipped where there is no adapter.
 mod on_a_gpu {
     use super::*;
 

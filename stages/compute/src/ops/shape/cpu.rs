@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::chunks::{CHUNK, fill};
 use crate::runtime::cpu::transpose::transpose_into;
 use crate::runtime::cpu::values::Values;
@@ -11,9 +11,9 @@ use crate::runtime::cpu::values::Values;
 const BLOCK: usize = 32;
 
 /// Joins `outer` rows of every part; a part is its values with the length of its rows.
-pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> Buffer {
+pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> HostBuffer {
     let row: usize = parts.iter().map(|(_, len)| len).sum();
-    let mut out = Buffer::stale(outer * row);
+    let mut out = HostBuffer::uninitialised(outer * row);
     // `chunks_mut` refuses 0, which the length of an empty array's rows is.
     for (i, mut out) in out.chunks_mut(row.max(1)).enumerate() {
         for (values, len) in parts {
@@ -26,8 +26,8 @@ pub fn concat(parts: &[(&[f32], usize)], outer: usize) -> Buffer {
 }
 
 /// The part `range` of each of `outer` rows of `row` elements.
-pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> Buffer {
-    let mut out = Buffer::stale(outer * range.len());
+pub fn slice(x: &[f32], outer: usize, row: usize, range: Range<usize>) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(outer * range.len());
     for (i, out) in out.chunks_mut(range.len().max(1)).enumerate() {
         copy(&x[i * row..][range.clone()], out);
     }
@@ -42,8 +42,8 @@ fn copy(from: &[f32], to: &mut [f32]) {
 }
 
 /// Each of `batch` matrices `[rows, columns]` as `[columns, rows]`.
-pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Buffer {
-    let mut out = Buffer::stale(batch * rows * columns);
+pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(batch * rows * columns);
     if rows == 0 || columns == 0 {
         return out;
     }
@@ -57,9 +57,9 @@ pub fn transpose(x: &[f32], batch: usize, rows: usize, columns: usize) -> Buffer
 }
 
 /// Every pixel repeated `factor` times both ways; `[planes, h, w]` is the extent of `x`.
-pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+pub fn upsample(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> HostBuffer {
     let wide = w * factor;
-    let mut out = Buffer::stale(planes * h * factor * wide);
+    let mut out = HostBuffer::uninitialised(planes * h * factor * wide);
     fill(&mut out, (h * factor * wide).max(1), |plane, out| {
         let rows = x[plane * h * w..].chunks(w.max(1));
         for (out, x) in out.chunks_mut(factor * wide).zip(rows) {
@@ -89,9 +89,9 @@ fn repeat_each(x: &[f32], factor: usize, out: &mut [f32]) {
 }
 
 /// The sum over every block of `factor` by `factor`; `[planes, h, w]` is the extent of the result.
-pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> HostBuffer {
     let wide = w * factor;
-    let mut out = Buffer::zeros(planes * h * w);
+    let mut out = HostBuffer::zeros(planes * h * w);
     fill(&mut out, w.max(1), |i, out| {
         for dy in dy[i * factor * wide..(i + 1) * factor * wide].chunks(wide) {
             out.iter_mut()
@@ -104,9 +104,9 @@ pub fn upsample_backward(dy: &[f32], [planes, h, w]: [usize; 3], factor: usize) 
 
 /// Every `factor * factor` planes laid out as one of blocks; `[planes, h, w]` are the planes of the
 /// result, and the extents of one before.
-pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> HostBuffer {
     let wide = w * factor;
-    let mut out = Buffer::stale(planes * h * factor * wide);
+    let mut out = HostBuffer::uninitialised(planes * h * factor * wide);
     fill(&mut out, wide.max(1), |row, out| {
         let plane = row / (h * factor);
         let y = row % (h * factor);
@@ -125,9 +125,9 @@ pub fn shuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
 
 /// The inverse of [`shuffle`]; `[planes, h, w]` are the planes of `x`, and the extents of one
 /// afterwards.
-pub fn unshuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> Buffer {
+pub fn unshuffle(x: &[f32], [planes, h, w]: [usize; 3], factor: usize) -> HostBuffer {
     let wide = w * factor;
-    let mut out = Buffer::stale(planes * h * factor * wide);
+    let mut out = HostBuffer::uninitialised(planes * h * factor * wide);
     fill(&mut out, w.max(1), |row, out| {
         let plane = row / h;
         let y = row % h;
@@ -158,10 +158,10 @@ pub fn pad_reflect(
     x: &[f32],
     [planes, h, w]: [usize; 3],
     [top, bottom, left, right]: [usize; 4],
-) -> Buffer {
+) -> HostBuffer {
     let height = top + h + bottom;
     let width = left + w + right;
-    let mut out = Buffer::stale(planes * height * width);
+    let mut out = HostBuffer::uninitialised(planes * height * width);
     fill(&mut out, width.max(1), |i, out| {
         let row = &x[(i / height * h + mirrored(i % height, top, h)) * w..][..w];
         out.iter_mut()
@@ -172,8 +172,8 @@ pub fn pad_reflect(
 }
 
 /// Row `id` of the table for every id.
-pub fn gather_rows(table: Values, depth: usize, ids: &[u32]) -> Buffer {
-    let mut out = Buffer::stale(ids.len() * depth);
+pub fn gather_rows(table: Values, depth: usize, ids: &[u32]) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(ids.len() * depth);
     out.chunks_mut(depth.max(1))
         .zip(ids)
         .for_each(|(out, &id)| table.widen(id as usize * depth, out));

@@ -25,7 +25,7 @@ params! {
 }
 
 params! {
-    /// Matrices.
+    /// The extents of every matrix before it is transposed.
     struct Matrices {
         rows: u32,
         columns: u32,

@@ -113,7 +113,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     assert_same_bits("tokens", || vec![nchw_to_tokens(&x)]);
 }
 
-/// The same numbers on an adapter.
+/// What a GPU gives beside the CPU. Skipped where there is no adapter.
 mod on_a_gpu {
     use super::*;
 

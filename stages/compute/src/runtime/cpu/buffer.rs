@@ -16,7 +16,7 @@ const LIMIT: usize = 1 << 25;
 const ALIGNMENT: usize = 16;
 
 /// Values in host memory; those of kernels' results begin with a cache line.
-pub struct Buffer {
+pub struct HostBuffer {
     /// At least `start + len` of them.
     values: Vec<f32>,
     start: usize,
@@ -69,10 +69,10 @@ impl Pool {
     }
 }
 
-impl Buffer {
+impl HostBuffer {
     /// Room for `len` values, which are whatever they were: for kernels that write every one of
     /// them.
-    pub fn stale(len: usize) -> Buffer {
+    pub fn uninitialised(len: usize) -> HostBuffer {
         // The allocator promises no cache line, so there is room to begin at one.
         let room = len + ALIGNMENT - 1;
         let kept = if len < SMALLEST {
@@ -80,30 +80,30 @@ impl Buffer {
         } else {
             pool().take(room)
         };
-        Buffer::aligned(kept.unwrap_or_else(|| vec![0.0; room]), len)
+        HostBuffer::aligned(kept.unwrap_or_else(|| vec![0.0; room]), len)
     }
 
     /// The first `len` of `values` that begin with a cache line.
-    fn aligned(values: Vec<f32>, len: usize) -> Buffer {
+    fn aligned(values: Vec<f32>, len: usize) -> HostBuffer {
         let line = ALIGNMENT * size_of::<f32>();
         let beyond = values.as_ptr().addr() % line;
         let start = (line - beyond) % line / size_of::<f32>();
-        Buffer { values, start, len }
+        HostBuffer { values, start, len }
     }
 
-    /// `len` zeros.
-    pub fn zeros(len: usize) -> Buffer {
+    /// A buffer of `len` zeros, which begins with a cache line.
+    pub fn zeros(len: usize) -> HostBuffer {
         // `vec!` asks for zeroed memory, so that nothing is filled twice.
         if len < SMALLEST {
-            return Buffer::aligned(vec![0.0; len + ALIGNMENT - 1], len);
+            return HostBuffer::aligned(vec![0.0; len + ALIGNMENT - 1], len);
         }
-        let mut buffer = Buffer::stale(len);
+        let mut buffer = HostBuffer::uninitialised(len);
         buffer.fill(0.0);
         buffer
     }
 }
 
-impl Drop for Buffer {
+impl Drop for HostBuffer {
     fn drop(&mut self) {
         // A buffer of more than half of the pool would push all others out.
         if (SMALLEST..=LIMIT / 2).contains(&self.values.len()) {
@@ -114,9 +114,9 @@ impl Drop for Buffer {
     }
 }
 
-impl From<Vec<f32>> for Buffer {
-    fn from(values: Vec<f32>) -> Buffer {
-        Buffer {
+impl From<Vec<f32>> for HostBuffer {
+    fn from(values: Vec<f32>) -> HostBuffer {
+        HostBuffer {
             len: values.len(),
             start: 0,
             values,
@@ -124,15 +124,15 @@ impl From<Vec<f32>> for Buffer {
     }
 }
 
-impl Clone for Buffer {
-    fn clone(&self) -> Buffer {
-        let mut copy = Buffer::stale(self.len);
+impl Clone for HostBuffer {
+    fn clone(&self) -> HostBuffer {
+        let mut copy = HostBuffer::uninitialised(self.len);
         copy.copy_from_slice(self);
         copy
     }
 }
 
-impl Deref for Buffer {
+impl Deref for HostBuffer {
     type Target = [f32];
 
     fn deref(&self) -> &[f32] {
@@ -140,15 +140,15 @@ impl Deref for Buffer {
     }
 }
 
-impl DerefMut for Buffer {
+impl DerefMut for HostBuffer {
     fn deref_mut(&mut self) -> &mut [f32] {
         &mut self.values[self.start..self.start + self.len]
     }
 }
 
-impl fmt::Debug for Buffer {
+impl fmt::Debug for HostBuffer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Buffer of {}", self.len)
+        write!(f, "HostBuffer of {}", self.len)
     }
 }
 
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn results_begin_with_a_cache_line() {
         for len in [0, 1, 100, SMALLEST, SMALLEST + 7] {
-            for buffer in [Buffer::stale(len), Buffer::zeros(len)] {
+            for buffer in [HostBuffer::uninitialised(len), HostBuffer::zeros(len)] {
                 assert_eq!((buffer.as_ptr().addr() % 64, buffer.len()), (0, len));
             }
         }

@@ -61,7 +61,7 @@ impl<'a> Matrix<'a> {
         self.transposed().rows(range).transposed()
     }
 
-    /// The same values read the other way.
+    /// The transpose, without a copy.
     pub fn transposed(self) -> Self {
         let Matrix {
             values,
@@ -172,7 +172,7 @@ impl<'a> MatrixMut<'a> {
         unsafe { MatrixMut::from_start(self.start.add(offset), extents, self.row_stride) }
     }
 
-    /// One row.
+    /// The columns of this block in one row. Panics beyond the last row.
     pub fn row(&mut self, row: usize) -> &mut [f32] {
         assert!(row < self.rows, "matrix: no row {row} in {}", self.rows);
         // SAFETY: the row lies within the borrowed values, and `&mut self` keeps other rows from

@@ -92,7 +92,8 @@ impl Cut {
             .for_each(|index| kernel(self.share(start.get(), index)));
     }
 
-    /// The same, gathering what `kernel` returns in the order of the shares.
+    /// Hands every share to `kernel`, in parallel, and gathers what it returns in the order of the
+    /// shares.
     pub fn map_shares<R: Send>(
         self,
         out: &mut [f32],
@@ -106,7 +107,7 @@ impl Cut {
             .collect()
     }
 
-    /// The same on the calling thread, one after the other.
+    /// Hands every share to `kernel` on the calling thread, one after the other.
     pub fn for_each_share_alone(self, out: &mut [f32], mut kernel: impl FnMut(Share)) {
         let shares = self.shares(out);
         let start = out.as_mut_ptr();

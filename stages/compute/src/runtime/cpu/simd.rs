@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 pub enum Level {
     /// What every processor of the target has.
     Portable,
-    /// AVX2 with FMA.
+    /// AVX2 with FMA: eight lanes.
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX-512 F, DQ and BW.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::buffer::Buffer;
+use super::buffer::HostBuffer;
 use super::chunks::{CHUNK, fill};
 use super::simd::vectorize;
 use crate::runtime::format::Format;
@@ -12,7 +12,7 @@ use crate::runtime::format::Format;
 /// The numbers of one weight.
 #[derive(Clone, Copy)]
 pub enum Values<'a> {
-    /// Ready to use.
+    /// Numbers that are used where they lie.
     F32(&'a [f32]),
     /// Little-endian `f32` that may lie at any address.
     Bytes(&'a [[u8; 4]]),
@@ -60,8 +60,8 @@ impl<'a> Values<'a> {
         }
     }
 
-    pub fn to_buffer(self) -> Buffer {
-        let mut out = Buffer::stale(self.len());
+    pub fn to_buffer(self) -> HostBuffer {
+        let mut out = HostBuffer::uninitialised(self.len());
         fill(&mut out, CHUNK, |i, out| self.widen(i * CHUNK, out));
         out
     }

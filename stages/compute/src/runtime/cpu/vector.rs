@@ -171,7 +171,7 @@ impl Vector for Lanes {
 #[derive(Clone, Copy)]
 pub struct Pairs<V>(V);
 
-/// The same with the processor's own dot product.
+/// Vectors whose factors are pairs of bf16, multiplied by the processor's own dot product.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
 pub struct Dots(__m512);

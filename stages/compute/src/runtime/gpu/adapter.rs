@@ -37,9 +37,9 @@ pub struct Report {
 
 /// An adapter with what is known of it.
 pub struct Found {
-    /// What opens it.
+    /// wgpu's handle, from which a device is opened.
     pub adapter: wgpu::Adapter,
-    /// What is known of it.
+    /// Its name, driver, limits and fitness, as `doctor` prints them.
     pub report: Report,
 }
 

@@ -11,7 +11,7 @@ use super::counts::Counts;
 use super::error::GpuError;
 use super::fault::{FirstError, lock, watch};
 use super::pipeline::Pipelines;
-use super::pool::Pool;
+use super::pool::BufferPool;
 use super::recorder::Recorder;
 use super::tuning::Tuning;
 
@@ -39,7 +39,7 @@ pub struct Gpu {
     tuning: Mutex<Tuning>,
     /// The most bytes that all arrays may take together; only tests set any.
     pub(super) memory: AtomicU64,
-    pub(super) pool: Arc<Pool>,
+    pub(super) pool: Arc<BufferPool>,
     pub(super) work: Mutex<Work>,
     fault: FirstError,
 }

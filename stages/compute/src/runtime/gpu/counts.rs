@@ -6,7 +6,7 @@ use std::ops::Sub;
 /// What was done since the device was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Kernels started.
+    /// Kernels that were started.
     pub dispatches: u64,
     /// Batches of commands handed over.
     pub submissions: u64,
@@ -18,7 +18,7 @@ pub struct Counts {
     pub bytes: u64,
     /// Bytes from the host.
     pub uploaded: u64,
-    /// Pipelines compiled.
+    /// Pipelines that were compiled: one for each kernel and class of shapes.
     pub pipelines: u64,
 }
 

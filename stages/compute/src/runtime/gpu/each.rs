@@ -16,7 +16,7 @@ const EACH: usize = 1024;
 
 /// An operator each of whose results is a function of its own place `i`.
 pub struct Each<'a, P> {
-    /// Its name.
+    /// Its name, by which the pipeline is kept and labelled.
     pub name: &'static str,
     /// What it reads: names and element types as in WGSL (`x: f32`), and the arrays.
     pub reads: &'a [(&'static str, &'a Buffer)],
@@ -29,7 +29,7 @@ pub struct Each<'a, P> {
 }
 
 impl<P: Params> Each<'_, P> {
-    /// Computes `len` results.
+    /// Starts the kernel for `len` results, `f32` each.
     pub fn run(&self, gpu: &Gpu, len: usize) -> Buffer {
         let templates = &[include_str!("each.wgsl")];
         let kernel = Kernel::<P>::new(self.name, templates, [self.reads.len(), 1])

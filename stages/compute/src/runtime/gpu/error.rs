@@ -25,7 +25,7 @@ pub enum GpuError {
     /// An adapter that cannot run the kernels.
     #[error("{adapter} cannot be used: {reason}; use another one or `--device cpu`")]
     Unfit {
-        /// Its name.
+        /// Its name, as the driver tells it.
         adapter: String,
         /// What it lacks, or what its driver said.
         reason: String,
@@ -47,7 +47,7 @@ pub enum GpuError {
          or take `--device cpu`"
     )]
     TooLarge {
-        /// MiB asked for.
+        /// MiB that were asked for in one piece.
         asked: u64,
         /// MiB that there may be at most.
         limit: u64,

@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::error::GpuError;
-use super::pool::Pool;
+use super::pool::BufferPool;
 
 /// The fault that the device has told of.
 pub type FirstError = Arc<Mutex<Option<GpuError>>>;
@@ -30,7 +30,7 @@ pub fn too_large(asked: u64, limit: u64) -> ! {
 }
 
 /// There is no more memory.
-pub fn full(pool: &Pool) -> GpuError {
+pub fn full(pool: &BufferPool) -> GpuError {
     GpuError::OutOfMemory {
         held: mib(pool.held()),
     }
@@ -38,7 +38,7 @@ pub fn full(pool: &Pool) -> GpuError {
 
 /// Keeps the first fault that the driver tells of; a loss, which other faults may come of, before
 /// any other.
-pub fn watch(device: &wgpu::Device, fault: &FirstError, pool: &Arc<Pool>) {
+pub fn watch(device: &wgpu::Device, fault: &FirstError, pool: &Arc<BufferPool>) {
     // The pool keeps the device alive, which must not keep the pool.
     let errors = fault.clone();
     let losses = fault.clone();

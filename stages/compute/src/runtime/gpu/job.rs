@@ -14,15 +14,15 @@ const GROUPS: u32 = 65_535;
 
 /// One use of a kernel.
 pub struct Job<'a, P> {
-    /// What to run.
+    /// The kernel to start.
     pub kernel: &'a Kernel<P>,
     /// What it reads, then what it writes.
     pub arrays: &'a [&'a Buffer],
-    /// Its parameters.
+    /// The struct that the kernel sees as `p`.
     pub params: P,
     /// How many workgroups along each axis.
     pub groups: [u32; 3],
-    /// Floating-point operations.
+    /// Floating-point operations of all its invocations, for [`Counts`](super::counts::Counts).
     pub operations: u64,
 }
 

@@ -54,25 +54,25 @@ impl<P: Params> Kernel<P> {
         }
     }
 
-    /// The same with extents that are known when it is compiled.
+    /// Sets extents that are known when the kernel is compiled.
     pub fn with(mut self, constants: &[(&'static str, u32)]) -> Kernel<P> {
         self.source.constants = constants.to_vec();
         self
     }
 
-    /// The same with functions that the templates leave open.
+    /// Adds functions that the templates leave open.
     pub fn having(mut self, head: String) -> Kernel<P> {
         self.source.head = head;
         self
     }
 
-    /// The same, which may name numbers of 16 bits.
+    /// Says whether the kernel names numbers of 16 bits.
     pub fn naming_halves(mut self, halves: bool) -> Kernel<P> {
         self.source.halves = halves;
         self
     }
 
-    /// The same, whose first parameter is how many results there are.
+    /// Puts the number of results before all other parameters.
     pub(super) fn knowing_length(mut self) -> Kernel<P> {
         self.source.fields.insert(0, "    len: u32,\n");
         self

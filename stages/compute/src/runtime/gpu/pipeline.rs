@@ -14,7 +14,7 @@ struct Layout {
 /// A kernel that can be started.
 #[derive(Clone)]
 pub struct Pipeline {
-    /// The code.
+    /// The compiled code.
     pub code: wgpu::ComputePipeline,
     /// How its arrays are bound.
     pub group: wgpu::BindGroupLayout,

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The smallest buffer.
+/// Bytes of the smallest buffer: shorter ones are rounded up, so that there are few sizes.
 const SMALLEST: u64 = 256;
 
 /// Bytes on the device, which return to their pool when dropped.
@@ -13,7 +13,7 @@ pub struct Buffer {
     raw: wgpu::Buffer,
     /// Bytes in use; the buffer may be longer.
     bytes: u64,
-    pool: Arc<Pool>,
+    pool: Arc<BufferPool>,
 }
 
 impl Buffer {
@@ -46,7 +46,7 @@ impl Drop for Buffer {
 
 /// All memory of one device.
 #[derive(Debug, Default)]
-pub struct Pool {
+pub struct BufferPool {
     idle: Mutex<Idle>,
 }
 
@@ -83,7 +83,7 @@ fn class(bytes: u64) -> u64 {
     bytes.next_multiple_of((bytes.next_power_of_two() / 8).max(4))
 }
 
-impl Pool {
+impl BufferPool {
     fn lock(&self) -> MutexGuard<'_, Idle> {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -16,7 +16,7 @@ pub fn quietly<T>(make: impl FnOnce() -> T) -> T {
     make()
 }
 
-/// The same where there is no Wayland.
+/// Does something. Without Wayland there is no complaint to keep away.
 #[cfg(not(unix))]
 pub fn quietly<T>(make: impl FnOnce() -> T) -> T {
     make()

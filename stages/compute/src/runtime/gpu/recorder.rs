@@ -11,7 +11,7 @@ const BATCH: usize = 256;
 /// What a kernel sees of an array at one of its bindings.
 #[derive(Clone, Copy)]
 pub struct Piece<'b> {
-    /// The array.
+    /// The buffer that the array lies in.
     pub buffer: &'b wgpu::Buffer,
     /// Where the piece begins.
     pub offset: u64,
@@ -47,7 +47,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Nothing recorded.
+    /// A recorder without commands, and room for the parameters of one batch.
     pub fn new(device: &wgpu::Device) -> Recorder {
         let parameters = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("parameters"),

@@ -8,7 +8,7 @@
 use std::collections::BTreeSet;
 
 /// An array as a kernel declares it.
-struct Array<'t> {
+struct ArrayDeclaration<'t> {
     name: &'t str,
     /// `read` or `read_write`.
     access: &'t str,
@@ -21,11 +21,11 @@ struct Array<'t> {
 /// How a kernel uses an array that lies in pieces.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Use {
-    /// `x[i]`
+    /// `x[i]` as a value.
     Get,
     /// `x[i] = value`, or one component of it: `.w`
     Put(String),
-    /// `atomicAdd(&x[i], value)`
+    /// An atomic function, here `atomicAdd(&x[i], value)`.
     Call(String),
 }
 
@@ -40,7 +40,7 @@ pub fn split(text: &str, pieces: &[u32], window: u64) -> Option<String> {
     // Pieces are counted in the order of bindings, in which a text need not declare them.
     declared.sort_by_key(|line| binding(line));
     for (line, &pieces) in declared.into_iter().zip(pieces) {
-        arrays.push(Array::read(line, pieces)?);
+        arrays.push(ArrayDeclaration::read(line, pieces)?);
     }
     let body = rewrite(&rest.join("\n"), &arrays, &mut uses);
     let mut out = String::new();
@@ -70,7 +70,7 @@ fn binding(declaration: &str) -> Option<u32> {
         .ok()
 }
 
-impl<'t> Array<'t> {
+impl<'t> ArrayDeclaration<'t> {
     /// `@group(0) @binding(1) var<storage, read> x: array<f32>;`
     fn read(line: &'t str, pieces: u32) -> Option<Self> {
         let (access, rest) = line.split_once("storage, ")?.1.split_once("> ")?;
@@ -165,7 +165,7 @@ fn is_name(c: char) -> bool {
 }
 
 /// The text with every use of an array that lies in pieces as a call, and what uses there were.
-fn rewrite(text: &str, arrays: &[Array], uses: &mut BTreeSet<(usize, Use)>) -> String {
+fn rewrite(text: &str, arrays: &[ArrayDeclaration], uses: &mut BTreeSet<(usize, Use)>) -> String {
     let mut out = String::new();
     let mut rest = text;
     while let Some(open) = rest.find('[') {

@@ -21,7 +21,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     let ray = p.first + id.x;
     let count = seen[ray];
     let first = 1u + before[id.x];
-    // A ray of which whole waves were seen was looked at for one wave more.
+    // A ray of which whole waves were visible was queried for one wave more.
     let most = (count / WAVE + 1u) * WAVE;
     var t = start_of(ray);
     var i = 0u;

@@ -7,7 +7,7 @@ use super::head::{KEYS, QUERIES};
 use crate::ops::attention::extents::Extents;
 use crate::ops::product::cpu::packed::Packed;
 use crate::ops::product::cpu::tile::Old;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::math::exp;
 use crate::runtime::cpu::matrix::Matrix;
 use crate::runtime::cpu::simd::vectorize;
@@ -27,7 +27,7 @@ struct Gradients {
 }
 
 /// The gradients to queries, keys and values, from `[q, k, v]` and `[out, lse, dout]`.
-pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffer; 3] {
+pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [HostBuffer; 3] {
     // Two tiles of keys a range at least, where there are so many.
     let ranges = e.keys.div_ceil(2 * KEYS).min(RANGES);
     let range = e.keys.div_ceil(ranges).next_multiple_of(KEYS);
@@ -49,7 +49,7 @@ pub fn backward(inputs: [&[f32]; 3], outputs: [&[f32]; 3], e: Extents) -> [Buffe
         })
         .collect();
     // In the order of the ranges, not that in which they end.
-    let [mut dq, mut dk, mut dv] = inputs.map(|x| Buffer::zeros(x.len()));
+    let [mut dq, mut dk, mut dv] = inputs.map(|x| HostBuffer::zeros(x.len()));
     for (task, share) in shares.iter().enumerate() {
         let image = task / ranges / e.heads;
         let head = task / ranges % e.heads;

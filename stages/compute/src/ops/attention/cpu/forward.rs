@@ -5,7 +5,7 @@ use super::head::{BLOCKS, KEYS, QUERIES};
 use crate::ops::attention::extents::Extents;
 use crate::ops::product::cpu::packed::Packed;
 use crate::ops::product::cpu::tile::Old;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::lanes;
 use crate::runtime::cpu::math::exp;
 use crate::runtime::cpu::matrix::Matrix;
@@ -22,9 +22,9 @@ struct Running {
 }
 
 /// The output and the logarithms of the sums of exponentials.
-pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (Buffer, Buffer) {
-    let mut out = Buffer::stale(q.len());
-    let mut lse = Buffer::stale(e.batch * e.queries * e.heads);
+pub fn forward(q: &[f32], k: &[f32], v: &[f32], e: Extents) -> (HostBuffer, HostBuffer) {
+    let mut out = HostBuffer::uninitialised(q.len());
+    let mut lse = HostBuffer::uninitialised(e.batch * e.queries * e.heads);
     // A panel is one head.
     let heads = Cut {
         matrices: e.batch,

@@ -9,7 +9,7 @@ use crate::runtime::cpu::matrix::Matrix;
 pub const QUERIES: usize = 48;
 /// Blocks of queries per task, which meet the same packed keys.
 pub const BLOCKS: usize = 8;
-/// Keys per tile.
+/// Keys per tile of scores.
 // With 48 queries a tile of scores takes 96 KiB.
 pub const KEYS: usize = 512;
 

@@ -11,7 +11,7 @@ use super::task::Task;
 use super::weights::Kernels;
 use crate::ops::conv::geometry::Geometry;
 use crate::ops::product::cpu::tile::Old;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::matrix::MatrixMut;
 use crate::runtime::cpu::share::Share;
 
@@ -41,9 +41,9 @@ pub fn suits(g: &Geometry) -> bool {
 }
 
 /// Convolves, by all threads.
-pub fn convolve(task: &Task, kernels: &Kernels) -> Buffer {
+pub fn convolve(task: &Task, kernels: &Kernels) -> HostBuffer {
     let g = task.g;
-    let mut out = Buffer::stale(g.batch * g.outputs * g.pixels());
+    let mut out = HostBuffer::uninitialised(g.batch * g.outputs * g.pixels());
     cut(g, g.outputs, rows(g)).for_each_share(&mut out, |mut share| {
         let mut space = Space::new(g);
         for panel in Panel::all(g, share.panels.clone()) {
@@ -66,10 +66,10 @@ struct Space {
     lines: Lines,
     channels: usize,
     /// (S, C, P): the transformed tiles.
-    tiles: Buffer,
+    tiles: HostBuffer,
     /// (R, S, P): their products with a block's kernels. A row is what one output channel's way
     /// back reads; behind the last, a vector may read on.
-    sums: Buffer,
+    sums: HostBuffer,
 }
 
 impl Space {
@@ -77,8 +77,8 @@ impl Space {
         Space {
             lines: Lines::new(),
             channels: g.channels,
-            tiles: Buffer::stale(SPOTS * g.channels * COLUMNS),
-            sums: Buffer::stale(BLOCK * SPOTS * COLUMNS + WIDEST),
+            tiles: HostBuffer::uninitialised(SPOTS * g.channels * COLUMNS),
+            sums: HostBuffer::uninitialised(BLOCK * SPOTS * COLUMNS + WIDEST),
         }
     }
 

@@ -11,7 +11,7 @@ use super::quads::run;
 use super::task::Task;
 use super::weights::{Kernels, StoredKernels};
 use crate::ops::product::cpu::tile::Old;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::matrix::MatrixMut;
 use crate::runtime::cpu::share::{Cut, Share};
 
@@ -26,16 +26,16 @@ const CHANNELS: usize = 4;
 
 /// Where transformed kernels come from.
 pub enum TransformedKernels<'a> {
-    /// All are there.
+    /// All of them, transformed before.
     Whole(Kernels<'a>),
     /// They are transformed as they are needed.
     Parts(StoredKernels<'a>),
 }
 
 /// Convolves, by all threads.
-pub fn convolve(task: &Task, source: &TransformedKernels) -> Buffer {
+pub fn convolve(task: &Task, source: &TransformedKernels) -> HostBuffer {
     let g = task.g;
-    let mut out = Buffer::stale(g.batch * g.outputs * g.pixels());
+    let mut out = HostBuffer::uninitialised(g.batch * g.outputs * g.pixels());
     let all = g.batch * down(g);
     // Whole blocks, since a block's kernels are packed side by side.
     let share_rows = g.outputs.div_ceil(TASKS).next_multiple_of(BLOCK);
@@ -54,9 +54,9 @@ pub fn convolve(task: &Task, source: &TransformedKernels) -> Buffer {
 }
 
 /// The transformed inputs: (panels, S, C, P).
-fn transform_inputs(task: &Task, panels: &[Panel]) -> Buffer {
+fn transform_inputs(task: &Task, panels: &[Panel]) -> HostBuffer {
     let channels = task.g.channels;
-    let mut out = Buffer::stale(panels.len() * SPOTS * channels * COLUMNS);
+    let mut out = HostBuffer::uninitialised(panels.len() * SPOTS * channels * COLUMNS);
     let cut = Cut {
         matrices: panels.len() * SPOTS,
         rows: channels,
@@ -84,10 +84,10 @@ fn multiply(
     panels: usize,
     source: &TransformedKernels,
     outputs: Range<usize>,
-) -> Buffer {
+) -> HostBuffer {
     let channels = task.g.channels;
     let rows = outputs.len().next_multiple_of(BLOCK);
-    let mut sums = Buffer::stale(panels * rows * SPOTS * COLUMNS + WIDEST);
+    let mut sums = HostBuffer::uninitialised(panels * rows * SPOTS * COLUMNS + WIDEST);
     for first in (0..channels).step_by(DEPTH) {
         let depth = first..channels.min(first + DEPTH);
         // In the same steps of depth as `band`, so that both give the same bits.
@@ -96,7 +96,7 @@ fn multiply(
             TransformedKernels::Parts(stored) => {
                 stored.transform_part(outputs.clone(), depth.clone())
             }
-            TransformedKernels::Whole(_) => Buffer::stale(0),
+            TransformedKernels::Whole(_) => HostBuffer::uninitialised(0),
         };
         let part = Kernels::new(&part, depth.len());
         let kernels = |block: usize, spot: usize| match source {

@@ -22,7 +22,7 @@ pub mod weights;
 use std::sync::OnceLock;
 
 use super::geometry::Geometry;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use deep::TransformedKernels;
 use extents::{COLUMNS, SIDE, SPOTS};
 use task::Task;
@@ -48,7 +48,11 @@ pub fn suits(g: &Geometry) -> bool {
 
 /// Convolves every image, and adds the bias. Kernels that are transformed as a whole go to `kept`,
 /// if there is such a place, or are found there.
-pub fn convolve(task: &Task, stored: StoredKernels, kept: Option<&OnceLock<Buffer>>) -> Buffer {
+pub fn convolve(
+    task: &Task,
+    stored: StoredKernels,
+    kept: Option<&OnceLock<HostBuffer>>,
+) -> HostBuffer {
     let channels = task.g.channels;
     let kept = kept.map(|kept| Kernels::new(kept.get_or_init(|| stored.transform()), channels));
     match (band::suits(task.g), kept) {

@@ -30,14 +30,14 @@ pub trait Quads: Vector {
 }
 
 /// Work written for any vectors.
-pub trait Kernel {
+pub trait VectorKernel {
     /// SAFETY: the processor has the instructions of `V`. To be marked `#[inline(always)]`: it is
     /// compiled where they may be used.
     unsafe fn run<V: Quads>(self);
 }
 
 /// Runs `kernel` with the vectors of the current level.
-pub fn run(kernel: impl Kernel) {
+pub fn run(kernel: impl VectorKernel) {
     // SAFETY: a level is current only if the processor has it.
     unsafe {
         match Level::current() {
@@ -53,7 +53,7 @@ pub fn run(kernel: impl Kernel) {
 /// SAFETY: the processor has AVX-512.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512bw")]
-unsafe fn avx512(kernel: impl Kernel) {
+unsafe fn avx512(kernel: impl VectorKernel) {
     // SAFETY: by the contract of this function.
     unsafe { kernel.run::<__m512>() }
 }
@@ -61,7 +61,7 @@ unsafe fn avx512(kernel: impl Kernel) {
 /// SAFETY: the processor has AVX2 and FMA.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-unsafe fn avx2(kernel: impl Kernel) {
+unsafe fn avx2(kernel: impl VectorKernel) {
     // SAFETY: by the contract of this function.
     unsafe { kernel.run::<__m256>() }
 }

@@ -8,7 +8,7 @@ pub struct Task<'a> {
     pub g: &'a Geometry,
     /// `[N, C, H, W]`.
     pub x: &'a [f32],
-    /// `[O]`.
+    /// `[O]`, added before the result is finished.
     pub bias: Option<&'a [f32]>,
     /// What is added is `[N, O, H', W']`.
     pub finish: Finish<&'a [f32]>,

@@ -8,7 +8,7 @@ use super::extents::{BLOCK, SPOTS};
 use super::kernels::TransformTaps;
 use super::quads::run;
 use crate::ops::conv::geometry::Geometry;
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::transpose::transpose_into;
 use crate::runtime::cpu::values::Values;
 
@@ -51,9 +51,9 @@ impl<'a> StoredKernels<'a> {
     }
 
     /// All kernels, transformed by all threads, as [`Kernels`] sees them.
-    pub fn transform(&self) -> Buffer {
+    pub fn transform(&self) -> HostBuffer {
         let block = SPOTS * self.channels * BLOCK;
-        let mut values = Buffer::stale(self.outputs.div_ceil(BLOCK) * block);
+        let mut values = HostBuffer::uninitialised(self.outputs.div_ceil(BLOCK) * block);
         values
             .par_chunks_mut(block)
             .enumerate()
@@ -66,9 +66,9 @@ impl<'a> StoredKernels<'a> {
 
     /// The kernels of some outputs (whole blocks, but for the last) and channels, transformed by
     /// the calling thread.
-    pub fn transform_part(&self, outputs: Range<usize>, channels: Range<usize>) -> Buffer {
+    pub fn transform_part(&self, outputs: Range<usize>, channels: Range<usize>) -> HostBuffer {
         let block = SPOTS * channels.len() * BLOCK;
-        let mut values = Buffer::stale(outputs.len().div_ceil(BLOCK) * block);
+        let mut values = HostBuffer::uninitialised(outputs.len().div_ceil(BLOCK) * block);
         for (i, out) in values.chunks_mut(block).enumerate() {
             let first = outputs.start + i * BLOCK;
             let outputs = first..outputs.end.min(first + BLOCK);

@@ -19,7 +19,7 @@ pub const TILE: usize = ROWS * TILE_STRIDE;
 /// Rows that are packed for all panels together, if nothing speaks against it.
 pub const GRAIN: usize = 32;
 
-/// The left factor.
+/// The left factor of a product, which hands itself out in tiles of rows.
 pub trait Left: Sync {
     /// The part `rows`, `depth`, copied to `space` or borrowed.
     fn tile<'a>(

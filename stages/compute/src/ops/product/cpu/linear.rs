@@ -2,13 +2,13 @@
 
 use super::factor::{Stored, Turned};
 use super::product::{Start, product};
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::matrix::Matrix;
 use crate::runtime::cpu::values::Values;
 use crate::runtime::format::Precision;
 
 /// `a [m, k]` times `b [k, n]`.
-pub fn matmul(a: &[f32], b: &[f32], [m, k, n]: [usize; 3]) -> Buffer {
+pub fn matmul(a: &[f32], b: &[f32], [m, k, n]: [usize; 3]) -> HostBuffer {
     product(
         [1, m, n],
         k,
@@ -25,7 +25,7 @@ pub fn linear(
     (weight, precision): (Values, Precision),
     bias: Option<&[f32]>,
     [rows, k, m]: [usize; 3],
-) -> Buffer {
+) -> HostBuffer {
     let weight = Turned(Stored {
         values: weight,
         columns: k,
@@ -45,7 +45,7 @@ pub fn backward_input(
     dy: &[f32],
     (weight, precision): (Values, Precision),
     [rows, k, m]: [usize; 3],
-) -> Buffer {
+) -> HostBuffer {
     product(
         [1, rows, k],
         m,
@@ -60,7 +60,7 @@ pub fn backward_input(
 }
 
 /// The transpose of `dy [rows, m]` times `x [rows, k]`.
-pub fn backward_weight(x: &[f32], dy: &[f32], [rows, k, m]: [usize; 3]) -> Buffer {
+pub fn backward_weight(x: &[f32], dy: &[f32], [rows, k, m]: [usize; 3]) -> HostBuffer {
     product(
         [1, m, k],
         rows,

@@ -3,14 +3,14 @@
 use super::bf16::{narrow_panel, narrow_tile};
 use super::factor::{DEPTH, Left, Right, TILE};
 use super::tile::{COLUMNS, Old, ROWS, multiply_tile};
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::matrix::MatrixMut;
 use crate::runtime::format::Precision;
 
 /// A right factor packed once, to meet several left factors.
 pub struct Packed {
     /// For each range of [`DEPTH`] steps, its panels.
-    values: Buffer,
+    values: HostBuffer,
     depth: usize,
     columns: usize,
     precision: Precision,
@@ -19,7 +19,7 @@ pub struct Packed {
 impl Packed {
     pub fn new(right: &impl Right, depth: usize, columns: usize, precision: Precision) -> Packed {
         let panels = columns.div_ceil(COLUMNS);
-        let mut values = Buffer::stale(depth * panels * COLUMNS);
+        let mut values = HostBuffer::uninitialised(depth * panels * COLUMNS);
         for (i, values) in values.chunks_mut(DEPTH * panels * COLUMNS).enumerate() {
             let steps = i * DEPTH..depth.min((i + 1) * DEPTH);
             for (panel, packed) in values.chunks_mut(steps.len() * COLUMNS).enumerate() {

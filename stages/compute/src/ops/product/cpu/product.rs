@@ -4,7 +4,7 @@
 use super::bf16::{narrow_panel, narrow_tile};
 use super::factor::{DEPTH, Left, Right, TILE};
 use super::tile::{COLUMNS, Old, ROWS, multiply_tile};
-use crate::runtime::cpu::buffer::Buffer;
+use crate::runtime::cpu::buffer::HostBuffer;
 use crate::runtime::cpu::share::{Cut, Share};
 use crate::runtime::format::Precision;
 
@@ -37,8 +37,8 @@ pub fn product(
     right: &impl Right,
     start: Start,
     precision: Precision,
-) -> Buffer {
-    let mut out = Buffer::stale(matrices * rows * columns);
+) -> HostBuffer {
+    let mut out = HostBuffer::uninitialised(matrices * rows * columns);
     let compute = |mut share: Share| {
         let old = begin(&mut share, start);
         add_product(&mut share, left, right, depth, (old, precision));
@@ -104,7 +104,7 @@ pub fn add_product(
 ) {
     let rows = share.rows.clone();
     let cut = share.cut;
-    let mut panels = Buffer::stale(share.panels.len() * DEPTH.min(depth) * COLUMNS);
+    let mut panels = HostBuffer::uninitialised(share.panels.len() * DEPTH.min(depth) * COLUMNS);
     let mut spaces = [[0.0; TILE]; 2];
     for first in (0..depth).step_by(DEPTH) {
         let steps = first..depth.min(first + DEPTH);

@@ -55,9 +55,8 @@ pub struct Product<'a> {
     pub factors: &'static str,
     /// The name of the snippet.
     pub name: &'static str,
-    /// The left and the right factor.
+    /// The left factor, which `factor_a` reads, and the right one, which `factor_b` reads.
     pub a: Factor<'a>,
-    /// The right factor.
     pub b: Factor<'a>,
     /// Added to every row's (of an image's channel) or column's results.
     pub bias: Option<(&'a Buffer, Along)>,

@@ -8,14 +8,14 @@ const ENOUGH_TILES: usize = 64;
 /// The least depth that is worth a workgroup of its own.
 const LEAST_DEPTH: usize = 256;
 
-/// For few columns.
+/// For results of few columns, where a square tile would be mostly padding.
 const TALL: Tile = Tile {
     rows: 256,
     columns: 16,
     depth: 16,
     per_invocation: [4, 4],
 };
-/// For few rows.
+/// For results of few rows.
 const WIDE: Tile = Tile {
     rows: 16,
     columns: 256,

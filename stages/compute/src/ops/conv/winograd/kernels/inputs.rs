@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use super::super::extents::{COLUMNS, SEEN, SIDE, SIGHT, SPOTS, WIDEST};
-use super::super::quads::{Kernel, Quads};
+use super::super::quads::{Quads, VectorKernel};
 use super::super::transform::input_transform;
 use crate::runtime::cpu::matrix::MatrixMut;
 
@@ -26,7 +26,7 @@ pub struct TransformInputs<'a> {
     pub source: [&'a [f32]; SIGHT],
     /// Zeros before them, which the first tile sees.
     pub zeros: usize,
-    /// Space.
+    /// Scratch space between the transform down the lines and the one along them.
     pub lines: &'a mut Lines,
     /// (S, P): the tiles' numbers at each spot.
     pub spots: MatrixMut<'a>,
@@ -35,7 +35,7 @@ pub struct TransformInputs<'a> {
     pub count: usize,
 }
 
-impl Kernel for TransformInputs<'_> {
+impl VectorKernel for TransformInputs<'_> {
     #[inline(always)]
     unsafe fn run<V: Quads>(mut self) {
         assert!(
@@ -60,7 +60,7 @@ impl Kernel for TransformInputs<'_> {
 impl TransformInputs<'_> {
     /// Down the six lines first: neighbouring tiles share what they both see, and pixels need not
     /// be sorted by column yet. B^T of zeros is zero, so padding is filled in afterwards. SAFETY:
-    /// that of [`Kernel::run`]; the lines have room.
+    /// that of [`VectorKernel::run`]; the lines have room.
     #[inline(always)]
     unsafe fn transform_down<V: Quads>(&mut self) {
         let zeros = self.zeros;
@@ -98,7 +98,8 @@ impl TransformInputs<'_> {
     }
 
     /// Along the lines, whose pixels are sorted by their column in the tile: then a vector is one
-    /// number of many tiles. SAFETY: that of [`Kernel::run`]; the panel has room for the tiles.
+    /// number of many tiles.
+    /// SAFETY: that of [`VectorKernel::run`]; the panel has room for the tiles.
     #[inline(always)]
     unsafe fn transform_along<V: Quads>(&mut self) {
         let stride = self.spots.row_stride();
@@ -125,7 +126,7 @@ impl TransformInputs<'_> {
 }
 
 /// Stores the first `count` lanes, or all if there are no more.
-/// SAFETY: that of [`Kernel::run`]; `to` has room for so many.
+/// SAFETY: that of [`VectorKernel::run`]; `to` has room for so many.
 #[inline(always)]
 unsafe fn store_first<V: Quads>(values: V, count: usize, to: *mut f32) {
     // SAFETY: by the contract of this function.

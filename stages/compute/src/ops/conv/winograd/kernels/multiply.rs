@@ -3,7 +3,7 @@
 #![allow(unsafe_code)]
 
 use super::super::extents::{BLOCK, COLUMNS, DEPTH};
-use super::super::quads::{Kernel, Quads};
+use super::super::quads::{Quads, VectorKernel};
 use crate::ops::product::cpu::tile::Old;
 use crate::runtime::cpu::matrix::MatrixMut;
 
@@ -15,14 +15,14 @@ const CHAIN: usize = 32;
 pub struct Multiply<'a> {
     /// (C, R), C at most [`DEPTH`].
     pub kernels: &'a [f32],
-    /// (C, P).
+    /// (C, P), P the tiles of a panel.
     pub tiles: &'a [f32],
     /// (R, P), or fewer rows.
     pub sums: MatrixMut<'a>,
     pub old: Old,
 }
 
-impl Kernel for Multiply<'_> {
+impl VectorKernel for Multiply<'_> {
     #[inline(always)]
     unsafe fn run<V: Quads>(mut self) {
         let depth = self.kernels.len() / BLOCK;
@@ -53,7 +53,7 @@ impl Kernel for Multiply<'_> {
 
 impl Multiply<'_> {
     /// `N` rows of two vectors.
-    /// SAFETY: that of [`Kernel::run`]; the tile lies within the extents.
+    /// SAFETY: that of [`VectorKernel::run`]; the tile lies within the extents.
     #[inline(always)]
     unsafe fn tile<V: Quads, const N: usize>(&mut self, depth: usize, row: usize, column: usize) {
         let stride = self.sums.row_stride();

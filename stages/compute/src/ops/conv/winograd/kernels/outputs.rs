@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use super::super::extents::{COLUMNS, SIDE, SIGHT, SPOTS, WIDEST};
-use super::super::quads::{Kernel, Quads};
+use super::super::quads::{Quads, VectorKernel};
 use super::super::transform::output_transform;
 use crate::ops::product::finish::Finish;
 
@@ -24,7 +24,7 @@ pub struct TransformOutputs<'a> {
     pub x: usize,
 }
 
-impl Kernel for TransformOutputs<'_> {
+impl VectorKernel for TransformOutputs<'_> {
     #[inline(always)]
     unsafe fn run<V: Quads>(mut self) {
         let added = match self.finish {
@@ -47,7 +47,7 @@ impl Kernel for TransformOutputs<'_> {
 
 impl TransformOutputs<'_> {
     /// As many tiles as a vector has lanes, from `tile` on.
-    /// SAFETY: that of [`Kernel::run`]; there is such a tile.
+    /// SAFETY: that of [`VectorKernel::run`]; there is such a tile.
     #[inline(always)]
     unsafe fn tiles<V: Quads>(&mut self, tile: usize) {
         // SAFETY: by the contract of this function; beyond the panel's last spot there are enough
@@ -83,7 +83,7 @@ impl TransformOutputs<'_> {
     }
 
     /// Finishes and stores whole vectors, from number `at` of the lines on.
-    /// SAFETY: that of [`Kernel::run`]; the lines have room for the quad.
+    /// SAFETY: that of [`VectorKernel::run`]; the lines have room for the quad.
     #[inline(always)]
     unsafe fn write<V: Quads>(&mut self, quad: [V; SIDE], at: usize) {
         for (i, values) in quad.into_iter().enumerate() {
@@ -100,8 +100,8 @@ impl TransformOutputs<'_> {
         }
     }
 
-    /// The same of the first `pixels` only: at the image's edge.
-    /// SAFETY: that of [`Kernel::run`].
+    /// Finishes and stores the first `pixels` of a quad, which ends beyond the image's edge.
+    /// SAFETY: that of [`VectorKernel::run`].
     #[inline(always)]
     unsafe fn write_some<V: Quads>(&mut self, quad: [V; SIDE], at: usize, pixels: usize) {
         let mut all = [0.0; SIDE * WIDEST];

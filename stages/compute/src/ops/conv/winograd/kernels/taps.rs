@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use super::super::extents::{BLOCK, SIGHT, SPOTS};
-use super::super::quads::{Kernel, Quads};
+use super::super::quads::{Quads, VectorKernel};
 use super::super::transform::kernel_transform;
 
 /// G from both sides of the kernels of a block of outputs and some channels.
@@ -18,7 +18,7 @@ pub struct TransformTaps<'a> {
     pub channels: usize,
 }
 
-impl Kernel for TransformTaps<'_> {
+impl VectorKernel for TransformTaps<'_> {
     #[inline(always)]
     unsafe fn run<V: Quads>(mut self) {
         let count = self.taps.len() / (9 * BLOCK);
@@ -38,7 +38,7 @@ impl Kernel for TransformTaps<'_> {
 
 impl TransformTaps<'_> {
     /// As many outputs as a vector has lanes, from `lane` on.
-    /// SAFETY: that of [`Kernel::run`]; the channel is one of these.
+    /// SAFETY: that of [`VectorKernel::run`]; the channel is one of these.
     #[inline(always)]
     unsafe fn channel<V: Quads>(&mut self, channel: usize, lane: usize) {
         // SAFETY: by the contract of this function.

@@ -1,0 +1,6 @@
+//! What is printed, and how: lines and tables, what happens during a run, the exit code. Knows no
+//! commands.
+
+pub mod exit;
+pub mod output;
+pub mod progress;

@@ -1,0 +1,268 @@
+//! `Blend`: one image of a network's enlargement and a field's render, by adding up their detail.
+//! Knows nothing of how either was made.
+
+mod shares;
+#[cfg(test)]
+mod tests;
+
+use artifacts_schema::{ImageSet, View};
+use compute::elementwise::{scaled_sum, sub};
+use compute::resize::{Filter, resize};
+use compute::{Array, Device};
+use formats::Camera;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::shares::{Moments, Shares};
+use crate::back_projection::back_project;
+use crate::convert;
+use crate::error::StageError;
+use crate::io::Io;
+use crate::masks;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::stage::{Estimate, Sizes, Stage};
+
+/// The enlarged photos, and the images that come out.
+const IMAGES: Port<ImageSet> = Port::new("images");
+const OWN: Port<ImageSet> = Port::new("own");
+const LOW: Port<ImageSet> = Port::new("low");
+
+/// Adds up the detail that an enlargement and a render of the same view have beyond the
+/// low-resolution photo.
+///
+/// The network has its detail from other pictures, the field from the other photos: their errors
+/// have little in common. A mean of the two would halve what only one of them knows. The result is
+/// the sum of both, in the shares that leave the least squared error; they follow from the images
+/// themselves.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Blend {
+    /// The enlarged photos. Where they have alpha, so has the result.
+    pub images: Input,
+    /// The field's renders of the same views at the same size.
+    pub own: Input,
+    /// The low-resolution photos.
+    pub low: Input,
+    /// By how much there is more detail than the field shows, where it shows some: a field is less
+    /// sharp than what it knows. 1 would be an estimate without bias.
+    #[schemars(range(min = 0, max = 10))]
+    pub own_gain: f64,
+    /// Rounds of back-projection onto the low-resolution photos, of both images and of the result.
+    #[schemars(range(min = 0, max = 1000))]
+    pub back_projection: u32,
+}
+
+impl Default for Blend {
+    /// Measured against the truth, `own_gain` is 1.4 on fern and 1.8 on the still life;
+    /// `docs/results.md`.
+    fn default() -> Self {
+        let none = Input::default;
+        Self {
+            images: none(),
+            own: none(),
+            low: none(),
+            own_gain: 1.5,
+            back_projection: 3,
+        }
+    }
+}
+
+/// What an image has beyond the enlarged photo, of network and field; `[1, C, H, W]` each.
+struct Detail {
+    base: Array,
+    images: Array,
+    own: Array,
+}
+
+/// A low-resolution photo's values, `[1, C, h, w]`, and which of them count, as factors; `None`
+/// where all do.
+struct Low {
+    values: Array,
+    counts: Option<Array>,
+}
+
+impl Blend {
+    fn project(&self, image: Array, low: &Low) -> Array {
+        let Low { values, counts } = low;
+        back_project(
+            image,
+            values,
+            counts.as_ref(),
+            self.back_projection,
+            [0.0, 1.0],
+        )
+    }
+
+    /// Shapes: `images` and `own` `[1, C, H, W]`, `low` `[1, C, h, w]`, values from 0 to 1.
+    fn detail(&self, images: Array, own: Array, low: &Low) -> Detail {
+        let base = resize(
+            &low.values,
+            images.shape()[2],
+            images.shape()[3],
+            Filter::BicubicTorch,
+            false,
+        );
+        // All three are brought in line with the photo first. So details differ only in what the
+        // photo does not show.
+        let base = self.project(base, low);
+        let images = sub(&self.project(images, low), &base);
+        let own = sub(&self.project(own, low), &base);
+        Detail { base, images, own }
+    }
+
+    fn sum(&self, detail: &Detail, shares: Shares, low: &Low) -> Array {
+        let Detail { base, images, own } = detail;
+        let terms = [
+            // The base is in line with the photo already, so that only details have shares.
+            (1.0, base),
+            (shares.images as f32, images),
+            (shares.own as f32, own),
+        ];
+        self.project(scaled_sum(&terms), low)
+    }
+
+    fn colours(&self, views: &Views, device: &Device) -> (Detail, Low) {
+        let array = |view: &View| convert::srgb_array(view, device);
+        let low = Low {
+            values: array(views.low),
+            // [1, 3, h, w]
+            counts: masks::factors(views.low, 3, device),
+        };
+        (
+            self.detail(array(views.images), array(views.own), &low),
+            low,
+        )
+    }
+
+    fn view(&self, views: &Views, shares: Shares, device: &Device) -> View {
+        let array = |view: &View| convert::alpha_array(view, device);
+        let alpha = match (array(views.images), array(views.own), array(views.low)) {
+            (Some(images), Some(own), Some(values)) => {
+                let counts = masks::factors(views.low, 1, device);
+                let low = Low { values, counts };
+                let detail = self.detail(images, own, &low);
+                Some(self.sum(&detail, shares, &low).to_vec())
+            }
+            // Without alpha on all sides there is no detail to weigh.
+            (images, _, _) => images.map(|alpha| alpha.to_vec()),
+        };
+        let (detail, low) = self.colours(views, device);
+        // Colours and alpha get the same shares, so that an outline and what it bounds stay
+        // together.
+        let sum = self.sum(&detail, shares, &low);
+        View {
+            name: views.images.name.clone(),
+            camera: views.images.camera,
+            pixels: convert::disk_pixels(&sum, alpha),
+            depth: None,
+            mask: views.mask(),
+        }
+    }
+}
+
+/// One view as each input has it.
+struct Views<'a> {
+    images: &'a View,
+    own: &'a View,
+    low: &'a View,
+}
+
+impl Views<'_> {
+    /// Which pixels of the large images count: those that count in both photos.
+    fn mask(&self) -> Option<Vec<bool>> {
+        let Camera { width, height, .. } = self.images.camera;
+        // Back-projection has no say where the photo is masked, so that the sum is not bound to it
+        // there.
+        let low = masks::at_size(self.low, width, height);
+        masks::both(self.images.mask.clone(), low)
+    }
+}
+
+/// Refuses two images of one view that differ in size.
+fn check_sizes(images: &View, own: &View) -> Result<(), StageError> {
+    let size = |view: &View| (view.camera.width, view.camera.height);
+    let images_size = size(images);
+    let own_size = size(own);
+    if images_size == own_size {
+        return Ok(());
+    }
+    Err(StageError::Mismatch(format!(
+        "the view `{}` has {}x{} pixels in `images` and {}x{} in `own`; render at the same scale as the enlargement",
+        images.name, images_size.0, images_size.1, own_size.0, own_size.1
+    )))
+}
+
+impl Stage for Blend {
+    fn kind(&self) -> &'static str {
+        "Blend"
+    }
+
+    fn version(&self) -> u32 {
+        2
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        // NaN fails both comparisons, so that it is refused as well.
+        if !(self.own_gain >= 0.0 && self.own_gain <= 10.0) {
+            return Err(StageError::parameter(
+                "own_gain",
+                format!("is {}; it must be 0 to 10", self.own_gain),
+            ));
+        }
+        convert::in_range("back_projection", self.back_projection, 0, 1000)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![
+            IMAGES.input(&self.images),
+            OWN.input(&self.own),
+            LOW.input(&self.low),
+        ]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![IMAGES.output()]
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        Estimate::reading(inputs).computing(64 << 20, 2.0)
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let images = io.read(IMAGES)?;
+        let own = io.read(OWN)?;
+        let low = io.read(LOW)?;
+        let mut sets = Vec::new();
+        for images in &images.views {
+            // By name and not by place: the sets may hold views that the others lack.
+            let own = convert::view_named(&own, &images.name)?;
+            let low = convert::view_named(&low, &images.name)?;
+            check_sizes(images, own)?;
+            sets.push(Views { images, own, low });
+        }
+        // Details are made twice rather than kept: a scene of hundreds of photos would not fit into
+        // memory.
+        let mut moments = Moments::default();
+        for (done, views) in sets.iter().enumerate() {
+            let (detail, _) = self.colours(views, io.device);
+            moments.add(&detail.images, &detail.own, views.mask().as_deref());
+            io.progress(done + 1, 2 * sets.len(), &[])?;
+        }
+        let shares = moments.shares(self.own_gain);
+        io.metric("share of the enlargement's detail", shares.images);
+        io.metric("share of the field's detail", shares.own);
+        let mut views = Vec::new();
+        for set in &sets {
+            views.push(self.view(set, shares, io.device));
+            io.progress(sets.len() + views.len(), 2 * sets.len(), &[])?;
+        }
+        io.write(
+            IMAGES,
+            &ImageSet {
+                views,
+                bounds: images.bounds,
+                to_source: images.to_source,
+            },
+        )
+    }
+}

@@ -1,0 +1,105 @@
+//! `Encode`: images to latents by the prior's VAE, in f32. Knows nothing of guidance.
+
+use artifacts_schema::{ImageSet, LatentView, Latents};
+use diffusion::{ModelSource, Prior};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::convert;
+use crate::error::StageError;
+use crate::io::Io;
+use crate::model::Model;
+use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::prior;
+use crate::stage::{Estimate, Sizes, Stage};
+
+const IMAGES: Port<ImageSet> = Port::new("images");
+const LATENTS: Port<Latents> = Port::new("latents");
+
+/// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper
+/// section 2.1).
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Encode {
+    /// The images.
+    pub images: Input,
+    /// The prior.
+    pub model: ModelSource,
+    /// Side of the tiles in image pixels; an image that fits in one is not tiled.
+    #[schemars(range(min = 64, max = 8192))]
+    pub tile: u32,
+}
+
+impl Default for Encode {
+    fn default() -> Self {
+        Self {
+            images: Input::default(),
+            model: ModelSource::default(),
+            tile: 512,
+        }
+    }
+}
+
+impl Stage for Encode {
+    fn kind(&self) -> &'static str {
+        "Encode"
+    }
+
+    fn version(&self) -> u32 {
+        3
+    }
+
+    fn check(&self) -> Result<(), StageError> {
+        convert::in_range("tile", self.tile, 64, 8192)
+    }
+
+    fn inputs(&self) -> Vec<InputPort<'_>> {
+        vec![IMAGES.input(&self.images)]
+    }
+
+    fn outputs(&self) -> Vec<OutputPort> {
+        vec![LATENTS.output()]
+    }
+
+    fn model(&self) -> Option<&dyn Model> {
+        Some(&self.model)
+    }
+
+    fn uses_device(&self) -> bool {
+        true
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        Estimate::reading(inputs).computing(prior::memory(&self.model), 30.0)
+    }
+
+    fn run(&self, io: &Io) -> Result<(), StageError> {
+        let images = io.read(IMAGES)?;
+        let prior = Prior::load(&self.model, io.device)?;
+        let mut views = Vec::new();
+        for (done, view) in images.views.iter().enumerate() {
+            let latent = prior
+                .vae
+                .encode_image(&convert::signed_array(view, io.device), self.tile as usize);
+            views.push(LatentView {
+                name: view.name.clone(),
+                size: [view.camera.width, view.camera.height],
+                camera: view.camera,
+                tensor: convert::tensor(&latent),
+            });
+            io.progress(done + 1, images.views.len(), &[])?;
+        }
+        // The whole model's digest stands for its VAE, so that latents of another model are told
+        // apart.
+        let vae = self.model.content()?.to_string();
+        io.write(
+            LATENTS,
+            &Latents {
+                vae,
+                scaling_factor: prior.vae.scaling_factor(),
+                views,
+                bounds: images.bounds,
+            },
+        )
+    }
+}

@@ -1,0 +1,250 @@
+//! An evaluation as it goes on: renders of two fields, their scores, and the pictures to show. Knows
+//! nothing of where inputs come from and results go.
+
+use std::collections::BTreeMap;
+
+use artifacts_schema::{ImageSet, Metrics, Picture, View};
+use compute::resize::{Filter, resize};
+use formats::pixels::planes;
+use nerf::{Field, Rendered};
+
+use super::consistency::{Shown, warped};
+use super::networks::Networks;
+use super::pictures::{BEHIND, Picked, error_map, side_by_side};
+use super::scores::{Scored, Scores};
+use super::{Evaluate, masked};
+use crate::convert;
+use crate::error::StageError;
+use crate::io::Io;
+
+/// The one column that is only this stage's.
+const OWN: (&str, &str) = (
+    "psnr_lr",
+    "PSNR in dB against the low-resolution photos that the field was trained on; higher is better",
+);
+
+/// The rows of the fields, and that of an enlarged render.
+const SR: &str = "sr_nerf";
+const LR: &str = "lr_nerf";
+const BICUBIC: &str = "bicubic";
+
+/// Pictures by the names of their views.
+pub type Pictures = BTreeMap<String, Picture>;
+
+/// A field that is measured.
+struct Measured {
+    row: &'static str,
+    field: Field,
+    /// It from all held-out cameras.
+    shown: Vec<Shown>,
+}
+
+/// Two fields, and what is known of them so far.
+pub struct Evaluation<'a> {
+    stage: &'a Evaluate,
+    io: &'a Io<'a>,
+    networks: Networks,
+    /// The super-resolved field and the low-resolution one.
+    fields: [Measured; 2],
+    scores: Scores,
+    /// Comparisons, renders, photos and maps of errors.
+    pictures: [Pictures; 4],
+    /// Held-out views that were measured.
+    views: usize,
+    done: usize,
+    steps: usize,
+}
+
+impl<'a> Evaluation<'a> {
+    /// Of the super-resolved field and the low-resolution one.
+    pub fn new(
+        stage: &'a Evaluate,
+        io: &'a Io<'a>,
+        networks: Networks,
+        [field, baseline]: [Field; 2],
+    ) -> Self {
+        let measured = |row, field| Measured {
+            row,
+            field,
+            shown: Vec::new(),
+        };
+        Self {
+            stage,
+            io,
+            networks,
+            fields: [measured(SR, field), measured(LR, baseline)],
+            scores: Scores::default(),
+            pictures: Default::default(),
+            views: 0,
+            done: 0,
+            steps: 0,
+        }
+    }
+
+    /// How many pieces of work there will be, for whoever waits.
+    pub fn expect(&mut self, steps: usize) {
+        self.steps = steps;
+    }
+
+    fn tell(&mut self) -> Result<(), StageError> {
+        self.done += 1;
+        self.io.progress(self.done, self.steps, &[])
+    }
+
+    /// Renders both fields from all held-out cameras.
+    pub fn show(&mut self, truths: &ImageSet) -> Result<(), StageError> {
+        for which in 0..self.fields.len() {
+            for view in &truths.views {
+                let image = self.render(&self.fields[which].field, view);
+                let camera = view.camera;
+                self.fields[which].shown.push(Shown { camera, image });
+                self.tell()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn render(&self, field: &Field, view: &View) -> Rendered {
+        // A truth with alpha is put before white (`Picked::of`), so the field must be too.
+        let background = if view.pixels.alpha.is_some() {
+            [BEHIND; 3]
+        } else {
+            [0.0; 3]
+        };
+        let options = nerf::RenderOptions {
+            supersample: self.stage.supersample,
+            background,
+        };
+        // On the CPU whatever the device, so that figures of fields from different devices compare.
+        nerf::render(field, &view.camera, &options)
+    }
+
+    /// Measures the next held-out view, in the order in which they were shown.
+    pub fn held_out(&mut self, view: &View, low: &View) -> Result<(), StageError> {
+        let at = self.views;
+        let truth = Picked::of(view);
+        let mask = view.mask.as_deref();
+        // Masked pixels take the truth's values, so that every metric finds no error there.
+        let enlarged = self.enlarged(low, view).masked_by(&truth, mask);
+        let [sr, lr] = [0, 1].map(|field: usize| {
+            Picked::rendered(&self.fields[field].shown[at].image).masked_by(&truth, mask)
+        });
+        let low = Picked::of(low);
+        let images = [(BICUBIC, &enlarged), (LR, &lr), (SR, &sr)];
+        for (row, image) in images {
+            let measured = self.measure(image, &truth, &low, mask);
+            self.scores
+                .add(row, &view.name, masked::counted(measured, mask));
+        }
+        self.measure_fields(view, &truth);
+        // Comparisons are large, and the first few views tell as much as all.
+        if at < self.stage.figures as usize {
+            self.keep(0, view, side_by_side(&truth, &images));
+        }
+        self.keep(1, view, sr.picture());
+        self.keep(2, view, truth.picture());
+        self.keep(3, view, error_map(&truth, &sr));
+        self.views += 1;
+        self.tell()
+    }
+
+    fn keep(&mut self, set: usize, view: &View, picture: Picture) {
+        self.pictures[set].insert(view.name.clone(), picture);
+    }
+
+    /// The low-resolution field at low resolution, enlarged to the size of `truth` on sRGB values.
+    fn enlarged(&self, low: &View, truth: &View) -> Picked {
+        let [_, baseline] = &self.fields;
+        let small = self.render(&baseline.field, low);
+        let shape = [1, 3, small.height as usize, small.width as usize];
+        let array = self.io.device.array(&shape, planes(&small.rgb, 3));
+        let height = truth.camera.height as usize;
+        let width = truth.camera.width as usize;
+        // Enlarged from what the field shows, not from the photo: the baseline knows the scene as
+        // the field does.
+        let rgb = convert::pixels(&resize(&array, height, width, Filter::BicubicTorch, false));
+        Picked {
+            width,
+            height,
+            // Bicubic overshoots at edges.
+            rgb: rgb.iter().map(|x| x.clamp(0.0, 1.0)).collect(),
+        }
+    }
+
+    /// What an image scores by itself.
+    fn measure(
+        &mut self,
+        image: &Picked,
+        truth: &Picked,
+        low: &Picked,
+        mask: Option<&[bool]>,
+    ) -> Vec<Scored> {
+        let scores = &mut self.scores;
+        let mut measured = scores.measure(image.image(), truth.image(), low.image());
+        measured.extend(self.networks.measure(truth.image(), image.image()));
+        if self.stage.exposed {
+            let exposed = image.exposed_as(truth, mask).masked_by(truth, mask);
+            let psnr = metrics::psnr(truth.image(), exposed.image());
+            measured.push(("psnr_hr_exposed", Ok(psnr)));
+        }
+        measured
+    }
+
+    /// What only a field has: depths, and other cameras to look from.
+    fn measure_fields(&mut self, view: &View, truth: &Picked) {
+        let name = &view.name;
+        for field in &self.fields {
+            self.scores
+                .add(field.row, name, warped(&field.shown, self.views));
+        }
+        let no_depth = || Err("an enlarged picture has no depth".to_owned());
+        // Said and not left out, so that an empty place in the table has its reason.
+        self.scores
+            .add(BICUBIC, name, [("psnr_warped", no_depth())]);
+        if self.stage.posed {
+            let posed = self.fields.each_ref().map(|of| {
+                let measured = vec![("psnr_hr_posed", Ok(self.posed(&of.field, view, truth)))];
+                (of.row, masked::counted(measured, view.mask.as_deref()))
+            });
+            for (row, measured) in posed {
+                self.scores.add(row, name, measured);
+            }
+            let no_field = || Err("an enlarged picture has one camera".to_owned());
+            self.scores
+                .add(BICUBIC, name, [("psnr_hr_posed", no_field())]);
+        }
+    }
+
+    /// PSNR from where the field shows the photo best.
+    fn posed(&self, field: &Field, view: &View, truth: &Picked) -> f64 {
+        let photo = convert::train_view(view, 1.0, self.stage.supersample);
+        let from = View {
+            camera: nerf::localize(field, photo, 0),
+            ..view.clone()
+        };
+        let render = Picked::rendered(&self.render(field, &from));
+        let render = render.masked_by(truth, view.mask.as_deref());
+        metrics::psnr(truth.image(), render.image())
+    }
+
+    /// Measures the low-resolution field on a view that it was trained on.
+    pub fn training(&mut self, view: &View) -> Result<(), StageError> {
+        let truth = Picked::of(view);
+        let mask = view.mask.as_deref();
+        let [_, baseline] = &self.fields;
+        let render = Picked::rendered(&self.render(&baseline.field, view)).masked_by(&truth, mask);
+        let psnr = metrics::psnr(truth.image(), render.image());
+        let measured = masked::counted(vec![(OWN.0, Ok(psnr))], mask);
+        self.scores
+            .add("lr_nerf_on_training_views", &view.name, measured);
+        self.tell()
+    }
+
+    /// All scores; and the comparisons, renders, photos and maps of errors.
+    pub fn finish(self) -> (Metrics, [Pictures; 4]) {
+        if let Some(warning) = self.scores.warning() {
+            self.io.warn(warning);
+        }
+        (self.scores.finish(&[OWN]), self.pictures)
+    }
+}

@@ -1,0 +1,52 @@
+//! The diffusion prior as a stage's parameters name it: its content, its files and its size. Knows
+//! nothing of what a stage does with it.
+
+use std::path::{Path, PathBuf};
+
+use artifacts_schema::Digest;
+use diffusion::{ModelSource, single_file};
+
+use crate::error::StageError;
+use crate::files;
+use crate::model::Model;
+
+impl Model for ModelSource {
+    fn locations(&self) -> &'static [&'static str] {
+        &["model"]
+    }
+
+    fn content(&self) -> Result<Digest, StageError> {
+        Ok(Digest::new(self.digest()?))
+    }
+
+    fn files(&self) -> Option<Vec<PathBuf>> {
+        match self {
+            Self::Embedded => Some(Vec::new()),
+            Self::Folder(folder) => files::tree(folder),
+            Self::File(path) => Some(single_file::paths(path)),
+        }
+    }
+}
+
+/// Bytes of memory for its weights and for what lies between its layers, roughly.
+pub fn memory(model: &ModelSource) -> u64 {
+    let files = match model {
+        ModelSource::Embedded => return 512 << 20,
+        ModelSource::Folder(folder) => weights(folder),
+        ModelSource::File(path) => vec![path.clone()],
+    };
+    let size = |file: &PathBuf| Some(file.metadata().ok()?.len());
+    (4 << 30) + 2 * files.iter().filter_map(size).sum::<u64>()
+}
+
+/// The files of weights in a folder.
+fn weights(folder: &Path) -> Vec<PathBuf> {
+    let parts = ["unet", "vae", "text_encoder"].map(|part| folder.join(part));
+    // An estimate passes over what cannot be read; loading the model says what is wrong.
+    let files = parts.iter().flat_map(std::fs::read_dir).flatten().flatten();
+    files
+        .map(|file| file.path())
+        // All variants count, though one is read: an estimate had better be too high.
+        .filter(|path| path.extension().is_some_and(|end| end == "safetensors"))
+        .collect()
+}
