@@ -97,12 +97,16 @@ bench: setup
 bench-gpu: setup
 	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --workspace --bench gpu
 
-# A release: a .deb, an archive, a list of its crates, and checksums. `test-dist` installs the package on a bare Debian; it needs root.
+# A release: a .deb, an archive, a list of its crates, and checksums. Paths of this machine do not go into the program, so that
+# two builds of one commit by one compiler are the same file: `test-dist` makes them in two folders and compares, and installs the
+# package on a bare Debian, which needs root.
 .PHONY: dist test-dist
+REMAP = --remap-path-prefix=$${CARGO_HOME:-$$HOME/.cargo}=/cargo --remap-path-prefix=$(CURDIR)=/srnerf-dag
 dist: setup
-	$(CARGO) build --release --quiet
-	dist/package.sh $(TARGET)/release/srnerf-dag $(TARGET)/dist
+	RUSTFLAGS="$(REMAP)" $(CARGO) build --release --quiet --target-dir $(TARGET)/remapped
+	dist/package.sh $(TARGET)/remapped/release/srnerf-dag $(TARGET)/dist
 test-dist: dist
+	tests/dist/twice.sh
 	@command -v debootstrap >/dev/null || $(MAKE) --no-print-directory install PACKAGE=debootstrap FOR='debootstrap'
 	tests/dist/deb.sh $(TARGET)/dist/*.deb
 

@@ -70,7 +70,7 @@ impl Import {
         steps.end();
         steps.say(&told(&imported, &folder));
         let init = Init {
-            photos: folder,
+            photos: Some(folder),
             output: Some(pipeline),
             judge: self.judge,
         };

@@ -1,11 +1,10 @@
 //! `init`: looks at a folder of posed photos and writes a pipeline for them. Runs no stage.
 
 use std::fs::OpenOptions;
-use std::io::Write;
+use std::io::{BufRead, Write, stderr, stdin};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scene::Survey;
 use stages::kinds::scene::origin::Origin;
 
 use super::error::Error;
@@ -14,8 +13,9 @@ use crate::terminal::output::{print, tell};
 
 #[derive(Args)]
 pub struct Init {
-    /// A folder of photos with poses (COLMAP, transforms.json, LLFF), or a transforms.json
-    pub(super) photos: PathBuf,
+    /// A folder of photos with poses (COLMAP, transforms.json, LLFF), or a transforms.json; asked
+    /// for where it is not given
+    pub(super) photos: Option<PathBuf>,
     /// Where to write the pipeline, by default a file named after the folder
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: Option<PathBuf>,
@@ -27,10 +27,15 @@ pub struct Init {
 impl Init {
     /// Looks, writes, and says what to do next.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let origin = Origin::at(&self.photos).ok_or_else(|| self.no_poses())?;
-        let survey = self.survey(&origin)?;
+        let place = match &self.photos {
+            Some(photos) => photos.clone(),
+            None => asked(&mut stdin().lock())?,
+        };
+        let origin = Origin::at(&place).ok_or_else(|| no_poses(&place))?;
+        let reader = origin.reader().ok_or_else(|| no_poses(&place))?;
+        let survey = reader.survey()?;
         let sizes: Vec<(u32, u32)> = survey.sizes().collect();
-        let name = self.name();
+        let name = self.name(&place);
         let purpose = match self.judge {
             true => Purpose::Judge,
             false => Purpose::Enlarge,
@@ -61,15 +66,10 @@ impl Init {
         Ok(())
     }
 
-    fn survey(&self, origin: &Origin) -> Result<Survey, Error> {
-        let reader = origin.reader().ok_or_else(|| self.no_poses())?;
-        Ok(reader.survey()?)
-    }
-
     /// What a pipeline of these photos is called: as its file, or the folder, as far as names allow.
-    fn name(&self) -> String {
+    fn name(&self, photos: &Path) -> String {
         // `.` and `..` have no name of their own. The folders that they lead to have.
-        let path = self.photos.canonicalize().unwrap_or(self.photos.clone());
+        let path = photos.canonicalize().unwrap_or(photos.to_owned());
         let folder = match path.is_file() {
             true => path.parent().unwrap_or(&path),
             false => &path,
@@ -89,21 +89,36 @@ impl Init {
             _ => format!("photos_{name}"),
         }
     }
+}
 
-    fn no_poses(&self) -> Error {
-        let folder = self.photos.display();
-        let message = match self.photos.exists() {
-            true => format!("{folder} has no poses that can be read"),
-            false => format!("there is no {folder}"),
-        };
-        Error::usage(
-            message,
-            format!(
-                "`srnerf-dag import {folder}` has COLMAP find where photos were taken; docs/inputs.md tells which \
-                 layouts with poses are read"
-            ),
-        )
+/// What somebody answers who is asked for the photos.
+fn asked(answer: &mut impl BufRead) -> Result<PathBuf, Error> {
+    let mut line = String::new();
+    // On stderr, so that what is piped on is the result alone.
+    let question = "Where are the photos? A folder with poses, or a transforms.json: ";
+    let asked = write!(stderr(), "{question}").and_then(|()| answer.read_line(&mut line));
+    match (asked, line.trim()) {
+        (Ok(_), place) if !place.is_empty() => Ok(place.into()),
+        _ => Err(Error::usage(
+            "no photos are named",
+            "`srnerf-dag init PHOTOS` takes a folder of photos with poses",
+        )),
     }
+}
+
+fn no_poses(photos: &Path) -> Error {
+    let folder = photos.display();
+    let message = match photos.exists() {
+        true => format!("{folder} has no poses that can be read"),
+        false => format!("there is no {folder}"),
+    };
+    Error::usage(
+        message,
+        format!(
+            "`srnerf-dag import {folder}` has COLMAP find where photos were taken; docs/inputs.md tells which \
+             layouts with poses are read"
+        ),
+    )
 }
 
 /// Writes a file that is not there yet.
@@ -117,4 +132,17 @@ fn write_new(path: &Path, text: &str) -> Result<(), Error> {
             "give another file: --output FILE",
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photos_that_are_not_named_are_asked_for() {
+        let answered = |answer: &str| asked(&mut answer.as_bytes()).map_err(|_| ());
+        assert_eq!(answered(" my photos \n"), Ok(PathBuf::from("my photos")));
+        assert_eq!(answered("\n"), Err(()));
+        assert_eq!(answered(""), Err(()), "nobody is there to answer");
+    }
 }

@@ -70,6 +70,9 @@ fn photos_without_poses_come_with_the_way_to_get_them() {
     assert_eq!(said.code, 2, "{}", said.err);
     assert!(said.err.contains("mine has no poses"), "{}", said.err);
     assert!(said.err.contains("import mine"), "{}", said.err);
+    let said = space.say(&["init"]);
+    assert_eq!(said.code, 2, "{}", said.err);
+    assert!(said.err.contains("no photos are named"), "{}", said.err);
     let said = space.say(&["init", "yours"]);
     assert_eq!(said.code, 2, "{}", said.err);
     assert!(said.err.contains("there is no yours"), "{}", said.err);
