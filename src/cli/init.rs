@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scene::Survey;
+use scene::ParsedScene;
 use stages::kinds::scene::origin::Origin;
 
 use super::error::Error;
@@ -28,8 +28,8 @@ impl Init {
     /// Looks, writes, and says what to do next.
     pub fn run(self, json: bool) -> Result<(), Error> {
         let origin = Origin::at(&self.photos).ok_or_else(|| self.no_poses())?;
-        let survey = self.survey(&origin)?;
-        let sizes: Vec<(u32, u32)> = survey.sizes().collect();
+        let parsed = self.parse_scene(&origin)?;
+        let sizes: Vec<(u32, u32)> = parsed.sizes().collect();
         let name = self.name();
         let purpose = match self.judge {
             true => Purpose::Judge,
@@ -39,18 +39,18 @@ impl Init {
             name: &name,
             origin: &origin,
             sizes: &sizes,
-            set_aside: survey.counts().1,
+            set_aside: parsed.counts().1,
         };
         let file = self.output.clone().unwrap_or(format!("{name}.ron").into());
         write_new(&file, &photos.pipeline(purpose))?;
         let file = file.display().to_string();
         if json {
             print(
-                &serde_json::json!({"wrote": file, "photos": sizes.len(), "notes": survey.notes()}),
+                &serde_json::json!({"wrote": file, "photos": sizes.len(), "notes": parsed.notes()}),
             );
             return Ok(());
         }
-        for note in survey.notes() {
+        for note in parsed.notes() {
             tell(&format_args!("warning: {note}"));
         }
         print(&format_args!(
@@ -61,9 +61,9 @@ impl Init {
         Ok(())
     }
 
-    fn survey(&self, origin: &Origin) -> Result<Survey, Error> {
+    fn parse_scene(&self, origin: &Origin) -> Result<ParsedScene, Error> {
         let reader = origin.reader().ok_or_else(|| self.no_poses())?;
-        Ok(reader.survey()?)
+        Ok(reader.parse()?)
     }
 
     /// What a pipeline of these photos is called: as its file, or the folder, as far as names allow.
