@@ -21,7 +21,7 @@ pub mod unroll;
 #[cfg(test)]
 mod differences;
 #[cfg(test)]
-mod laws;
+mod properties;
 #[cfg(test)]
 mod tests;
 

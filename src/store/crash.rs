@@ -1,5 +1,5 @@
-//! The store's laws on a machine that stops after any file operation, on a full disk, and on one
-//! that cannot be written.
+//! The store's invariants on a machine that stops after any file operation, on a full disk, and on
+//! one that cannot be written.
 
 use std::path::Path;
 use std::time::Duration;

@@ -18,10 +18,10 @@ use walkdir::WalkDir;
 
 use super::Store;
 use super::blobs::digest_file;
-use super::census::{Entry, label, references};
 use super::error::StoreError;
 use super::files::identity::same_entry;
 use super::files::{FILES, FOLDERS};
+use super::listing::{Entry, label, references};
 use super::record::{Record, is_inside};
 use super::runs::Run;
 use super::view::View;

@@ -18,9 +18,9 @@ use std::time::{Duration, Instant, SystemTime};
 
 use artifacts_schema::Digest;
 
-use super::census::Entry;
 use super::error::{At, StoreError};
 use super::files::{Files, json, read_json};
+use super::listing::Entry;
 use holder::Holder;
 use lease::Lease;
 

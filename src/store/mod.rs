@@ -5,7 +5,6 @@
 
 pub mod blobs;
 pub mod cache;
-pub mod census;
 pub mod error;
 pub mod evidence;
 pub mod files;
@@ -13,6 +12,7 @@ pub mod fsck;
 pub mod gc;
 pub mod leases;
 pub mod link;
+pub mod listing;
 pub mod manifest;
 pub mod manifests;
 pub mod pins;
@@ -36,7 +36,7 @@ use std::sync::Arc;
 use blobs::Blobs;
 use cache::Cache;
 use cache::clock::Clock;
-use cache::standing::Standings;
+use cache::no_op::NoOpCache;
 use error::{At, StoreError};
 use files::Files;
 use files::disk::Disk;
@@ -56,7 +56,7 @@ pub struct Store {
     /// What went into each key.
     pub manifests: Manifests,
     /// Pipelines all of whose results were there.
-    pub standings: Standings,
+    pub no_ops: NoOpCache,
     /// Keys that are being computed.
     leases: Leases,
     /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it
@@ -108,7 +108,7 @@ impl Store {
         Self {
             results: Results::new(files.clone(), blobs.clone(), cache.clone()),
             manifests: Manifests::new(files.clone(), cache.clone()),
-            standings: Standings::new(files.clone()),
+            no_ops: NoOpCache::new(files.clone()),
             leases: Leases::new(files.clone(), patience),
             lock: None,
             files,

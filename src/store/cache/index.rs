@@ -42,7 +42,7 @@ pub enum Kind {
     /// Manifests that are all there.
     Manifests = 4,
     /// A pipeline all of whose results are there.
-    Standing = 5,
+    NoOp = 5,
 }
 
 /// The name of an entry.

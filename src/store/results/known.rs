@@ -16,7 +16,7 @@ use crate::store::cache::Cache;
 use crate::store::cache::index::{Kind, Place};
 use crate::store::cache::signature::Signature;
 use crate::store::files::Files;
-use crate::store::record::{Glance, Record, StoredFile};
+use crate::store::record::{LastSignature, Record, StoredFile};
 
 /// An index that remembers more than this many times the results that are wanted is not looked
 /// through ahead.
@@ -130,8 +130,8 @@ impl Known {
         {
             // Kept with the file: whoever shows the result next compares with it, and spares a
             // second look.
-            file.glance = Glance(Signature::at(&self.blobs.path(&file.blob)));
-            if file.glance.0.as_ref() != Some(stamps.next()?) {
+            file.last_signature = LastSignature(Signature::at(&self.blobs.path(&file.blob)));
+            if file.last_signature.0.as_ref() != Some(stamps.next()?) {
                 return None;
             }
         }
@@ -152,7 +152,7 @@ impl Known {
             // their content.
             let still = |file: &StoredFile| {
                 Signature::at(&self.blobs.path(&file.blob)).filter(|now| {
-                    file.glance
+                    file.last_signature
                         .0
                         .is_some_and(|before| now.has_content_of(&before))
                 })

@@ -8,9 +8,9 @@ use std::time::Duration;
 use artifacts_schema::Digest;
 
 use super::{Doomed, GRACE, Policy, Why};
-use crate::store::census::{Entry, age};
 use crate::store::error::StoreError;
 use crate::store::files::read_json;
+use crate::store::listing::{Entry, age};
 use crate::store::pins::Pin;
 use crate::store::record::Record;
 use crate::store::runs::Run;
