@@ -26,7 +26,7 @@ use crate::runner::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
 use crate::store::cache::no_op::UpToDate;
 use crate::store::error::StoreError;
-use crate::store::runs::{End, Run as Record, StageRun, now};
+use crate::store::runs::{End, RunRecord, StageRun, now};
 use crate::store::view::View;
 use crate::terminal::output::tell;
 use crate::terminal::progress::tev::{self, Tev};
@@ -199,7 +199,7 @@ impl Run {
             .map(|(name, key)| (name.clone(), StageRun::cached(*key)))
             .collect();
         let seconds = begun.elapsed().as_secs_f64();
-        let run = ManuallyDrop::new(Record {
+        let run = ManuallyDrop::new(RunRecord {
             pipeline: pipeline.clone(),
             started,
             seconds,
@@ -287,7 +287,7 @@ impl Run {
 
     fn ending<'a>(
         &self,
-        run: &'a Record,
+        run: &'a RunRecord,
         store: &'a Store,
         view: &'a View,
         json: bool,
@@ -320,14 +320,14 @@ fn unwatched(error: std::io::Error) -> Error {
 }
 
 /// What became of each stage, under each of its names.
-fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> Record {
+fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> RunRecord {
     let names = |at: usize| context.graph.nodes[at].names();
     let stages = outcome
         .stages
         .iter()
         .flat_map(|(&at, stage)| names(at).map(|name| (name.to_owned(), stage.clone())))
         .collect();
-    Record {
+    RunRecord {
         pipeline: context.graph.pipeline.clone(),
         started,
         seconds,

@@ -40,7 +40,7 @@ use cache::no_op::NoOpCache;
 use error::{At, StoreError};
 use files::Files;
 use files::disk::Disk;
-use leases::{Leases, Patience};
+use leases::{LeaseTimeouts, Leases};
 use manifests::Manifests;
 use results::Results;
 
@@ -69,14 +69,14 @@ pub struct Store {
 struct World {
     disk: Disk,
     clock: Clock,
-    patience: Patience,
+    lease_timeouts: LeaseTimeouts,
 }
 
 impl Store {
     /// A store for reading; one that does not exist is empty.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
         let files = Files::open(Disk::default(), root)?;
-        Ok(Self::of(files, Clock::default(), Patience::default()))
+        Ok(Self::of(files, Clock::default(), LeaseTimeouts::default()))
     }
 
     /// A store for writing; its folders are made where they are missing. One that is there and can
@@ -97,11 +97,11 @@ impl Store {
         };
         Ok(Self {
             lock,
-            ..Self::of(files, world.clock, world.patience)
+            ..Self::of(files, world.clock, world.lease_timeouts)
         })
     }
 
-    fn of(files: Files, clock: Clock, patience: Patience) -> Self {
+    fn of(files: Files, clock: Clock, lease_timeouts: LeaseTimeouts) -> Self {
         let files = Arc::new(files);
         let blobs = Arc::new(Blobs::new(files.clone()));
         let cache = Arc::new(Cache::new(files.clone(), clock));
@@ -109,7 +109,7 @@ impl Store {
             results: Results::new(files.clone(), blobs.clone(), cache.clone()),
             manifests: Manifests::new(files.clone(), cache.clone()),
             no_ops: NoOpCache::new(files.clone()),
-            leases: Leases::new(files.clone(), patience),
+            leases: Leases::new(files.clone(), lease_timeouts),
             lock: None,
             files,
             blobs,

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::path;
 use crate::store::blobs::Blobs;
 use crate::store::cache::Cache;
-use crate::store::cache::index::{Kind, Place};
+use crate::store::cache::index::{Kind, Location};
 use crate::store::cache::signature::Signature;
 use crate::store::files::Files;
 use crate::store::record::{LastSignature, Record, StoredFile};
@@ -78,17 +78,17 @@ impl Known {
 
     /// Whether the index remembers far more results than are `wanted`.
     pub fn are_many(&self, wanted: usize) -> bool {
-        self.cache.index.places(Kind::Result).len() > AHEAD * wanted
+        self.cache.index.locations(Kind::Result).len() > AHEAD * wanted
     }
 
     /// Looks up at once what the index remembers, until there is `enough`: all threads together are
     /// faster than one key after the other.
     pub fn look_ahead(&self, enough: &AtomicBool) {
-        let find = |place: &Place| {
+        let find = |location: &Location| {
             let seen = self
                 .cache
                 .index
-                .read(place)
+                .read(location)
                 // Once the pipeline is read and wants few of these results, looking at all of them
                 // takes longer than looking each up.
                 .filter(|_| !enough.load(Ordering::Relaxed));
@@ -98,7 +98,7 @@ impl Known {
         let found: Vec<_> = self
             .cache
             .index
-            .places(Kind::Result)
+            .locations(Kind::Result)
             .par_iter()
             .filter_map(find)
             .collect();
