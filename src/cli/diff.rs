@@ -14,7 +14,7 @@ use super::session::Session;
 use crate::runner::diff::{Part, Side, Verdict, Which, compare};
 use crate::store::Store;
 use crate::store::record::Record;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 use crate::terminal::output::{print, print_json, table};
 
 #[derive(Args)]
@@ -33,7 +33,7 @@ pub struct Diff {
 /// What the store knows.
 struct Known {
     store: Store,
-    runs: Vec<Run>,
+    runs: Vec<RunRecord>,
     records: BTreeMap<Digest, Record>,
     /// The key of a result that has this artifact.
     made: BTreeMap<String, Digest>,
@@ -113,7 +113,7 @@ impl Known {
                     .map(|digest| (digest.to_string(), record.key))
             })
             .collect();
-        let runs = Run::past(&store, None)?.collect();
+        let runs = RunRecord::past(&store, None)?.collect();
         Ok(Self {
             store,
             runs,
@@ -180,7 +180,7 @@ impl Known {
         })
     }
 
-    fn run(&self, run: &Run) -> Side {
+    fn run(&self, run: &RunRecord) -> Side {
         let names: BTreeMap<Digest, &String> = run
             .stages
             .iter()
@@ -247,7 +247,7 @@ impl Known {
 
 /// The run that a word means, of runs from the newest on: `@2` is the second newest of the newest
 /// one's pipeline, and the beginning of a moment the newest run of that moment.
-pub(super) fn find_run<'r>(runs: &'r [Run], word: &str) -> Option<&'r Run> {
+pub(super) fn find_run<'r>(runs: &'r [RunRecord], word: &str) -> Option<&'r RunRecord> {
     match word.strip_prefix('@').map(str::parse::<usize>) {
         Some(Ok(number)) => {
             let newest = &runs.first()?.pipeline;

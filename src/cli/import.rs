@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::error::Error;
 use super::init::Init;
-use crate::import::{self, Imported, Places, Progress, Tool};
+use crate::import::{self, ImportProgress, Imported, Places, Tool};
 use crate::terminal::output::tell;
 
 #[derive(Args)]
@@ -156,7 +156,7 @@ impl Steps {
     }
 }
 
-impl Progress for Steps {
+impl ImportProgress for Steps {
     fn begin(&mut self, what: &'static str) {
         // A bar that is not cleared would stay on the terminal above the next one.
         self.end();

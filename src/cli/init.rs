@@ -33,8 +33,8 @@ impl Init {
         };
         let origin = Origin::at(&place).ok_or_else(|| no_poses(&place))?;
         let reader = origin.reader().ok_or_else(|| no_poses(&place))?;
-        let survey = reader.survey()?;
-        let sizes: Vec<(u32, u32)> = survey.sizes().collect();
+        let parsed = reader.parse()?;
+        let sizes: Vec<(u32, u32)> = parsed.sizes().collect();
         let name = self.name(&place);
         let purpose = match self.judge {
             true => Purpose::Judge,
@@ -44,18 +44,18 @@ impl Init {
             name: &name,
             origin: &origin,
             sizes: &sizes,
-            set_aside: survey.counts().1,
+            set_aside: parsed.counts().1,
         };
         let file = self.output.clone().unwrap_or(format!("{name}.ron").into());
         write_new(&file, &photos.pipeline(purpose))?;
         let file = file.display().to_string();
         if json {
             print(
-                &serde_json::json!({"wrote": file, "photos": sizes.len(), "notes": survey.notes()}),
+                &serde_json::json!({"wrote": file, "photos": sizes.len(), "notes": parsed.notes()}),
             );
             return Ok(());
         }
-        for note in survey.notes() {
+        for note in parsed.notes() {
             tell(&format_args!("warning: {note}"));
         }
         print(&format_args!(

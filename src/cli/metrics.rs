@@ -5,11 +5,11 @@ use serde_json::{Value, json};
 
 use super::error::Error;
 use super::options::Folders;
-use crate::report::comparison::{Comparison, Format};
+use crate::report::comparison::{Comparison, TableFormat};
 use crate::report::results::{self, Scores};
 use crate::store::Store;
 use crate::store::results::Lookup;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 use crate::terminal::output::{print, print_json};
 
 #[derive(Args)]
@@ -18,7 +18,7 @@ pub struct Metrics {
     pipeline: Option<String>,
     /// How to write tables down; of a run without arms, text or JSON
     #[arg(long, value_enum)]
-    format: Option<Format>,
+    format: Option<TableFormat>,
     /// Of a run with arms: only the parameters in which they differ
     #[arg(long)]
     diff_only: bool,
@@ -31,7 +31,11 @@ impl Metrics {
     pub fn run(self, json: bool) -> Result<(), Error> {
         let store = Store::open(&self.folders.store)?;
         let run = last_run(&store, self.pipeline.as_deref())?;
-        let default = if json { Format::Json } else { Format::Text };
+        let default = if json {
+            TableFormat::Json
+        } else {
+            TableFormat::Text
+        };
         let format = self.format.unwrap_or(default);
         match Comparison::of(&run, &store)? {
             Some(comparison) if self.diff_only => print(&comparison.parameters(format)),
@@ -47,27 +51,27 @@ impl Metrics {
 }
 
 /// The last run of a pipeline, or of any.
-pub fn last_run(store: &Store, pipeline: Option<&str>) -> Result<Run, Error> {
+pub fn last_run(store: &Store, pipeline: Option<&str>) -> Result<RunRecord, Error> {
     let help = "run a pipeline first, or say where its store is: --store FOLDER";
-    let run = Run::past(store, pipeline)?.next();
+    let run = RunRecord::past(store, pipeline)?.next();
     run.ok_or_else(|| Error::usage("no run is recorded here", help))
 }
 
-fn print_plain(all: &[Scores], run: &Run, format: Format) -> Result<(), Error> {
+fn print_plain(all: &[Scores], run: &RunRecord, format: TableFormat) -> Result<(), Error> {
     match format {
-        Format::Json => {
+        TableFormat::Json => {
             let stages: Vec<Value> = all.iter().map(entry).collect();
             print_json(&json!({"pipeline": run.pipeline, "run": run.started, "metrics": stages}));
         }
-        Format::Text if all.is_empty() => print(&format_args!(
+        TableFormat::Text if all.is_empty() => print(&format_args!(
             "the run of {} at {} left no metrics",
             run.pipeline, run.started
         )),
-        Format::Text => {
+        TableFormat::Text => {
             let tables: Vec<String> = all.iter().map(Scores::table).collect();
             print(&tables.join("\n\n"));
         }
-        Format::Md | Format::Csv | Format::Latex => {
+        TableFormat::Md | TableFormat::Csv | TableFormat::Latex => {
             let help = "a run without arms has text and JSON: leave --format out, or take json";
             return Err(Error::usage("this format is for comparisons of arms", help));
         }
@@ -75,7 +79,7 @@ fn print_plain(all: &[Scores], run: &Run, format: Format) -> Result<(), Error> {
     Ok(())
 }
 
-fn scores(store: &Store, run: &Run) -> Result<Vec<Scores>, Error> {
+fn scores(store: &Store, run: &RunRecord) -> Result<Vec<Scores>, Error> {
     let mut all = Vec::new();
     for (name, stage) in &run.stages {
         // A result may be gone or damaged since that run. The others still have their scores.

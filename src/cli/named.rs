@@ -7,7 +7,7 @@ use super::error::Error;
 use super::metrics::last_run;
 use crate::content::lineage::{Lineage, Told, last_fields};
 use crate::store::Store;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 
 /// The field that `what` names; of a run with several, that of a stage.
 pub fn field(
@@ -46,13 +46,13 @@ pub fn read(path: &Path) -> Result<Told, Error> {
     Told::read(path).map_err(|problem| Error::usage(problem, help))
 }
 
-fn run(what: &str, store: &Store) -> Result<Run, Error> {
-    let runs: Vec<Run> = Run::past(store, None)?.collect();
+fn run(what: &str, store: &Store) -> Result<RunRecord, Error> {
+    let runs: Vec<RunRecord> = RunRecord::past(store, None)?.collect();
     // For its error, which says that no run is recorded here.
     if runs.is_empty() {
         return last_run(store, None);
     }
-    let of_pipeline = |run: &&Run| run.pipeline == what;
+    let of_pipeline = |run: &&RunRecord| run.pipeline == what;
     // Of a pipeline's name the newest run is meant, and runs come newest first.
     let found = find_run(&runs, what).or_else(|| runs.iter().find(of_pipeline));
     found.cloned().ok_or_else(|| {

@@ -7,7 +7,7 @@ use super::error::Error;
 use super::options::Folders;
 use crate::store::Store;
 use crate::store::pins::Pin as Kept;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 use crate::terminal::output::{print, print_json, table};
 
 #[derive(Args)]
@@ -43,7 +43,7 @@ impl Pin {
     fn pin(&self, name: &str, json: bool) -> Result<(), Error> {
         check(name)?;
         let store = Store::create(&self.folders.store)?;
-        let runs: Vec<_> = Run::past(&store, None)?.collect();
+        let runs: Vec<_> = RunRecord::past(&store, None)?.collect();
         let Some(run) = super::diff::find_run(&runs, &self.run) else {
             return Err(Error::usage(
                 format!("there is no run `{}` to pin", self.run),

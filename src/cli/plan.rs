@@ -12,13 +12,13 @@ use serde_json::{Value, json};
 use super::error::Error;
 use super::options::{Choice, PipelineOptions};
 use super::session::Session;
-use super::{device, standing, takes};
+use super::{device, no_op, takes};
 use crate::pipeline::experiment::{Experiment, arm_of};
 use crate::pipeline::graph::Node;
 use crate::runner::explain::Reason;
 use crate::runner::plan::{Context, Cost, Experience, Forecast};
 use crate::store::Store;
-use crate::store::cache::standing::Standing;
+use crate::store::cache::no_op::UpToDate;
 use crate::store::error::StoreError;
 use crate::terminal::output::{print, print_json, table};
 
@@ -39,13 +39,13 @@ impl Plan {
         let PipelineOptions { pipeline, changes } = &self.pipeline;
         let device = device::open(&changes.device)?;
         let since = SystemTime::now();
-        let question = standing::question(&self.pipeline, &self.choice, &device);
+        let question = no_op::question(&self.pipeline, &self.choice, &device);
         // A run that had nothing to do has answered for the plan as well, and looked at more.
         let questions: Vec<_> = question
             .iter()
-            .flat_map(|run| [*run, standing::of_plan(run)])
+            .flat_map(|run| [*run, no_op::of_plan(run)])
             .collect();
-        if let Some(found) = standing::find(&questions, &changes.folders.store)? {
+        if let Some(found) = no_op::find(&questions, &changes.folders.store)? {
             all_cached(&ManuallyDrop::new(found).1, json);
             return Ok(());
         }
@@ -81,7 +81,7 @@ impl Plan {
             false => self.tell(&session, &stages, cached),
         }
         if let Some(question) = &question {
-            standing::Found {
+            no_op::Found {
                 session: &session,
                 context: &context,
                 store: &store,
@@ -137,10 +137,10 @@ impl Plan {
 }
 
 /// Prints a plan that has nothing to run.
-fn all_cached(standing: &Standing, json: bool) {
-    let Standing {
+fn all_cached(up_to_date: &UpToDate, json: bool) {
+    let UpToDate {
         pipeline, stages, ..
-    } = standing;
+    } = up_to_date;
     match json {
         true => print_stages(
             pipeline,

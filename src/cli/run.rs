@@ -18,15 +18,15 @@ use super::error::Error;
 use super::only::Only;
 use super::options::{self, Choice, PipelineOptions};
 use super::session::Session;
-use super::{device, standing, tuning};
+use super::{device, no_op, tuning};
 use crate::export::quote;
 use crate::runner::plan::Context;
 use crate::runner::scheduler::budget::{Budget, memory_limit};
 use crate::runner::scheduler::{Outcome, Scheduler};
 use crate::store::Store;
-use crate::store::cache::standing::Standing;
+use crate::store::cache::no_op::UpToDate;
 use crate::store::error::StoreError;
-use crate::store::runs::{End, Run as Record, StageRun, now};
+use crate::store::runs::{End, RunRecord, StageRun, now};
 use crate::store::view::View;
 use crate::terminal::output::tell;
 use crate::terminal::progress::tev::{self, Tev};
@@ -96,11 +96,11 @@ impl Run {
         let question = self
             .only
             .is_all()
-            .then(|| standing::question(&self.pipeline, &self.choice, &device))
+            .then(|| no_op::question(&self.pipeline, &self.choice, &device))
             .flatten();
         // Before the pipeline is parsed: with thousands of stages that alone takes most of a run
         // with nothing to do.
-        if let Some(found) = standing::find(question.as_slice(), &changes.folders.store)? {
+        if let Some(found) = no_op::find(question.as_slice(), &changes.folders.store)? {
             return Ok(self.find_all_done(&ManuallyDrop::new(found).1, started, begun, json)?);
         }
         // With thousands of stages it takes long to take all this apart, which the end of the
@@ -143,7 +143,7 @@ impl Run {
             .remember_own(own.filter_map(|(at, _)| outcome.records.get(at)));
         record.keep(&store)?;
         if let Some(question) = &question {
-            standing::Found {
+            no_op::Found {
                 session: &session,
                 context: &context,
                 store: &store,
@@ -170,16 +170,16 @@ impl Run {
     /// All results are there, and what was looked at to know it is as it was.
     fn find_all_done(
         &self,
-        standing: &Standing,
+        up_to_date: &UpToDate,
         started: String,
         begun: Instant,
         json: bool,
     ) -> Result<(), StoreError> {
-        let Standing {
+        let UpToDate {
             pipeline,
             stages,
             told,
-        } = standing;
+        } = up_to_date;
         let folders = &self.pipeline.changes.folders;
         let store = Store::create(&folders.store)?;
         let results: Vec<(&str, Digest)> = stages
@@ -199,7 +199,7 @@ impl Run {
             .map(|(name, key)| (name.clone(), StageRun::cached(*key)))
             .collect();
         let seconds = begun.elapsed().as_secs_f64();
-        let run = ManuallyDrop::new(Record {
+        let run = ManuallyDrop::new(RunRecord {
             pipeline: pipeline.clone(),
             started,
             seconds,
@@ -287,7 +287,7 @@ impl Run {
 
     fn ending<'a>(
         &self,
-        run: &'a Record,
+        run: &'a RunRecord,
         store: &'a Store,
         view: &'a View,
         json: bool,
@@ -320,14 +320,14 @@ fn unwatched(error: std::io::Error) -> Error {
 }
 
 /// What became of each stage, under each of its names.
-fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> Record {
+fn record(context: &Context, outcome: &Outcome, started: String, seconds: f64) -> RunRecord {
     let names = |at: usize| context.graph.nodes[at].names();
     let stages = outcome
         .stages
         .iter()
         .flat_map(|(&at, stage)| names(at).map(|name| (name.to_owned(), stage.clone())))
         .collect();
-    Record {
+    RunRecord {
         pipeline: context.graph.pipeline.clone(),
         started,
         seconds,

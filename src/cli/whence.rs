@@ -13,7 +13,7 @@ use super::options::Folders;
 use crate::content;
 use crate::store::Store;
 use crate::store::blobs::digest_file;
-use crate::store::census::{Producers, producers};
+use crate::store::listing::{Producers, producers};
 use crate::store::record::Record;
 use crate::terminal::output::{flatten, print, print_json, table};
 

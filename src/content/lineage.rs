@@ -11,7 +11,7 @@ use crate::content;
 use crate::store::Store;
 use crate::store::error::{At, StoreError};
 use crate::store::record::{Output, Record};
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 
 /// The file of a field.
 const FILE: &str = "field.safetensors";
@@ -178,7 +178,7 @@ impl<'s> Lineage<'s> {
 
 /// The stages of a run that gave fields on which no other stage of it went on training, with these
 /// fields.
-pub fn last_fields(run: &Run, store: &Store) -> Result<BTreeMap<String, Output>, StoreError> {
+pub fn last_fields(run: &RunRecord, store: &Store) -> Result<BTreeMap<String, Output>, StoreError> {
     let mut fields = BTreeMap::new();
     let mut begun_with = BTreeSet::new();
     for (name, stage) in &run.stages {

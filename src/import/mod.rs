@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use scene::{Colmap, Registered};
 
 pub use error::ImportError;
-pub use step::{Progress, Step};
+pub use step::{ImportProgress, Step};
 pub use tool::{Places, Tool};
 
 /// Of a video with more frames, only frames that follow one another are compared: the number of
@@ -47,7 +47,11 @@ pub struct Imported {
 impl Import {
     /// Makes the folder. It is called `FOLDER.part` until all is well. A failure leaves it, so that
     /// people can look into it; the next try removes it first.
-    pub fn run(&self, tool: &Tool, progress: &mut dyn Progress) -> Result<Imported, ImportError> {
+    pub fn run(
+        &self,
+        tool: &Tool,
+        progress: &mut dyn ImportProgress,
+    ) -> Result<Imported, ImportError> {
         let work = self.work();
         remove(&work)?;
         fs::create_dir_all(&work).map_err(|error| ImportError::file(&work, error))?;
@@ -74,13 +78,14 @@ impl Import {
         tool: &Tool,
         work: &Path,
         photos: &photos::Gathered,
-        progress: &mut dyn Progress,
+        progress: &mut dyn ImportProgress,
     ) -> Result<Registered, ImportError> {
         let in_time = photos.is_video && photos.count > MOST_PAIRED_FRAMES;
         let lens = &self.lens;
         let one_lens = photos.one_size;
-        let run =
-            |step: Step, progress: &mut dyn Progress| tool.run(&step, work, photos.count, progress);
+        let run = |step: Step, progress: &mut dyn ImportProgress| {
+            tool.run(&step, work, photos.count, progress)
+        };
         run(Step::Features { lens, one_lens }, progress)?;
         run(Step::Matches { in_time }, progress)?;
         // Of all mappers, for the message: the last one need not have found the most.

@@ -8,7 +8,7 @@ use std::process::Command;
 
 use walkdir::WalkDir;
 
-use super::step::{self, Progress};
+use super::step::{self, ImportProgress};
 use super::{Import, ImportError};
 
 /// Endings of photos that every COLMAP reads.
@@ -29,7 +29,7 @@ pub struct Gathered {
 pub fn gather(
     import: &Import,
     work: &Path,
-    progress: &mut dyn Progress,
+    progress: &mut dyn ImportProgress,
 ) -> Result<Gathered, ImportError> {
     let images = work.join("images");
     fs::create_dir(&images).map_err(|error| ImportError::file(&images, error))?;
@@ -97,7 +97,7 @@ fn take_frames(
     import: &Import,
     images: &Path,
     work: &Path,
-    progress: &mut dyn Progress,
+    progress: &mut dyn ImportProgress,
 ) -> Result<(), ImportError> {
     let version = Command::new("ffmpeg").arg("-version").output();
     // Asked first, so that a missing program is told apart from a video that it cannot read.

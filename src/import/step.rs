@@ -46,7 +46,7 @@ impl Step<'_> {
 }
 
 /// What is told how far a step is.
-pub trait Progress {
+pub trait ImportProgress {
     /// A step begins, of which nothing else is known.
     fn begin(&mut self, what: &'static str);
     /// So many parts of so many are done.
@@ -63,7 +63,7 @@ pub fn run(
     what: &'static str,
     command: &mut Command,
     work: &Path,
-    progress: &mut dyn Progress,
+    progress: &mut dyn ImportProgress,
     at: impl Fn(&str) -> Option<(u64, u64)>,
 ) -> Result<(), ImportError> {
     let log = log(work);

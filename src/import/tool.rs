@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use super::ImportError;
-use super::step::{self, Progress, Step};
+use super::step::{self, ImportProgress, Step};
 
 /// The steps as a library of Python has them.
 const PYCOLMAP: &str = include_str!("pycolmap.py");
@@ -104,7 +104,7 @@ impl Tool {
         step: &Step,
         work: &Path,
         photos: usize,
-        progress: &mut dyn Progress,
+        progress: &mut dyn ImportProgress,
     ) -> Result<(), ImportError> {
         let mut command = match self.is_python {
             true => self.python_command(step, work),

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value as Json;
 
-use super::fault::Place;
+use super::fault::FieldPath;
 use super::layers::Layer;
 use super::problem::Problem;
 use super::set::{Override, variant};
@@ -62,7 +62,7 @@ fn named(layer: &Layer) -> Result<Vec<Variant>, Problem> {
     };
     let entries = layer.entries(arms, "arms: { \"name\": { \"fit.steps\": 2000 } }")?;
     let arm = |entry: &super::text::Entry| {
-        check_name(&entry.name, &Place::root("arms"))
+        check_name(&entry.name, &FieldPath::root("arms"))
             .map_err(|fault| layer.source.problem(entry.span.clone(), fault.message))?;
         Ok(Variant {
             name: entry.name.clone(),

@@ -1,7 +1,7 @@
 //! A pipeline being put together: its stages so far, and who changed what of them. Knows nothing of
 //! how differences are written.
 
-use super::fault::{Fault, Place};
+use super::fault::{Fault, FieldPath};
 use super::grammar::{Named, Pipeline};
 use super::graph::Graph;
 use super::layers::{Layer, locate};
@@ -16,7 +16,7 @@ pub struct Draft {
     /// It as it is so far.
     pub pipeline: Pipeline,
     /// What was changed, in order, and where.
-    changes: Vec<(Override, Place)>,
+    changes: Vec<(Override, FieldPath)>,
 }
 
 impl Default for Draft {
@@ -49,20 +49,20 @@ impl Draft {
     }
 
     /// Forgets who changed what is now as a file says.
-    pub fn forget(&mut self, place: &Place) {
+    pub fn forget(&mut self, place: &FieldPath) {
         self.changes.retain(|(_, at)| !at.0.starts_with(&place.0));
     }
 
     /// Unrolls and checks it.
     pub fn graph(&self, seeds: Seeds, layers: &[Layer]) -> Result<Graph, Problem> {
-        let checked = check_name(&self.pipeline.name, &Place::root("name"))
+        let checked = check_name(&self.pipeline.name, &FieldPath::root("name"))
             .and_then(|()| unroll(&self.pipeline, seeds));
         checked.map_err(|fault| self.located(fault, layers))
     }
 
     /// A fault with its place looked up: in the change that caused it, or else in a file.
     fn located(&self, fault: Fault, layers: &[Layer]) -> Problem {
-        let touches = |place: &Place| {
+        let touches = |place: &FieldPath| {
             // In both directions: the change of a field can break its stage, and that of a whole
             // value one of its fields.
             place.0.starts_with(&fault.place.0) || fault.place.0.starts_with(&place.0)

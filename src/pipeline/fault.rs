@@ -3,12 +3,12 @@
 /// A place in a pipeline: the names of the fields that lead to it, variants left out (`stages`,
 /// `fit`, `field`, `levels`).
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Place(pub Vec<String>);
+pub struct FieldPath(pub Vec<String>);
 
 /// Something wrong at a place.
 #[derive(Debug)]
 pub struct Fault {
-    pub place: Place,
+    pub place: FieldPath,
     pub message: String,
     /// A name that is not known, and those that are.
     pub unknown: Option<(String, Vec<String>)>,
@@ -16,7 +16,7 @@ pub struct Fault {
     pub help: Option<String>,
 }
 
-impl Place {
+impl FieldPath {
     /// A field of the pipeline itself.
     pub fn root(field: &str) -> Self {
         Self(vec![field.to_owned()])

@@ -33,7 +33,7 @@ pub struct Document {
     pub seed: Option<u64>,
     /// Its stages and loops: those of the file it extends, replaced or added to by name.
     #[serde(default)]
-    pub stages: Named<Node>,
+    pub stages: Named<StageOrLoop>,
     /// Stages of the file it extends that it does not have.
     #[serde(default)]
     pub without: Vec<String>,
@@ -76,12 +76,12 @@ pub struct Pipeline {
     /// The seed of everything random.
     pub seed: u64,
     /// Its stages and loops.
-    pub stages: Named<Node>,
+    pub stages: Named<StageOrLoop>,
 }
 
 /// A stage or a loop.
 #[derive(Clone, Debug)]
-pub enum Node {
+pub enum StageOrLoop {
     Stage(Box<AnyStage>),
     /// A loop over stages.
     Rounds(Rounds),
@@ -97,7 +97,7 @@ pub struct Rounds {
     #[serde(default)]
     pub carry: Named<Input>,
     /// The stages of one round.
-    pub stages: Named<Node>,
+    pub stages: Named<StageOrLoop>,
     /// What `@name` means in the next round, and `loop.name` after the last.
     #[serde(default)]
     pub next: Named<Input>,
@@ -202,7 +202,7 @@ const ROUNDS: &str = "Rounds";
 static VARIANTS: LazyLock<Vec<&'static str>> =
     LazyLock::new(|| KINDS.iter().copied().chain([ROUNDS]).collect());
 
-impl<'de> Deserialize<'de> for Node {
+impl<'de> Deserialize<'de> for StageOrLoop {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_enum("Stage", &VARIANTS, NodeVisitor)
     }
@@ -211,19 +211,20 @@ impl<'de> Deserialize<'de> for Node {
 struct NodeVisitor;
 
 impl<'de> Visitor<'de> for NodeVisitor {
-    type Value = Node;
+    type Value = StageOrLoop;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "a stage ({})", VARIANTS.join(", "))
     }
 
-    fn visit_enum<A: EnumAccess<'de>>(self, access: A) -> Result<Node, A::Error> {
+    fn visit_enum<A: EnumAccess<'de>>(self, access: A) -> Result<StageOrLoop, A::Error> {
         let (kind, fields) = access.variant::<Variant>()?;
         match kind.0 {
             // `Rounds(..)` holds its fields in one struct; `ron` is told to take them without a
             // second pair of parentheses.
-            ROUNDS => fields.newtype_variant().map(Node::Rounds),
-            kind => AnyStage::from_variant(kind, fields).map(|stage| Node::Stage(Box::new(stage))),
+            ROUNDS => fields.newtype_variant().map(StageOrLoop::Rounds),
+            kind => AnyStage::from_variant(kind, fields)
+                .map(|stage| StageOrLoop::Stage(Box::new(stage))),
         }
     }
 }

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::draft::Draft;
-use super::fault::Place;
+use super::fault::FieldPath;
 use super::grammar::Document;
 use super::malformed;
 use super::problem::{Problem, SourceText};
@@ -140,10 +140,10 @@ impl Layer {
         }
         for (name, node) in self.document.stages.iter() {
             draft.pipeline.stages.put(name, node.clone());
-            draft.forget(&Place::root("stages").at(name));
+            draft.forget(&FieldPath::root("stages").at(name));
         }
         draft.pipeline.name.clone_from(&self.document.name);
-        draft.forget(&Place::root("name"));
+        draft.forget(&FieldPath::root("name"));
         draft.pipeline.seed = self.document.seed.unwrap_or(draft.pipeline.seed);
         // Last, so that values can be set in the stages that this file itself adds.
         match self.field("set") {
@@ -170,7 +170,7 @@ pub fn lay(layers: &[Layer]) -> Result<Draft, Problem> {
 }
 
 /// Where a place stands: in the outermost file that spells out its stage, else in the innermost.
-pub fn locate<'l>(layers: &'l [Layer], place: &Place) -> Option<&'l Layer> {
+pub fn locate<'l>(layers: &'l [Layer], place: &FieldPath) -> Option<&'l Layer> {
     let spells_out = |layer: &&Layer| {
         // Two steps name the stage: `stages`, `fit`. The file that spells it out is the one to look
         // into.

@@ -11,8 +11,8 @@ pub mod init;
 mod layers;
 mod merge;
 pub mod problem;
-mod reader;
 mod reference;
+mod ron_parser;
 pub mod set;
 mod shard;
 pub mod text;
@@ -21,7 +21,7 @@ pub mod unroll;
 #[cfg(test)]
 mod differences;
 #[cfg(test)]
-mod laws;
+mod properties;
 #[cfg(test)]
 mod tests;
 
@@ -30,7 +30,7 @@ use std::collections::BTreeSet;
 use ron::error::SpannedError;
 
 use draft::Draft;
-use fault::Place;
+use fault::FieldPath;
 use graph::Graph;
 use layers::Layer;
 pub use layers::with_bases;
@@ -148,7 +148,7 @@ fn word_before(text: &str, word: &str, end: usize) -> Option<std::ops::Range<usi
 }
 
 /// Where a place stands in a text: its value, or as much of the way there as the text spells out.
-fn span(tree: &Tree, place: &Place) -> std::ops::Range<usize> {
+fn span(tree: &Tree, place: &FieldPath) -> std::ops::Range<usize> {
     let mut at = tree;
     let mut span = 0..0;
     for (depth, name) in place.0.iter().enumerate() {

@@ -3,20 +3,20 @@
 
 use std::collections::BTreeMap;
 
-use super::fault::{Fault, Place};
-use super::grammar::{Named, Node, Rounds};
+use super::fault::{Fault, FieldPath};
+use super::grammar::{Named, Rounds, StageOrLoop};
 
 /// The stages that can be named from some place, and for the inside of a loop, which round it is.
 #[derive(Clone)]
-pub struct Frame<'p> {
+pub struct Scope<'p> {
     /// What comes before these stages' names: `i3ds.2.`
     pub prefix: String,
-    pub stages: &'p Named<Node>,
+    pub stages: &'p Named<StageOrLoop>,
     /// The loop and its round, from 1.
     pub turn: Option<(&'p Rounds, u32)>,
 }
 
-impl<'p> Frame<'p> {
+impl<'p> Scope<'p> {
     /// The inside of a loop.
     pub fn round(name: &str, rounds: &'p Rounds, round: u32) -> Self {
         Self {
@@ -54,15 +54,15 @@ impl Miss {
     }
 
     /// The same as a fault at the place of the reference.
-    pub fn fault(self, place: &Place) -> Fault {
+    pub fn fault(self, place: &FieldPath) -> Fault {
         place
             .fault(self.message)
             .with_names(&self.found, self.known.iter().map(String::as_str))
     }
 }
 
-/// What a reference means to a stage of the last frame; earlier frames enclose it.
-pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
+/// What a reference means to a stage of the last scope; earlier scopes enclose it.
+pub fn resolve(chain: &[Scope], reference: &str) -> Result<Target, Miss> {
     if let Some(name) = reference.strip_prefix('@') {
         return carried(chain, name);
     }
@@ -71,22 +71,22 @@ pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
         .split_once('.')
         .map_or((reference, None), |(head, rest)| (head, Some(rest)));
     // From the inside out: a stage of a loop hides one of the same name outside.
-    for (depth, frame) in chain.iter().enumerate().rev() {
-        let stage = format!("{}{head}", frame.prefix);
-        match frame.stages.get(head) {
-            Some(Node::Stage(_)) => {
+    for (depth, scope) in chain.iter().enumerate().rev() {
+        let stage = format!("{}{head}", scope.prefix);
+        match scope.stages.get(head) {
+            Some(StageOrLoop::Stage(_)) => {
                 return Ok(Target {
                     stage,
                     output: rest.map(str::to_owned),
                 });
             }
-            Some(Node::Rounds(rounds)) => {
+            Some(StageOrLoop::Rounds(rounds)) => {
                 return result(&chain[..=depth], &stage, rounds, rest.unwrap_or_default());
             }
             None => {}
         }
     }
-    let known = chain.iter().rev().flat_map(|frame| frame.stages.names());
+    let known = chain.iter().rev().flat_map(|scope| scope.stages.names());
     Err(Miss::new(
         format!("there is no stage `{head}` to refer to"),
         head,
@@ -95,7 +95,7 @@ pub fn resolve(chain: &[Frame], reference: &str) -> Result<Target, Miss> {
 }
 
 /// What a loop leaves behind: the `next` of its last round.
-fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<Target, Miss> {
+fn result(chain: &[Scope], name: &str, rounds: &Rounds, field: &str) -> Result<Target, Miss> {
     let Some(reference) = rounds.next.get(field) else {
         let message = match field {
             "" => format!("`{name}` is a loop: say which of its results is meant"),
@@ -104,7 +104,7 @@ fn result(chain: &[Frame], name: &str, rounds: &Rounds, field: &str) -> Result<T
         return Err(Miss::new(message, field, rounds.next.names()));
     };
     // Seen from inside of the last round, whose stages `next` names.
-    let last = Frame::round(name, rounds, rounds.count);
+    let last = Scope::round(name, rounds, rounds.count);
     resolve(
         &chain.iter().cloned().chain([last]).collect::<Vec<_>>(),
         &reference.0,
@@ -133,9 +133,9 @@ fn handed_on<'r>(rounds: &'r Rounds, mut name: &'r str, mut round: u32) -> (&'r 
 
 /// What a loop carries: in the first round what `carry` says, seen from outside; later what `next`
 /// says, seen from the round before.
-fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
-    for (depth, frame) in chain.iter().enumerate().rev() {
-        let Some((rounds, round)) = frame.turn else {
+fn carried(chain: &[Scope], name: &str) -> Result<Target, Miss> {
+    for (depth, scope) in chain.iter().enumerate().rev() {
+        let Some((rounds, round)) = scope.turn else {
             continue;
         };
         // `carry` is written beside the loop, and so its names are those outside of it.
@@ -144,12 +144,12 @@ fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
         match (rounds.carry.get(name), rounds.next.get(name)) {
             (Some(first), _) if origin <= 1 => return resolve(outside, &first.0),
             (Some(_), Some(next)) => {
-                let prefix = frame
+                let prefix = scope
                     .prefix
                     .strip_suffix(&format!(".{round}."))
                     .unwrap_or_default();
                 // What is `next` is said by the stages of the round that ends.
-                let before = Frame::round(prefix, rounds, origin - 1);
+                let before = Scope::round(prefix, rounds, origin - 1);
                 return resolve(
                     &outside.iter().cloned().chain([before]).collect::<Vec<_>>(),
                     &next.0,
@@ -161,7 +161,7 @@ fn carried(chain: &[Frame], name: &str) -> Result<Target, Miss> {
     let known = chain
         .iter()
         .rev()
-        .filter_map(|frame| frame.turn)
+        .filter_map(|scope| scope.turn)
         .flat_map(|(rounds, _)| rounds.carry.names());
     Err(Miss::new(
         format!("nothing called `{name}` is carried here"),

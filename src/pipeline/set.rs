@@ -6,8 +6,8 @@ use std::ops::Range;
 use serde_json::Value as Json;
 use stages::registry::AnyStage;
 
-use super::fault::Place;
-use super::grammar::{Named, Node, Pipeline, Rounds};
+use super::fault::FieldPath;
+use super::grammar::{Named, Pipeline, Rounds, StageOrLoop};
 use super::problem::{Problem, SourceText};
 use super::text::{Entry, Tree};
 
@@ -91,7 +91,7 @@ impl Override {
     }
 
     /// Overrides the value, and says at which place of the pipeline.
-    pub fn apply(&self, pipeline: &mut Pipeline) -> Result<Place, Problem> {
+    pub fn apply(&self, pipeline: &mut Pipeline) -> Result<FieldPath, Problem> {
         let (first, rest) = self.split(&self.path)?;
         match first.name.as_str() {
             "seed" if rest.is_empty() => pipeline.seed = self.typed()?,
@@ -100,12 +100,12 @@ impl Override {
                 return self.in_stages(
                     &mut pipeline.stages,
                     &self.path,
-                    Place::root("stages"),
+                    FieldPath::root("stages"),
                     &["seed", "name"],
                 );
             }
         }
-        Ok(Place::root(&first.name))
+        Ok(FieldPath::root(&first.name))
     }
 
     fn split<'s>(&self, path: &'s [Segment]) -> Result<(&'s Segment, &'s [Segment]), Problem> {
@@ -119,11 +119,11 @@ impl Override {
 
     fn in_stages(
         &self,
-        stages: &mut Named<Node>,
+        stages: &mut Named<StageOrLoop>,
         path: &[Segment],
-        place: Place,
+        place: FieldPath,
         others: &[&str],
-    ) -> Result<Place, Problem> {
+    ) -> Result<FieldPath, Problem> {
         let (head, rest) = self.split(path)?;
         // Copied, since the stages are borrowed to be changed from here on.
         let known: Vec<String> = stages
@@ -140,8 +140,8 @@ impl Override {
         };
         let place = place.at(&head.name);
         match node {
-            Node::Stage(stage) => self.in_stage(stage, rest, place),
-            Node::Rounds(rounds) => self.in_rounds(rounds, rest, place),
+            StageOrLoop::Stage(stage) => self.in_stage(stage, rest, place),
+            StageOrLoop::Rounds(rounds) => self.in_rounds(rounds, rest, place),
         }
     }
 
@@ -149,8 +149,8 @@ impl Override {
         &self,
         rounds: &mut Rounds,
         path: &[Segment],
-        place: Place,
-    ) -> Result<Place, Problem> {
+        place: FieldPath,
+    ) -> Result<FieldPath, Problem> {
         let (head, rest) = self.split(path)?;
         if head.name == "count" && rest.is_empty() {
             rounds.count = self.typed()?;
@@ -165,8 +165,8 @@ impl Override {
         &self,
         stage: &mut AnyStage,
         path: &[Segment],
-        place: Place,
-    ) -> Result<Place, Problem> {
+        place: FieldPath,
+    ) -> Result<FieldPath, Problem> {
         // A path that ends at the stage itself names no value.
         self.split(path)?;
         let whole = 0..self.source.text.len();

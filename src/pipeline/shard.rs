@@ -5,7 +5,7 @@
 use stages::AnyStage;
 use stages::merge::{Merge, Part};
 
-use super::fault::{Fault, Place};
+use super::fault::{Fault, FieldPath};
 use super::graph::{Graph, Node, Wire};
 use super::unroll::seed_within;
 
@@ -40,7 +40,7 @@ fn part(whole: &Node, number: u32, stage: AnyStage) -> Result<Node, Fault> {
     let name = format!("{}.{number}", whole.name);
     let params = stage
         .parameters()
-        .map_err(|error| Place::root("stages").at(&name).fault(error.to_string()))?;
+        .map_err(|error| FieldPath::root("stages").at(&name).fault(error.to_string()))?;
     let seed = seed_within("srnerf-dag shard seed v1", whole.seed, number);
     Ok(Node {
         name,

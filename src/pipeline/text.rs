@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use serde_json::{Map, Value as Json};
 
-use super::reader::Reader;
+use super::ron_parser::RonParser;
 
 /// A value and the bytes of the text that it spans.
 #[derive(Clone, Debug)]
@@ -57,7 +57,7 @@ pub struct Garbled {
 impl Tree {
     /// Reads a whole text.
     pub fn read(text: &str) -> Result<Self, Garbled> {
-        Reader::new(text).whole()
+        RonParser::new(text).whole()
     }
 
     /// The entry of this name, through a variant that is not named: `guidance.lora_every` finds its

@@ -10,10 +10,10 @@ use artifacts_schema::ArtifactKind;
 use stages::registry::AnyStage;
 use stages::{Input, StageError};
 
-use super::fault::{Fault, Place};
-use super::grammar::{Node, Pipeline, Rounds};
+use super::fault::{Fault, FieldPath};
+use super::grammar::{Pipeline, Rounds, StageOrLoop};
 use super::graph::{self, Graph, Wire};
-use super::reference::{Frame, Target, resolve};
+use super::reference::{Scope, Target, resolve};
 use super::shard;
 
 /// More rounds than this are taken for a mistake.
@@ -24,7 +24,7 @@ struct Unrolled<'p> {
     name: String,
     seed: u64,
     stage: &'p AnyStage,
-    place: Place,
+    place: FieldPath,
     links: Vec<Link>,
 }
 
@@ -72,14 +72,14 @@ impl Seeds {
 /// Unrolls all loops, checks every stage, and wires all inputs.
 pub fn unroll(pipeline: &Pipeline, seeds: Seeds) -> Result<Graph, Fault> {
     let mut all = Vec::new();
-    let frame = Frame {
+    let scope = Scope {
         prefix: String::new(),
         stages: &pipeline.stages,
         turn: None,
     };
-    unroll_stages(&[frame], seeds, &Place::root("stages"), &mut all)?;
+    unroll_stages(&[scope], seeds, &FieldPath::root("stages"), &mut all)?;
     if all.is_empty() {
-        return Err(Place::root("stages").fault("the pipeline has no stages"));
+        return Err(FieldPath::root("stages").fault("the pipeline has no stages"));
     }
     // Wires come after all stages are known, since a reference may point to a stage further down.
     let index: BTreeMap<&str, usize> = all
@@ -96,7 +96,7 @@ pub fn unroll(pipeline: &Pipeline, seeds: Seeds) -> Result<Graph, Fault> {
         .zip(wires)
         .map(|(stage, wires)| node(stage, wires))
         .collect::<Result<Vec<_>, _>>()?;
-    let (nodes, places): (Vec<graph::Node>, Vec<Place>) = nodes.into_iter().unzip();
+    let (nodes, places): (Vec<graph::Node>, Vec<FieldPath>) = nodes.into_iter().unzip();
     let graph = Graph::new(pipeline.name.clone(), nodes);
     let graph = graph.map_err(|at| places[at].fault("this stage depends on itself in a circle"))?;
     // After the order is found: each part then stands just before its merge.
@@ -121,34 +121,34 @@ pub fn seed_within(domain: &str, seed: u64, number: u32) -> u64 {
 }
 
 fn unroll_stages<'p>(
-    chain: &[Frame<'p>],
+    chain: &[Scope<'p>],
     seeds: Seeds,
-    place: &Place,
+    place: &FieldPath,
     all: &mut Vec<Unrolled<'p>>,
 ) -> Result<(), Fault> {
-    let Some(frame) = chain.last() else {
+    let Some(scope) = chain.last() else {
         return Ok(());
     };
-    for (name, node) in frame.stages.iter() {
-        let full = format!("{}{name}", frame.prefix);
+    for (name, node) in scope.stages.iter() {
+        let full = format!("{}{name}", scope.prefix);
         let place = place.at(name);
         check_name(name, &place)?;
         match node {
-            Node::Stage(stage) => {
+            StageOrLoop::Stage(stage) => {
                 all.push(unrolled(chain, full, seeds.of(stage), stage, place)?);
             }
-            Node::Rounds(rounds) => unroll_rounds(chain, &full, seeds, rounds, &place, all)?,
+            StageOrLoop::Rounds(rounds) => unroll_rounds(chain, &full, seeds, rounds, &place, all)?,
         }
     }
     Ok(())
 }
 
 fn unroll_rounds<'p>(
-    chain: &[Frame<'p>],
+    chain: &[Scope<'p>],
     name: &str,
     seeds: Seeds,
     rounds: &'p Rounds,
-    place: &Place,
+    place: &FieldPath,
     all: &mut Vec<Unrolled<'p>>,
 ) -> Result<(), Fault> {
     if !(1..=MOST_ROUNDS).contains(&rounds.count) {
@@ -169,8 +169,8 @@ fn unroll_rounds<'p>(
         }
     }
     for round in 1..=rounds.count {
-        let inner = Frame::round(name, rounds, round);
-        let chain: Vec<Frame> = chain.iter().cloned().chain([inner]).collect();
+        let inner = Scope::round(name, rounds, round);
+        let chain: Vec<Scope> = chain.iter().cloned().chain([inner]).collect();
         // In each round anew, since `@name` means something else in the first than in later ones.
         for (carried, reference) in rounds.next.iter() {
             resolve(&chain, &reference.0)
@@ -182,7 +182,7 @@ fn unroll_rounds<'p>(
 }
 
 /// Names become folders and are joined by dots.
-pub fn check_name(name: &str, place: &Place) -> Result<(), Fault> {
+pub fn check_name(name: &str, place: &FieldPath) -> Result<(), Fault> {
     let good = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
     match name.chars().next() {
         Some(first)
@@ -199,11 +199,11 @@ pub fn check_name(name: &str, place: &Place) -> Result<(), Fault> {
 }
 
 fn unrolled<'p>(
-    chain: &[Frame],
+    chain: &[Scope],
     name: String,
     seed: u64,
     any: &'p AnyStage,
-    place: Place,
+    place: FieldPath,
 ) -> Result<Unrolled<'p>, Fault> {
     any.stage()
         .check()
@@ -235,7 +235,7 @@ fn unrolled<'p>(
     })
 }
 
-fn parameter_fault(error: &StageError, place: &Place) -> Fault {
+fn parameter_fault(error: &StageError, place: &FieldPath) -> Fault {
     match error {
         StageError::Parameter { field, .. } => place.within(field).fault(error.to_string()),
         _ => place.fault(error.to_string()),
@@ -257,7 +257,7 @@ fn wires(
 
 fn wire(
     link: &Link,
-    place: &dyn Fn() -> Place,
+    place: &dyn Fn() -> FieldPath,
     all: &[Unrolled],
     index: &BTreeMap<&str, usize>,
 ) -> Result<Wire, Fault> {
@@ -294,7 +294,7 @@ fn wire(
     })
 }
 
-fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<(graph::Node, Place), Fault> {
+fn node(unrolled: Unrolled, wires: Vec<Wire>) -> Result<(graph::Node, FieldPath), Fault> {
     let Unrolled {
         name,
         seed,

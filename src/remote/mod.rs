@@ -23,14 +23,14 @@ use crate::store::record::Record;
 pub use address::AddressError;
 pub use fault::RemoteFault;
 use health::Health;
-use retry::Patience;
+use retry::RetryLimits;
 
 /// A shared store.
 pub struct Remote {
     name: String,
     objects: Box<dyn ObjectStore>,
     root: Path,
-    patience: Patience,
+    retry: RetryLimits,
     runtime: Runtime,
     health: Health,
 }
@@ -60,7 +60,7 @@ impl Remote {
             name,
             objects,
             root,
-            patience: Patience::default(),
+            retry: RetryLimits::default(),
             runtime,
             health: Health::default(),
         })
@@ -97,7 +97,7 @@ impl Remote {
         key: &Digest,
         ask: impl FnOnce() -> Result<Option<T>, RemoteFault>,
     ) -> Option<T> {
-        // Each question to a remote that is gone would cost the whole patience again.
+        // Each question to a remote that is gone would cost all attempts again.
         if self.health.is_lost() {
             return None;
         }

@@ -10,7 +10,7 @@ use super::fault::RemoteFault;
 
 /// How long to try.
 #[derive(Clone, Copy, Debug)]
-pub struct Patience {
+pub struct RetryLimits {
     /// How often to ask in all.
     pub attempts: u32,
     /// The pause after the first attempt; each later one is three times as long.
@@ -19,7 +19,7 @@ pub struct Patience {
     pub total: Duration,
 }
 
-impl Default for Patience {
+impl Default for RetryLimits {
     fn default() -> Self {
         Self {
             attempts: 4,
@@ -29,7 +29,7 @@ impl Default for Patience {
     }
 }
 
-impl Patience {
+impl RetryLimits {
     /// Asks until there is an answer, or a fault that will not pass.
     pub async fn ask<T, F: Future<Output = Result<T, RemoteFault>>>(
         &self,
@@ -64,7 +64,7 @@ impl Patience {
 }
 
 /// A piece of an upload that has failed is sent again by itself, since the client has numbered it.
-impl RetryPolicy for Patience {
+impl RetryPolicy for RetryLimits {
     fn retry<'s, 'f>(
         &'s self,
         context: RetryContext,
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     fn attempts(fault: impl Fn() -> object_store::Error, ends_well_after: u32) -> (u32, bool) {
-        let patience = Patience {
+        let retry = RetryLimits {
             attempts: 4,
             pause: Duration::from_millis(1),
             total: Duration::from_secs(9),
@@ -115,7 +115,7 @@ mod tests {
             .enable_time()
             .build()
             .unwrap();
-        let well = runtime.block_on(patience.ask(ask)).is_ok();
+        let well = runtime.block_on(retry.ask(ask)).is_ok();
         (count.get(), well)
     }
 
@@ -132,9 +132,9 @@ mod tests {
 
     #[test]
     fn what_went_well_for_an_hour_is_asked_again() {
-        let patience = Patience {
+        let retry = RetryLimits {
             pause: Duration::ZERO,
-            ..Patience::default()
+            ..RetryLimits::default()
         };
         let clock = Cell::new(Instant::now());
         let ask = async || {
@@ -149,7 +149,7 @@ mod tests {
             .enable_time()
             .build()
             .unwrap();
-        let asked = runtime.block_on(patience.ask_by(|| clock.get(), ask));
+        let asked = runtime.block_on(retry.ask_by(|| clock.get(), ask));
         assert!(asked.is_err());
         let hours = (clock.get() - begun).as_secs() / 3600;
         assert_eq!(hours, 2, "and not once more, an hour after the first fault");

@@ -101,7 +101,7 @@ impl Remote {
         while at < file.bytes {
             let range = at..file.bytes.min(at + PIECE);
             let piece = self
-                .patience
+                .retry
                 .ask(async || Ok(self.objects.get_range(&path, range.clone()).await?))
                 .await?;
             hasher.update(&piece);
@@ -169,7 +169,7 @@ impl Remote {
             }
             _ => self.send_in_pieces(&from, &to).await,
         };
-        self.patience.ask(send).await?;
+        self.retry.ask(send).await?;
         Ok(file.bytes)
     }
 
@@ -177,7 +177,7 @@ impl Remote {
         let mut file = File::open(from).at("read", from)?;
         // S3 takes parts of 5 MiB and more, and at most 10 000 of them: pieces of this size make 80
         // GB.
-        let options = PutMultipartOptions::default().with_retry_policy(Arc::new(self.patience));
+        let options = PutMultipartOptions::default().with_retry_policy(Arc::new(self.retry));
         let mut upload = self.objects.put_multipart_opts(to, options).await?;
         loop {
             let mut piece = Vec::new();
@@ -218,7 +218,7 @@ impl Remote {
             Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
             Err(error) => Err(error.into()),
         };
-        self.patience.ask(put).await
+        self.retry.ask(put).await
     }
 
     async fn record(&self, key: &Digest) -> Result<Option<Record>, RemoteFault> {
@@ -244,13 +244,13 @@ impl Remote {
                 bytes => Err(RemoteFault::Damaged(format!("{path} has {bytes} bytes"))),
             }
         };
-        absent(self.patience.ask(get).await)
+        absent(self.retry.ask(get).await)
     }
 
     async fn size(&self, blob: &Digest) -> Result<Option<u64>, RemoteFault> {
         let path = self.path("cas", blob, "");
         absent(
-            self.patience
+            self.retry
                 .ask(async || Ok(self.objects.head(&path).await?.size))
                 .await,
         )
@@ -270,7 +270,7 @@ impl Remote {
                 .try_collect::<Vec<_>>()
                 .await?)
         };
-        let found = self.patience.ask(list).await?;
+        let found = self.retry.ask(list).await?;
         let key = |path: &Path| path.filename()?.strip_suffix(".json")?.parse().ok();
         let mut keys: Vec<Digest> = found
             .iter()

@@ -10,13 +10,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
-pub use self::format::{Format, percent};
-use self::read::{Read, Reader};
+pub use self::format::{TableFormat, percent};
+use self::read::{ArmReader, Read};
 use self::statistics::{Better, Paired, mean, paired, spread};
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 
 /// The arms of a run side by side.
 #[derive(Serialize)]
@@ -108,11 +108,11 @@ pub struct StageCost {
 
 impl Comparison {
     /// Puts the arms of a run side by side; `None` if it had none.
-    pub fn of(run: &Run, store: &Store) -> Result<Option<Self>, StoreError> {
+    pub fn of(run: &RunRecord, store: &Store) -> Result<Option<Self>, StoreError> {
         let Some(experiment) = &run.experiment else {
             return Ok(None);
         };
-        let mut reader = Reader::new(run, store, experiment);
+        let mut reader = ArmReader::new(run, store, experiment);
         let arms = experiment
             .arms
             .iter()

@@ -15,10 +15,10 @@ use serde_json::json;
 use crate::report::comparison::{Comparison, Scored, StageCost};
 use crate::store::Store;
 use crate::store::error::StoreError;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 use crate::terminal::output::size;
 use crate::terminal::progress::{duration, figure};
-use graph::Graph;
+use graph::ProvenanceGraph;
 use html::{Html, escaped};
 
 /// How many crops are shown, and how many of the worst views.
@@ -31,7 +31,7 @@ pub struct Page<'a> {
     /// Their pictures.
     pub gallery: &'a Gallery,
     /// The run that it is of.
-    pub run: &'a Run,
+    pub run: &'a RunRecord,
     /// Where results are.
     pub store: &'a Store,
 }
@@ -245,7 +245,7 @@ impl Page<'_> {
     /// Every stage of the run with its end, its cost and its reason: drawn, and as a table.
     fn stages(&self, html: &mut Html) -> Result<(), StoreError> {
         html.section("stages", "Stages");
-        if let Some(graph) = Graph::of(self.run, self.store)? {
+        if let Some(graph) = ProvenanceGraph::of(self.run, self.store)? {
             html.tag("p", "Each box is a result: its stage, its arm, and what it took when it was computed. Lines lead to what was made from it; those that others imply are left out.");
             html.put("<p class=\"states\"><span class=\"ran\">ran in this run</span><span class=\"cached\">cached</span><span class=\"failed\">failed</span><span class=\"stopped\">stopped</span></p>");
             html.put(&format!(

@@ -12,7 +12,7 @@ use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::manifest::Manifest;
 use crate::store::results::Breakage;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 
 /// How many runs back to look.
 const RUNS: usize = 16;
@@ -135,7 +135,7 @@ pub fn diff(before: &Manifest, now: &Manifest, unknown: &BTreeSet<&str>) -> Vec<
 pub struct History<'s> {
     store: &'s Store,
     pipeline: String,
-    runs: OnceLock<Vec<Run>>,
+    runs: OnceLock<Vec<RunRecord>>,
 }
 
 /// What a stage was in an earlier run.
@@ -157,10 +157,10 @@ impl<'s> History<'s> {
         }
     }
 
-    fn runs(&self) -> Result<&[Run], StoreError> {
+    fn runs(&self) -> Result<&[RunRecord], StoreError> {
         // `get_or_init` takes no function that can fail, so reading comes first.
         if self.runs.get().is_none() {
-            let runs = Run::past(self.store, Some(&self.pipeline))?
+            let runs = RunRecord::past(self.store, Some(&self.pipeline))?
                 .take(RUNS)
                 .collect();
             return Ok(self.runs.get_or_init(|| runs));

@@ -8,9 +8,9 @@
 mod board;
 pub mod budget;
 #[cfg(test)]
-mod laws;
+mod gpu_failures;
 #[cfg(test)]
-mod mishaps;
+mod properties;
 mod start;
 mod states;
 #[cfg(test)]

@@ -4,8 +4,8 @@
 pub(super) mod clock;
 pub(super) mod index;
 mod memo;
+pub mod no_op;
 pub mod signature;
-pub mod standing;
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! The store's laws on a machine that stops after any file operation, on a full disk, and on one
-//! that cannot be written.
+//! The store's invariants on a machine that stops after any file operation, on a full disk, and on
+//! one that cannot be written.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use proptest::prelude::*;
 use super::error::StoreError;
 use super::files::disk::{Disk, DiskFault};
 use super::fsck::look_through;
-use super::leases::Patience;
+use super::leases::LeaseTimeouts;
 use super::record::Record;
 use super::results::Lookup;
-use super::runs::{Run, now};
+use super::runs::{RunRecord, now};
 use super::testing::{facts, key, metrics};
 use super::work::Work;
 use super::{Store, World};
@@ -23,13 +23,13 @@ const ENOUGH: usize = 1000;
 
 /// A store on this disk. Those who died in it are known to be dead.
 fn store(disk: Disk, root: &Path) -> Result<Store, StoreError> {
-    let patience = Patience {
+    let lease_timeouts = LeaseTimeouts {
         beat: Duration::from_secs(3600),
         stale: Duration::ZERO,
     };
     let world = World {
         disk,
-        patience,
+        lease_timeouts,
         ..World::default()
     };
     Store::create_in(world, root)
@@ -48,7 +48,7 @@ fn life(disk: Disk, root: &Path) -> Result<Record, StoreError> {
     let store = store(disk, root)?;
     store.manifests.put(&key("k"), &Default::default())?;
     let record = commit(&store, key("k"), 1.0, false)?;
-    let run = Run {
+    let run = RunRecord {
         pipeline: "p".into(),
         started: now(),
         seconds: 1.0,

@@ -18,12 +18,12 @@ use walkdir::WalkDir;
 
 use super::Store;
 use super::blobs::digest_file;
-use super::census::{Entry, label, references};
 use super::error::StoreError;
 use super::files::identity::same_entry;
 use super::files::{FILES, FOLDERS};
+use super::listing::{Entry, label, references};
 use super::record::{Record, is_inside};
-use super::runs::Run;
+use super::runs::RunRecord;
 use super::view::View;
 use crate::store::manifest::Manifest;
 use fault::{Finding, Remedy, StoreFault};
@@ -233,7 +233,7 @@ impl Fsck<'_> {
         for entry in self.store.files.entries("runs")? {
             match entry.wrong_type() {
                 Some(found) => self.remove(&entry, StoreFault::WrongType { found }, None)?,
-                None => drop(self.parse::<Run>(&entry)?),
+                None => drop(self.parse::<RunRecord>(&entry)?),
             }
         }
         Ok(())
@@ -242,7 +242,8 @@ impl Fsck<'_> {
     /// What people see of the last run of each pipeline, where the store still has it.
     fn shown(&mut self, out: &Path, records: &BTreeMap<Digest, Record>) -> Result<(), StoreError> {
         let mut pipelines = BTreeSet::new();
-        for run in Run::past(self.store, None)?.filter(|run| pipelines.insert(run.pipeline.clone()))
+        for run in
+            RunRecord::past(self.store, None)?.filter(|run| pipelines.insert(run.pipeline.clone()))
         {
             // The output folder shows the last run alone: whatever earlier runs had there has been
             // replaced.

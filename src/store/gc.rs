@@ -4,7 +4,7 @@
 //! What counts as needed are the last runs of each pipeline, and pins. Killed at any moment, it
 //! leaves a sound store.
 
-mod survey;
+mod inventory;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,11 +15,11 @@ use artifacts_schema::Digest;
 use serde::Serialize;
 
 use super::Store;
-use super::census::Entry;
 use super::error::{At, StoreError};
 use super::files::parent;
+use super::listing::Entry;
 use super::usage::sizes;
-use survey::Inventory;
+use inventory::Inventory;
 
 /// A blob without a result is left alone for so long: its result may be on its way, from another
 /// host.
@@ -89,23 +89,23 @@ impl Garbage {
 
     /// What goes by a policy. Changes nothing.
     pub fn of(store: &Store, policy: &Policy) -> Result<Self, StoreError> {
-        let survey = Inventory::of(store)?;
+        let inventory = Inventory::of(store)?;
         // Two sets: a limit of size may take results of earlier runs that would otherwise be kept,
         // but never those of the latest.
-        let kept = survey.of_last_runs(policy.keep_last);
-        let latest = survey.of_last_runs(1);
-        let mut results = survey.unused(store, &kept, policy);
+        let kept = inventory.of_last_runs(policy.keep_last);
+        let latest = inventory.of_last_runs(1);
+        let mut results = inventory.unused(store, &kept, policy);
         if let Some(most) = policy.max_size {
-            results.extend(survey.too_large(&results, &latest, most));
+            results.extend(inventory.too_large(&results, &latest, most));
         }
         let gone: BTreeSet<Digest> = results.iter().map(|doomed| doomed.key).collect();
         let stay = sizes(
-            survey
+            inventory
                 .records
                 .values()
                 .filter(|record| !gone.contains(&record.key)),
         );
-        let had = sizes(survey.records.values());
+        let had = sizes(inventory.records.values());
         let (files, _) = store.files.fanned_entries("cas")?;
         let goes = |entry: &Entry| match entry.digest() {
             // Several results can share a blob: it goes with the last of them.
@@ -120,7 +120,7 @@ impl Garbage {
             .filter(goes)
             .map(|entry| (entry.path, entry.data.len()))
             .collect();
-        let others = survey.others(store, &gone, policy)?;
+        let others = inventory.others(store, &gone, policy)?;
         Ok(Self {
             results,
             blobs,

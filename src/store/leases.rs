@@ -18,9 +18,9 @@ use std::time::{Duration, Instant, SystemTime};
 
 use artifacts_schema::Digest;
 
-use super::census::Entry;
 use super::error::{At, StoreError};
 use super::files::{Files, json, read_json};
+use super::listing::Entry;
 use holder::Holder;
 use lease::Lease;
 
@@ -29,14 +29,14 @@ const FORGOTTEN: Duration = Duration::from_secs(3600);
 
 /// How long leases last without a sign of life.
 #[derive(Clone, Copy, Debug)]
-pub struct Patience {
+pub struct LeaseTimeouts {
     /// How often a holder touches its lease.
     pub beat: Duration,
     /// How long a lease may go untouched.
     pub stale: Duration,
 }
 
-impl Default for Patience {
+impl Default for LeaseTimeouts {
     fn default() -> Self {
         Self {
             beat: Duration::from_secs(5),
@@ -56,16 +56,16 @@ pub enum Claim<'s> {
 /// The leases of a store.
 pub struct Leases {
     files: Arc<Files>,
-    patience: Patience,
+    timeouts: LeaseTimeouts,
     /// When each lease of others was last touched, and since when we have seen that.
     seen: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>>,
 }
 
 impl Leases {
-    pub(super) fn new(files: Arc<Files>, patience: Patience) -> Self {
+    pub(super) fn new(files: Arc<Files>, timeouts: LeaseTimeouts) -> Self {
         Self {
             files,
-            patience,
+            timeouts,
             seen: Mutex::default(),
         }
     }
@@ -162,7 +162,7 @@ impl Leases {
         };
         // The dead on this host are known at once. Of others only their silence is, as we measure
         // it ourselves.
-        Ok(holder.is_dead() || self.untouched(path, touched) > self.patience.stale)
+        Ok(holder.is_dead() || self.untouched(path, touched) > self.timeouts.stale)
     }
 
     /// For how long we have seen this time on a file, by our own steady clock.

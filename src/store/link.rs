@@ -125,7 +125,7 @@ impl Shown {
     fn stands(&self, output: &Output, folder: &Path) -> bool {
         let is_same = |(file, before): (&StoredFile, &Signature)| {
             // A second name has the signature of its blob, at which a lookup has just looked.
-            file.glance.0.as_ref() == Some(before)
+            file.last_signature.0.as_ref() == Some(before)
                 || Signature::at(&folder.join(&file.path)).as_ref() == Some(before)
         };
         self.blobs

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use super::cache::Cache;
 use super::cache::index::Kind;
 use super::cache::signature::Signature;
-use super::census::{Entry, list};
 use super::error::StoreError;
 use super::files::{Files, json, parent, read_json};
+use super::listing::{Entry, list};
 use crate::store::manifest::Manifest;
 
 /// The manifests of a store.

@@ -5,7 +5,6 @@
 
 pub mod blobs;
 pub mod cache;
-pub mod census;
 pub mod error;
 pub mod evidence;
 pub mod files;
@@ -13,6 +12,7 @@ pub mod fsck;
 pub mod gc;
 pub mod leases;
 pub mod link;
+pub mod listing;
 pub mod manifest;
 pub mod manifests;
 pub mod pins;
@@ -36,11 +36,11 @@ use std::sync::Arc;
 use blobs::Blobs;
 use cache::Cache;
 use cache::clock::Clock;
-use cache::standing::Standings;
+use cache::no_op::NoOpCache;
 use error::{At, StoreError};
 use files::Files;
 use files::disk::Disk;
-use leases::{Leases, Patience};
+use leases::{LeaseTimeouts, Leases};
 use manifests::Manifests;
 use results::Results;
 
@@ -56,7 +56,7 @@ pub struct Store {
     /// What went into each key.
     pub manifests: Manifests,
     /// Pipelines all of whose results were there.
-    pub standings: Standings,
+    pub no_ops: NoOpCache,
     /// Keys that are being computed.
     leases: Leases,
     /// Locked for as long as this lives: shared by all who write, or alone. The system unlocks it
@@ -69,14 +69,14 @@ pub struct Store {
 struct World {
     disk: Disk,
     clock: Clock,
-    patience: Patience,
+    lease_timeouts: LeaseTimeouts,
 }
 
 impl Store {
     /// A store for reading; one that does not exist is empty.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
         let files = Files::open(Disk::default(), root)?;
-        Ok(Self::of(files, Clock::default(), Patience::default()))
+        Ok(Self::of(files, Clock::default(), LeaseTimeouts::default()))
     }
 
     /// A store for writing; its folders are made where they are missing. One that is there and can
@@ -97,19 +97,19 @@ impl Store {
         };
         Ok(Self {
             lock,
-            ..Self::of(files, world.clock, world.patience)
+            ..Self::of(files, world.clock, world.lease_timeouts)
         })
     }
 
-    fn of(files: Files, clock: Clock, patience: Patience) -> Self {
+    fn of(files: Files, clock: Clock, lease_timeouts: LeaseTimeouts) -> Self {
         let files = Arc::new(files);
         let blobs = Arc::new(Blobs::new(files.clone()));
         let cache = Arc::new(Cache::new(files.clone(), clock));
         Self {
             results: Results::new(files.clone(), blobs.clone(), cache.clone()),
             manifests: Manifests::new(files.clone(), cache.clone()),
-            standings: Standings::new(files.clone()),
-            leases: Leases::new(files.clone(), patience),
+            no_ops: NoOpCache::new(files.clone()),
+            leases: Leases::new(files.clone(), lease_timeouts),
             lock: None,
             files,
             blobs,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Store;
 use super::error::{At, StoreError};
 use super::files::{json, read_json};
-use super::runs::Run;
+use super::runs::RunRecord;
 
 /// A named set of results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ pub struct Pin {
 
 impl Pin {
     /// A pin of all results of a run, or of some of its stages.
-    pub fn new(name: &str, run: &Run, stages: impl Fn(&str) -> bool) -> Self {
+    pub fn new(name: &str, run: &RunRecord, stages: impl Fn(&str) -> bool) -> Self {
         let wanted = run.stages.iter().filter(|(stage, _)| stages(stage));
         let keys = wanted
             .filter_map(|(stage, run)| Some((stage.clone(), run.key?)))

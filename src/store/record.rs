@@ -51,14 +51,14 @@ pub struct StoredFile {
     pub bytes: u64,
     /// The signature of the blob when this process last found it unchanged.
     #[serde(skip)]
-    pub glance: Glance,
+    pub last_signature: LastSignature,
 }
 
-/// A look at a file, which is no part of what a record says.
+/// What a file looked like when it was last looked at, which is no part of what a record says.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Glance(pub(super) Option<Signature>);
+pub struct LastSignature(pub(super) Option<Signature>);
 
-impl PartialEq for Glance {
+impl PartialEq for LastSignature {
     // Two records that say the same are equal, whenever their files were last looked at.
     fn eq(&self, _: &Self) -> bool {
         true

@@ -14,9 +14,9 @@ use rayon::prelude::*;
 use super::blobs::{Blobs, Damage};
 use super::cache::Cache;
 use super::cache::signature::Signature;
-use super::census::Entry;
 use super::error::{At, StoreError};
 use super::files::{Files, json, read_json};
+use super::listing::Entry;
 use super::record::Record;
 use known::Known;
 

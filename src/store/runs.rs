@@ -14,7 +14,7 @@ use crate::pipeline::experiment::Experiment;
 
 /// What one run did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
+pub struct RunRecord {
     /// The pipeline's name.
     pub pipeline: String,
     /// When it began, in UTC: `20261122T233100.250Z`.
@@ -78,7 +78,7 @@ pub enum End {
     Stopped,
 }
 
-impl Run {
+impl RunRecord {
     /// Keeps it. A store that can only be read goes without.
     pub fn keep(&self, store: &Store) -> Result<(), StoreError> {
         if store.files.read_only {
@@ -182,7 +182,7 @@ mod tests {
     fn runs_come_newest_first() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::create(folder.path()).unwrap();
-        let run = |pipeline: &str, started: &str| Run {
+        let run = |pipeline: &str, started: &str| RunRecord {
             pipeline: pipeline.into(),
             started: started.into(),
             seconds: 1.0,
@@ -197,12 +197,12 @@ mod tests {
         ] {
             run(pipeline, started).keep(&store).unwrap();
         }
-        let started: Vec<String> = Run::past(&store, Some("a"))
+        let started: Vec<String> = RunRecord::past(&store, Some("a"))
             .unwrap()
             .map(|run| run.started)
             .collect();
         assert_eq!(started, ["20260103T000000.000Z", "20260101T000000.000Z"]);
-        assert_eq!(Run::past(&store, None).unwrap().count(), 3);
+        assert_eq!(RunRecord::past(&store, None).unwrap().count(), 3);
         assert_eq!(now().len(), started[0].len());
     }
 }

@@ -11,9 +11,9 @@ use std::time::SystemTime;
 use artifacts_schema::Digest;
 
 use super::Store;
-use super::census::{Entry, list};
 use super::error::{At, StoreError};
 use super::files::parent;
+use super::listing::{Entry, list};
 
 /// The state that the latest result of an extension key has left.
 pub fn latest(store: &Store, extension: &Digest) -> Option<PathBuf> {

@@ -7,7 +7,7 @@ use artifacts_schema::Digest;
 use super::Store;
 use super::error::StoreError;
 use super::record::Record;
-use super::runs::Run;
+use super::runs::RunRecord;
 
 /// The blobs of some results, against all others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -42,7 +42,7 @@ impl Usage {
             .map(|record| (record.key, record))
             .collect();
         let mut runs: BTreeMap<String, Vec<(String, Digest)>> = BTreeMap::new();
-        for run in Run::past(store, None)? {
+        for run in RunRecord::past(store, None)? {
             let keys = run
                 .stages
                 .into_iter()

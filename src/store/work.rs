@@ -19,7 +19,7 @@ use super::files::parent;
 use super::leases::Claim;
 use super::leases::holder::Holder;
 use super::leases::lease::Lease;
-use super::record::{Glance, Output, Record, StoredFile};
+use super::record::{LastSignature, Output, Record, StoredFile};
 use super::{Store, state};
 
 /// The private folder of one key. Only one process at a time has it.
@@ -99,7 +99,8 @@ impl<'s> Work<'s> {
             .join("work")
             .join(other.to_string())
             .join("scratch");
-        let [from, to] = [scratch, self.scratch()].map(|folder| folder.join(stages::keeper::FILE));
+        let [from, to] =
+            [scratch, self.scratch()].map(|folder| folder.join(stages::checkpointer::FILE));
         // Copied, not moved: a later run on the GPU can still go on from it.
         if !to.exists() {
             // Under another name until it is whole: one cut short would not be copied again.
@@ -128,7 +129,7 @@ impl<'s> Work<'s> {
 
     /// Keeps the last checkpoint, if there is one, for longer runs to go on from.
     pub fn keep_state(&self, extension: &Digest) -> Result<(), StoreError> {
-        let checkpoint = self.scratch().join(stages::keeper::FILE);
+        let checkpoint = self.scratch().join(stages::checkpointer::FILE);
         if checkpoint.exists() {
             state::keep(self.store, extension, &self.key, &checkpoint)
         } else {
@@ -219,12 +220,12 @@ impl<'s> Work<'s> {
                 let path = relative(entry.path(), &folder)
                     .ok_or_else(|| refused("a file's name is not text".into()))?;
                 let (blob, bytes) = self.store.blobs.take(entry.path())?;
-                let glance = Glance(Signature::at(&self.store.blobs.path(&blob)));
+                let last_signature = LastSignature(Signature::at(&self.store.blobs.path(&blob)));
                 files.push(StoredFile {
                     path,
                     blob,
                     bytes,
-                    glance,
+                    last_signature,
                 });
             }
         }

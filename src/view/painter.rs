@@ -10,7 +10,7 @@ use tokio::sync::mpsc::Sender;
 
 use super::look::Look;
 use super::newest::Newest;
-use super::picture::{self, Format};
+use super::picture::{self, ImageFormat};
 use super::subject::Subject;
 
 /// How fine pictures are, one after the other: the part of the full width, and rays per pixel and
@@ -166,8 +166,8 @@ fn frame(
 ) -> Option<Vec<u8>> {
     // What is soon replaced may lose a little, and comes sooner.
     let format = match order.look.moving || level.part > 1 {
-        true => Format::Jpeg,
-        false => Format::Png,
+        true => ImageFormat::Jpeg,
+        false => ImageFormat::Png,
     };
     let colors = picture::colors(order.look.panes[number].show, rendered, camera);
     let file = picture::encode(&colors, [rendered.width, rendered.height], format).ok()?;

@@ -18,14 +18,14 @@ const SOLID: f32 = 0.5;
 
 /// How a picture is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum ImageFormat {
     /// Small and soon done: for cameras on their way.
     Jpeg,
     /// To the last bit of its 8.
     Png,
 }
 
-impl Format {
+impl ImageFormat {
     /// As HTTP names it.
     pub fn mime(self) -> &'static str {
         match self {
@@ -53,14 +53,14 @@ pub fn photo(view: &View) -> Vec<u8> {
 }
 
 /// Writes a picture.
-pub fn encode(rgb: &[u8], [w, h]: [u32; 2], format: Format) -> Result<Vec<u8>, ImageError> {
+pub fn encode(rgb: &[u8], [w, h]: [u32; 2], format: ImageFormat) -> Result<Vec<u8>, ImageError> {
     let mut file = Vec::new();
     let color = ExtendedColorType::Rgb8;
     match format {
-        Format::Jpeg => {
+        ImageFormat::Jpeg => {
             JpegEncoder::new_with_quality(&mut file, QUALITY).write_image(rgb, w, h, color)?;
         }
-        Format::Png => {
+        ImageFormat::Png => {
             // Over loopback bytes cost little, and packing them costs time.
             PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up)
                 .write_image(rgb, w, h, color)?;

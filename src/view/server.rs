@@ -26,7 +26,7 @@ use super::look::{self, Look};
 use super::newest::Newest;
 use super::page;
 use super::painter::{MOST_FRAMES, Order, Painter};
-use super::picture::{self, Format};
+use super::picture::{self, ImageFormat};
 use super::subject::Subject;
 use crate::loopback::Loopback;
 use crate::loopback::guard::{self, Guard};
@@ -184,11 +184,11 @@ async fn photo(
     let encode = move || {
         let view = site.subject.photos.get(number)?;
         let size = [view.camera.width, view.camera.height];
-        picture::encode(&picture::photo(view), size, Format::Png).ok()
+        picture::encode(&picture::photo(view), size, ImageFormat::Png).ok()
     };
     let encoded = tokio::task::spawn_blocking(encode).await;
     let file = encoded.ok().flatten().ok_or(StatusCode::NOT_FOUND)?;
-    Ok(([(CONTENT_TYPE, Format::Png.mime())], file).into_response())
+    Ok(([(CONTENT_TYPE, ImageFormat::Png.mime())], file).into_response())
 }
 
 /// A request that asks for what there is not.

@@ -7,7 +7,7 @@ use std::path::Path;
 use artifacts_schema::{Cameras, View};
 use serde::Serialize;
 
-use crate::view::picture::{self, Format};
+use crate::view::picture::{self, ImageFormat};
 
 /// Of one output, so many are shown.
 const MOST: usize = 6;
@@ -55,5 +55,5 @@ pub fn png(path: &Path) -> Option<Vec<u8>> {
     let (_, camera) = cameras.views.into_iter().find(|(view, _)| view == name)?;
     let view = View::from_exr(path, name, camera).ok()?;
     let size = [camera.width, camera.height];
-    picture::encode(&picture::photo(&view), size, Format::Png).ok()
+    picture::encode(&picture::photo(&view), size, ImageFormat::Png).ok()
 }

@@ -1,4 +1,4 @@
-//! The page of a run, by HTTP. Knows nothing of how the run goes but what the board says.
+//! The page of a run, by HTTP. Knows nothing of how the run goes but what the dashboard says.
 
 use std::convert::Infallible;
 use std::path::{Component, Path as File};
@@ -18,7 +18,7 @@ use tokio::runtime::Runtime;
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
 
-use super::board::Board;
+use super::dashboard::Dashboard;
 use super::page;
 use super::pictures;
 use crate::loopback::{Loopback, guard};
@@ -36,23 +36,23 @@ pub struct Server {
 
 /// What all handlers share.
 struct Site {
-    board: Arc<Board>,
+    dashboard: Arc<Dashboard>,
     view: View,
 }
 
 impl Server {
-    /// Serves a board, and the pictures of its stages in `view`.
+    /// Serves a dashboard, and the pictures of its stages in `view`.
     ///
     /// # Errors
     /// A system that has no port, threads or random numbers to give.
-    pub fn new(board: Arc<Board>, view: View) -> std::io::Result<Self> {
+    pub fn new(dashboard: Arc<Dashboard>, view: View) -> std::io::Result<Self> {
         let Loopback {
             runtime,
             listener,
             guard,
         } = Loopback::new(0)?;
         let url = guard.url();
-        let site = Arc::new(Site { board, view });
+        let site = Arc::new(Site { dashboard, view });
         let service = axum::serve(listener, router(site, guard));
         runtime.spawn(async move { service.await });
         Ok(Self {
@@ -89,16 +89,16 @@ async fn html() -> Result<Response, StatusCode> {
     Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(html)).into_response())
 }
 
-/// The whole board, then its changes; one that fell too far behind gets the whole board again.
+/// The whole dashboard, then its changes; one that fell too far behind gets the whole again.
 async fn changes(
     State(site): State<Arc<Site>>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let (whole, changes) = site.board.look();
+    let (whole, changes) = site.dashboard.look();
     let state = (Some(whole), changes, site);
     let next = |(whole, changes, site): (Option<String>, Receiver<String>, Arc<Site>)| async {
         let (text, changes) = match whole {
             Some(whole) => (whole, changes),
-            None => change(changes, &site.board).await?,
+            None => change(changes, &site.dashboard).await?,
         };
         Some((Ok(Event::default().data(text)), (None, changes, site)))
     };
@@ -108,12 +108,12 @@ async fn changes(
 
 async fn change(
     mut changes: Receiver<String>,
-    board: &Board,
+    dashboard: &Dashboard,
 ) -> Option<(String, Receiver<String>)> {
     match changes.recv().await {
         Ok(change) => Some((change, changes)),
         // Single changes are lost by now, so only the whole is right.
-        Err(RecvError::Lagged(_)) => Some(board.look()),
+        Err(RecvError::Lagged(_)) => Some(dashboard.look()),
         Err(RecvError::Closed) => None,
     }
 }
@@ -122,7 +122,7 @@ async fn list(
     State(site): State<Arc<Site>>,
     Path((_, stage)): Path<(String, String)>,
 ) -> Result<Response, StatusCode> {
-    if !site.board.has(&stage) {
+    if !site.dashboard.has(&stage) {
         return Err(StatusCode::NOT_FOUND);
     }
     // Reading folders blocks, and two threads serve all pages.
@@ -144,7 +144,7 @@ async fn picture(
             (Some(Component::Normal(_)), None)
         )
     };
-    if !site.board.has(&stage) || !is_name(&output) || !is_name(&file) {
+    if !site.dashboard.has(&stage) || !is_name(&output) || !is_name(&file) {
         return Err(StatusCode::NOT_FOUND);
     }
     let read = move || pictures::png(&site.view.output(&stage, &output).join(&file));

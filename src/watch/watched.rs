@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use super::board::Board;
+use super::dashboard::Dashboard;
 use super::server::Server;
 use crate::store::view::View;
 use crate::terminal::output::tell;
@@ -16,7 +16,7 @@ const PAUSE: Duration = Duration::from_millis(200);
 /// A way of telling, and the page.
 pub struct Watched {
     told: Box<dyn Progress>,
-    board: Arc<Board>,
+    dashboard: Arc<Dashboard>,
     server: Server,
     /// Whether the user has asked to stop.
     cancelled: Arc<AtomicBool>,
@@ -33,14 +33,14 @@ impl Watched {
         view: &View,
         cancelled: &Arc<AtomicBool>,
     ) -> std::io::Result<Self> {
-        let board = Arc::new(Board::new(pipeline, names));
+        let dashboard = Arc::new(Dashboard::new(pipeline, names));
         // Before the first stage, so that a page which cannot be served is known before hours of
         // work.
-        let server = Server::new(board.clone(), view.clone())?;
+        let server = Server::new(dashboard.clone(), view.clone())?;
         tell(&format_args!("watch it at {}", server.url));
         Ok(Self {
             told,
-            board,
+            dashboard,
             server,
             cancelled: cancelled.clone(),
         })
@@ -48,13 +48,13 @@ impl Watched {
 
     /// Whether somebody still looks, and has not asked to stop.
     fn is_wanted(&self) -> bool {
-        self.board.watchers() > 0 && !self.cancelled.load(Ordering::Relaxed)
+        self.dashboard.watchers() > 0 && !self.cancelled.load(Ordering::Relaxed)
     }
 }
 
 impl Progress for Watched {
     fn event(&mut self, event: &Event) {
-        self.board.note(event);
+        self.dashboard.note(event);
         self.told.event(event);
     }
 }
@@ -62,14 +62,14 @@ impl Progress for Watched {
 impl Drop for Watched {
     /// The page stays for as long as somebody looks: pictures are fetched when they are clicked on.
     fn drop(&mut self) {
-        self.board.end("The run is over.");
+        self.dashboard.end("The run is over.");
         if self.is_wanted() {
             let url = &self.server.url;
             tell(&format_args!(
                 "the page stays until it is closed, or until Ctrl-C: {url}"
             ));
         }
-        if self.board.watchers() > 0 {
+        if self.dashboard.watchers() > 0 {
             // Time for the last change to reach them.
             std::thread::sleep(PAUSE);
         }

@@ -12,13 +12,13 @@
 
 pub mod back_projection;
 pub mod checkpoint;
+pub mod checkpointer;
 pub mod colormap;
 pub mod convert;
 pub mod dataset;
 pub mod error;
 pub mod files;
 pub mod io;
-pub mod keeper;
 pub mod kinds;
 pub mod masks;
 pub mod merge;

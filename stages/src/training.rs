@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::checkpoint::Checkpoint;
+use crate::checkpointer::Checkpointer;
 use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
-use crate::keeper::Keeper;
 use crate::port::Port;
 use crate::stage::{Estimate, Extension, Sizes};
 
@@ -88,11 +88,11 @@ pub fn train(
             "masks leave no pixel of any photo to train on: are they black where they should be white?".into(),
         ));
     }
-    let mut keeper = Keeper::new(io, options.steps.into());
+    let mut checkpointer = Checkpointer::new(io, options.steps.into());
     let config = field.config().clone();
     // Kept apart, since the field is moved into whichever training begins.
     let bounds = field.bounds();
-    let resumed = keeper.resume(|Checkpoint { tensors, notes, .. }| {
+    let resumed = checkpointer.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
         let training = Training::from_state(
             io.device,
@@ -123,13 +123,13 @@ pub fn train(
             return Err(StageError::Diverged { step, rate: "rate" });
         }
         diary.note(training.steps_taken(), &stats);
-        keeper.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || {
+        checkpointer.after(step, &[("loss", stats.loss), ("psnr", diary.psnr)], || {
             checkpoint(&mut training, &diary)
         })?;
     }
     // Kept only where a run of more steps can go on from it.
     if matches!(extension(options.final_rate), Extension::Possible(_)) {
-        keeper.keep(options.steps.into(), || checkpoint(&mut training, &diary));
+        checkpointer.keep(options.steps.into(), || checkpoint(&mut training, &diary));
     }
     io.metric("training psnr (running mean)", diary.psnr);
     // No checkpoint of more steps is gone on from, so that this does not wrap.

@@ -7,14 +7,14 @@ use serde_json::json;
 
 use crate::cli::error::Error;
 use crate::pipeline::graph::Graph;
-use crate::report::comparison::{Comparison, Format};
+use crate::report::comparison::{Comparison, TableFormat};
 use crate::report::results;
 use crate::runner::scheduler::Outcome;
 use crate::runner::task::Failure;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::runs::{End, Run};
+use crate::store::runs::{End, RunRecord};
 use crate::store::view::View;
 use crate::terminal::output::{print, tell};
 use crate::terminal::progress::{Verbosity, duration};
@@ -22,7 +22,7 @@ use crate::terminal::progress::{Verbosity, duration};
 /// A run that has ended, and how to speak of it.
 pub struct Ending<'a> {
     /// What is kept of it.
-    pub run: &'a Run,
+    pub run: &'a RunRecord,
     /// Where its results are.
     pub store: &'a Store,
     /// Where people find them.
@@ -50,7 +50,7 @@ impl Ending<'_> {
             return Ok(());
         }
         let tables = match Comparison::of(self.run, self.store)? {
-            Some(comparison) => comparison.tables(Format::Text),
+            Some(comparison) => comparison.tables(TableFormat::Text),
             None => tables(self.store, results.clone())?,
         };
         for table in tables {

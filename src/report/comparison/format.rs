@@ -11,7 +11,7 @@ use crate::terminal::progress::{duration, figure};
 
 /// How to write tables down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Format {
+pub enum TableFormat {
     /// Aligned columns.
     Text,
     /// Markdown.
@@ -29,14 +29,14 @@ type Rows = Vec<Vec<String>>;
 
 impl Comparison {
     /// All tables in a format.
-    pub fn tables(&self, format: Format) -> Vec<String> {
+    pub fn tables(&self, format: TableFormat) -> Vec<String> {
         let tables = [self.scores(), self.differences(), self.costs()];
         let mut texts: Vec<String> = match format {
-            Format::Text => tables.iter().map(|rows| table(rows, true)).collect(),
-            Format::Md => tables.iter().map(markdown).collect(),
-            Format::Latex => tables.iter().map(latex).collect(),
-            Format::Csv => return vec![self.csv()],
-            Format::Json => {
+            TableFormat::Text => tables.iter().map(|rows| table(rows, true)).collect(),
+            TableFormat::Md => tables.iter().map(markdown).collect(),
+            TableFormat::Latex => tables.iter().map(latex).collect(),
+            TableFormat::Csv => return vec![self.csv()],
+            TableFormat::Json => {
                 let json = serde_json::to_value(self).unwrap_or_default();
                 return vec![format!("{json:#}")];
             }
@@ -44,21 +44,29 @@ impl Comparison {
         let notes = self.all_notes();
         if !notes.is_empty() {
             // As comments, so that the tables can be included in a document as they are.
-            let comment = if format == Format::Latex { "% " } else { "" };
+            let comment = if format == TableFormat::Latex {
+                "% "
+            } else {
+                ""
+            };
             let lines: Vec<String> = notes
                 .iter()
                 .map(|note| format!("{comment}{note}"))
                 .collect();
             // Two blanks at the end of a line of Markdown break it. Without them notes run
             // together.
-            let between = if format == Format::Md { "  \n" } else { "\n" };
+            let between = if format == TableFormat::Md {
+                "  \n"
+            } else {
+                "\n"
+            };
             texts.push(lines.join(between));
         }
         texts
     }
 
     /// The parameters in which arms differ, an arm in each column.
-    pub fn parameters(&self, format: Format) -> String {
+    pub fn parameters(&self, format: TableFormat) -> String {
         let paths: std::collections::BTreeSet<&String> = self
             .arms
             .iter()
@@ -76,11 +84,11 @@ impl Comparison {
             .chain(paths.into_iter().map(row))
             .collect();
         match format {
-            Format::Text => table(&rows, false),
-            Format::Md => markdown(&rows),
-            Format::Latex => latex(&rows),
-            Format::Csv => csv(&rows),
-            Format::Json => {
+            TableFormat::Text => table(&rows, false),
+            TableFormat::Md => markdown(&rows),
+            TableFormat::Latex => latex(&rows),
+            TableFormat::Csv => csv(&rows),
+            TableFormat::Json => {
                 let arms = self
                     .arms
                     .iter()

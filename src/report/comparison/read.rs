@@ -11,7 +11,7 @@ use crate::report::results;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::{Output, Record};
-use crate::store::runs::{End, Run, StageRun};
+use crate::store::runs::{End, RunRecord, StageRun};
 
 /// What is read of an arm before it is compared.
 pub struct Read {
@@ -32,8 +32,8 @@ pub struct Read {
 const FLOOR: &str = "lr_nerf";
 
 /// Reads what a run left of each arm.
-pub struct Reader<'a> {
-    run: &'a Run,
+pub struct ArmReader<'a> {
+    run: &'a RunRecord,
     store: &'a Store,
     experiment: &'a Experiment,
     /// Results that were looked up, of stages that several arms share.
@@ -44,9 +44,9 @@ pub struct Reader<'a> {
     lacks: BTreeMap<String, Vec<String>>,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ArmReader<'a> {
     /// Before the first arm.
-    pub fn new(run: &'a Run, store: &'a Store, experiment: &'a Experiment) -> Self {
+    pub fn new(run: &'a RunRecord, store: &'a Store, experiment: &'a Experiment) -> Self {
         Self {
             run,
             store,

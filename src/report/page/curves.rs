@@ -13,7 +13,7 @@ use crate::report::results;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::results::Lookup;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 use crate::terminal::progress::figure;
 
 /// The quantities that are drawn.
@@ -32,7 +32,7 @@ pub struct Curve {
 }
 
 /// The drawings of a run.
-pub fn of(run: &Run, store: &Store) -> Result<Vec<Curve>, StoreError> {
+pub fn of(run: &RunRecord, store: &Store) -> Result<Vec<Curve>, StoreError> {
     let mut curves: BTreeMap<(String, &str), Curve> = BTreeMap::new();
     let mut seen = BTreeSet::new();
     for (name, stage) in &run.stages {

@@ -11,7 +11,7 @@ use crate::pipeline::experiment::arm_of;
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::record::Record;
-use crate::store::runs::{End, Run, StageRun};
+use crate::store::runs::{End, RunRecord, StageRun};
 
 /// Results that are drawn at most: of more, the table of stages tells more than lines do.
 const MOST: usize = 400;
@@ -19,7 +19,7 @@ const MOST: usize = 400;
 const INPUT: &str = "inputs.";
 
 /// The results of a run. Each comes behind those that it was made from.
-pub struct Graph {
+pub struct ProvenanceGraph {
     nodes: Vec<Node>,
 }
 
@@ -42,9 +42,9 @@ struct Node {
     row: usize,
 }
 
-impl Graph {
+impl ProvenanceGraph {
     /// The graph of a run; `None` where it has no results or too many to draw.
-    pub fn of(run: &Run, store: &Store) -> Result<Option<Self>, StoreError> {
+    pub fn of(run: &RunRecord, store: &Store) -> Result<Option<Self>, StoreError> {
         let results = results(run, store)?;
         if results.is_empty() || results.len() > MOST {
             return Ok(None);
@@ -65,7 +65,7 @@ struct Found<'r> {
 }
 
 /// The results of a run by the first of their names.
-fn results<'r>(run: &'r Run, store: &Store) -> Result<Vec<Found<'r>>, StoreError> {
+fn results<'r>(run: &'r RunRecord, store: &Store) -> Result<Vec<Found<'r>>, StoreError> {
     let mut places: BTreeMap<Digest, usize> = BTreeMap::new();
     let mut results: Vec<Found> = Vec::new();
     for (name, stage) in &run.stages {
@@ -264,7 +264,7 @@ mod tests {
         nodes[1].reason = Some("a \"new\" stage".to_owned());
         nodes[2].cost = None;
         nodes[2].end = End::Failed;
-        let svg = Graph { nodes }.svg();
+        let svg = ProvenanceGraph { nodes }.svg();
         assert_eq!(svg.matches("<rect").count(), 3);
         assert_eq!(svg.matches("<path").count(), 2);
         assert!(

@@ -14,7 +14,7 @@ use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::manifest::Manifest;
 use crate::store::record::Record;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 
 /// How many runs back results are looked for, how many results are looked at, and how many of a kind
 /// are kept: a plan of thousands of stages compares each with these.
@@ -77,7 +77,7 @@ impl Experience {
     /// Of the last runs of a store, whichever pipelines they were of.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut seen = BTreeSet::new();
-        let runs = Run::past(store, None)?.take(RUNS);
+        let runs = RunRecord::past(store, None)?.take(RUNS);
         let stages = runs.flat_map(|run| run.stages);
         let keys = stages.filter_map(|(stage, was)| Some((stage, was.key?)));
         // The same result is in many runs: it is read once.

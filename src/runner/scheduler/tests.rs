@@ -17,7 +17,7 @@ use crate::runner::plan::{Context, Forecast};
 use crate::runner::task::Failure;
 use crate::runner::testing::{Act, Sum, graph, node, sum};
 use crate::store::Store;
-use crate::store::runs::{End, Run, now};
+use crate::store::runs::{End, RunRecord, now};
 use crate::store::view::View;
 use crate::terminal::progress::{Event, Progress};
 
@@ -92,7 +92,7 @@ pub(super) fn run(folder: &Path, graph: &Graph, forced: &[usize], stop: bool) ->
         .iter()
         .map(|(&at, stage)| (graph.nodes[at].name.clone(), stage.clone()))
         .collect();
-    let run = Run {
+    let run = RunRecord {
         pipeline: "test".into(),
         started: now(),
         seconds: 0.0,

@@ -42,7 +42,7 @@ pub enum Kind {
     /// Manifests that are all there.
     Manifests = 4,
     /// A pipeline all of whose results are there.
-    Standing = 5,
+    NoOp = 5,
 }
 
 /// The name of an entry.
@@ -62,14 +62,14 @@ pub struct Index {
 struct Pages {
     bytes: Vec<u8>,
     /// By name, where each one's last entry lies.
-    places: Vec<Place>,
+    locations: Vec<Location>,
     /// Whether something at the end is no page.
     is_garbled: bool,
 }
 
 /// Where an entry lies.
 #[derive(Clone)]
-pub struct Place {
+pub struct Location {
     name: Name,
     range: Range<usize>,
 }
@@ -85,26 +85,26 @@ impl Index {
 
     /// The entry of this name.
     pub fn get<T: DeserializeOwned>(&self, kind: Kind, name: &Digest) -> Option<T> {
-        let places = &self.pages().places;
+        let locations = &self.pages().locations;
         // The kind is part of the name, so that no entry is read as one of another type.
         let name = (kind as u8, *name);
-        let at = places
-            .binary_search_by(|place| place.name.cmp(&name))
+        let at = locations
+            .binary_search_by(|location| location.name.cmp(&name))
             .ok()?;
-        self.read(&places[at])
+        self.read(&locations[at])
     }
 
     /// Where all entries of a kind lie that were in the file.
-    pub fn places(&self, kind: Kind) -> &[Place] {
-        let places = &self.pages().places;
-        let before = |kind: u8| places.partition_point(|place| place.name.0 < kind);
-        &places[before(kind as u8)..before(kind as u8 + 1)]
+    pub fn locations(&self, kind: Kind) -> &[Location] {
+        let locations = &self.pages().locations;
+        let before = |kind: u8| locations.partition_point(|location| location.name.0 < kind);
+        &locations[before(kind as u8)..before(kind as u8 + 1)]
     }
 
     /// The entry that lies there.
-    pub fn read<T: DeserializeOwned>(&self, place: &Place) -> Option<T> {
+    pub fn read<T: DeserializeOwned>(&self, location: &Location) -> Option<T> {
         // An entry that cannot be read is as good as none: whoever asks reads the files themselves.
-        postcard::from_bytes(self.pages().bytes.get(place.range.clone())?).ok()
+        postcard::from_bytes(self.pages().bytes.get(location.range.clone())?).ok()
     }
 
     /// Adds an entry, or replaces it.
@@ -137,10 +137,10 @@ impl Index {
         if pages.is_garbled || pages.bytes.len() > SHORT.max(SPREAD * pages.needed()) {
             // What is new takes the place of what was found earlier under the same name.
             let old = pages
-                .places
+                .locations
                 .iter()
-                .filter(|place| !new.contains_key(&place.name));
-            let old = old.map(|place| (place.name, &pages.bytes[place.range.clone()]));
+                .filter(|location| !new.contains_key(&location.name));
+            let old = old.map(|location| (location.name, &pages.bytes[location.range.clone()]));
             replace(
                 &self.path,
                 &page(old.chain(new.iter().map(|(name, bytes)| (*name, &bytes[..])))),
@@ -162,16 +162,16 @@ impl Index {
 impl Pages {
     fn new(bytes: Vec<u8>) -> Self {
         // A page is taken as a whole or not at all: its checksum covers every entry in it.
-        let mut places = Vec::new();
+        let mut locations = Vec::new();
         let mut at = 0;
         while let Some(length) = page_length(&bytes[at..]) {
-            entries(&bytes, at + HEAD..at + HEAD + length, &mut places);
+            entries(&bytes, at + HEAD..at + HEAD + length, &mut locations);
             at += HEAD + length;
         }
         let is_garbled = at < bytes.len();
         // The order of pages decides among entries of one name.
-        places.sort_by_key(|place| place.name);
-        places.dedup_by(|later, kept| {
+        locations.sort_by_key(|location| location.name);
+        locations.dedup_by(|later, kept| {
             let same = later.name == kept.name;
             if same {
                 kept.range = later.range.clone();
@@ -180,7 +180,7 @@ impl Pages {
         });
         Self {
             bytes,
-            places,
+            locations,
             is_garbled,
         }
     }
@@ -188,7 +188,10 @@ impl Pages {
     /// How many bytes the last entries of all names have.
     fn needed(&self) -> usize {
         // Before each entry stand 37 bytes: its kind, the 32 of its name, and 4 of its length.
-        self.places.iter().map(|place| place.range.len() + 37).sum()
+        self.locations
+            .iter()
+            .map(|location| location.range.len() + 37)
+            .sum()
     }
 }
 
@@ -219,7 +222,7 @@ fn page_length(bytes: &[u8]) -> Option<usize> {
 }
 
 /// Where the entries of a page lie.
-fn entries(bytes: &[u8], page: Range<usize>, places: &mut Vec<Place>) {
+fn entries(bytes: &[u8], page: Range<usize>, locations: &mut Vec<Location>) {
     let mut at = page.start;
     while let Some((head, _)) = bytes[at..page.end].split_first_chunk::<37>() {
         let [kind, rest @ ..] = head;
@@ -235,7 +238,7 @@ fn entries(bytes: &[u8], page: Range<usize>, places: &mut Vec<Place>) {
         if at > page.end {
             return;
         }
-        places.push(Place {
+        locations.push(Location {
             name: (*kind, Digest::new(name)),
             range,
         });

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use super::Fsck;
 use super::fault::{Remedy, StoreFault};
 use crate::store::blobs::digest_file;
-use crate::store::census::{Entry, References};
 use crate::store::error::{At, StoreError};
 use crate::store::files::identity::same_entry;
+use crate::store::listing::{Entry, References};
 
 impl Fsck<'_> {
     /// Reads all blobs through.

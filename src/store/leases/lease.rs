@@ -36,7 +36,7 @@ impl<'s> Lease<'s> {
         // A channel in place of a sleep, so that giving the key back need not wait for the next
         // beat.
         let (stop, stopped) = mpsc::channel();
-        let beat = leases.patience.beat;
+        let beat = leases.timeouts.beat;
         let lease = (path.clone(), file.clone(), lost.clone());
         let heart = std::thread::spawn(move || {
             let (path, file, lost) = lease;

@@ -9,12 +9,12 @@ fn key() -> Digest {
 
 /// A store whose leases never beat by themselves, and last a minute.
 fn store(root: &Path) -> Store {
-    let patience = Patience {
+    let lease_timeouts = LeaseTimeouts {
         beat: Duration::from_secs(3600),
         stale: Duration::from_secs(60),
     };
     let world = World {
-        patience,
+        lease_timeouts,
         ..World::default()
     };
     Store::create_in(world, root).unwrap()

@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 use super::path;
 use crate::store::blobs::Blobs;
 use crate::store::cache::Cache;
-use crate::store::cache::index::{Kind, Place};
+use crate::store::cache::index::{Kind, Location};
 use crate::store::cache::signature::Signature;
 use crate::store::files::Files;
-use crate::store::record::{Glance, Record, StoredFile};
+use crate::store::record::{LastSignature, Record, StoredFile};
 
 /// An index that remembers more than this many times the results that are wanted is not looked
 /// through ahead.
@@ -78,17 +78,17 @@ impl Known {
 
     /// Whether the index remembers far more results than are `wanted`.
     pub fn are_many(&self, wanted: usize) -> bool {
-        self.cache.index.places(Kind::Result).len() > AHEAD * wanted
+        self.cache.index.locations(Kind::Result).len() > AHEAD * wanted
     }
 
     /// Looks up at once what the index remembers, until there is `enough`: all threads together are
     /// faster than one key after the other.
     pub fn look_ahead(&self, enough: &AtomicBool) {
-        let find = |place: &Place| {
+        let find = |location: &Location| {
             let seen = self
                 .cache
                 .index
-                .read(place)
+                .read(location)
                 // Once the pipeline is read and wants few of these results, looking at all of them
                 // takes longer than looking each up.
                 .filter(|_| !enough.load(Ordering::Relaxed));
@@ -98,7 +98,7 @@ impl Known {
         let found: Vec<_> = self
             .cache
             .index
-            .places(Kind::Result)
+            .locations(Kind::Result)
             .par_iter()
             .filter_map(find)
             .collect();
@@ -130,8 +130,8 @@ impl Known {
         {
             // Kept with the file: whoever shows the result next compares with it, and spares a
             // second look.
-            file.glance = Glance(Signature::at(&self.blobs.path(&file.blob)));
-            if file.glance.0.as_ref() != Some(stamps.next()?) {
+            file.last_signature = LastSignature(Signature::at(&self.blobs.path(&file.blob)));
+            if file.last_signature.0.as_ref() != Some(stamps.next()?) {
                 return None;
             }
         }
@@ -152,7 +152,7 @@ impl Known {
             // their content.
             let still = |file: &StoredFile| {
                 Signature::at(&self.blobs.path(&file.blob)).filter(|now| {
-                    file.glance
+                    file.last_signature
                         .0
                         .is_some_and(|before| now.has_content_of(&before))
                 })

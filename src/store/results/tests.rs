@@ -35,7 +35,7 @@ fn a_process_vouches_for_what_it_has_written_and_is_still_so() {
             .remember_own([&old, &damaged].into_iter());
         store.cache.keep();
         let next = Store::open(folder.path()).unwrap();
-        next.cache.index.places(Kind::Result).len()
+        next.cache.index.locations(Kind::Result).len()
     };
     assert_eq!(remembered(&store), 0, "both have just been written");
     // A second name is no change.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use artifacts_schema::ArtifactKind;
 
 use super::Work;
-use crate::store::leases::Patience;
+use crate::store::leases::LeaseTimeouts;
 use crate::store::leases::holder::Holder;
 use crate::store::results::Lookup;
 use crate::store::testing::{blob, commit, facts, key, lookup};
@@ -80,12 +80,12 @@ fn whatever_a_killed_run_leaves_is_no_result_and_not_in_the_way() {
 fn a_commit_takes_nothing_from_the_process_that_took_the_key_over() {
     let folder = tempfile::tempdir().unwrap();
     let impatient = || {
-        let patience = Patience {
+        let lease_timeouts = LeaseTimeouts {
             beat: Duration::from_secs(3600),
             stale: Duration::ZERO,
         };
         let world = World {
-            patience,
+            lease_timeouts,
             ..World::default()
         };
         Store::create_in(world, folder.path()).unwrap()

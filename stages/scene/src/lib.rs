@@ -42,5 +42,5 @@ pub use path::{circle, path_digest, path_from_file, path_text, spiral, upwards};
 pub use photo::{Photo, SceneData, split_holdout};
 pub use pose::{focus, rigid};
 pub use procedural::{object, still_life};
-pub use reader::{Reader, Survey};
+pub use reader::{ParsedScene, Reader};
 pub use transforms::{Transforms, write_transforms};

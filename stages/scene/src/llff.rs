@@ -19,7 +19,7 @@ use crate::gathering::{Gathering, SAME_SHAPE, Spotted};
 use crate::mask::MaskFile;
 use crate::normalize::normalize;
 use crate::photo_file;
-use crate::reader::{Posed, Reader, Survey, sift};
+use crate::reader::{ParsedScene, Posed, Reader, sift};
 use crate::{SceneError, pose, source_files};
 
 const POSES_FILE: &str = "poses_bounds.npy";
@@ -48,7 +48,7 @@ pub struct Llff {
 }
 
 impl Reader for Llff {
-    fn survey(&self) -> Result<Survey, SceneError> {
+    fn parse(&self) -> Result<ParsedScene, SceneError> {
         source_files::check_size(&self.folder, self.size)?;
         let poses_file = self.folder.join(POSES_FILE);
         if !poses_file.is_file() {
@@ -83,7 +83,7 @@ impl Reader for Llff {
         }
         let first = &train[0].camera;
         let size = self.size.unwrap_or((first.width, first.height));
-        Ok(Survey {
+        Ok(ParsedScene {
             description: self.describe(&photos.folder, train.len(), size),
             sources: vec![poses_file],
             train,

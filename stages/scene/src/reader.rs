@@ -16,7 +16,7 @@ use crate::{Photo, Reducer, SceneData, SceneError, source_files};
 
 /// A reader of posed photos of one format.
 ///
-/// A new format says in [`Reader::survey`] what a scene is made of; reading, the digest and all
+/// A new format says in [`Reader::parse`] what a scene is made of; reading, the digest and all
 /// checks that do not depend on a format follow from that.
 ///
 /// ```no_run
@@ -33,33 +33,33 @@ pub trait Reader {
     /// # Errors
     /// Every way in which the files can be unfit, by file and place, but for photos that cannot be
     /// decoded.
-    fn survey(&self) -> Result<Survey, SceneError>;
+    fn parse(&self) -> Result<ParsedScene, SceneError>;
 
     /// The scene: photos resized to the size asked for by an antialiased bicubic filter, intrinsics
     /// to match.
     ///
     /// # Errors
-    /// Those of [`Reader::survey`], and photos that are damaged.
+    /// Those of [`Reader::parse`], and photos that are damaged.
     fn read(&self) -> Result<SceneData, SceneError> {
-        self.survey()?.read()
+        self.parse()?.read()
     }
 
     /// The files that [`Reader::read`] reads.
     ///
     /// # Errors
-    /// Those of [`Reader::survey`].
+    /// Those of [`Reader::parse`].
     fn files(&self) -> Result<Vec<PathBuf>, SceneError> {
-        let survey = self.survey()?;
-        Ok(survey.files().map(Path::to_owned).collect())
+        let parsed = self.parse()?;
+        Ok(parsed.files().map(Path::to_owned).collect())
     }
 
     /// A BLAKE3 digest over the names and bytes of these files: whether the scene on disk has
     /// changed.
     ///
     /// # Errors
-    /// Those of [`Reader::survey`].
+    /// Those of [`Reader::parse`].
     fn digest(&self) -> Result<[u8; 32], SceneError> {
-        self.survey()?.digest()
+        self.parse()?.digest()
     }
 }
 
@@ -76,7 +76,7 @@ pub(crate) struct Posed {
 
 /// A scene whose photos are not decoded yet.
 #[derive(Clone, Debug)]
-pub struct Survey {
+pub struct ParsedScene {
     /// Files of poses and points.
     pub(crate) sources: Vec<PathBuf>,
     pub(crate) train: Vec<Posed>,
@@ -91,7 +91,7 @@ pub struct Survey {
     pub(crate) notes: Vec<String>,
 }
 
-impl Survey {
+impl ParsedScene {
     /// How many photos there are to train on or to split, and how many the source itself sets aside
     /// for testing.
     pub fn counts(&self) -> (usize, usize) {

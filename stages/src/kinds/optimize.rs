@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 
 use self::outputs::write;
 use self::view::view;
+use crate::checkpointer::Checkpointer;
 use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
-use crate::keeper::Keeper;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
@@ -197,8 +197,9 @@ impl Stage for Optimize {
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
         // A closure, since each checkpoint that is tried needs an optimisation of its own.
         let begin = || Optimization::new(&denoiser, &views, &options, io.seed).map_err(refused);
-        let mut keeper = Keeper::new(io, u64::from(options.steps) + u64::from(options.warm_up()));
-        let resumed = keeper.resume(|checkpoint| {
+        let mut checkpointer =
+            Checkpointer::new(io, u64::from(options.steps) + u64::from(options.warm_up()));
+        let resumed = checkpointer.resume(|checkpoint| {
             let begun = begin().map_err(|error| error.to_string())?;
             let state = convert::optimization_state(checkpoint, begun.state(), io.device)?;
             let log: Vec<StepLog> =
@@ -215,14 +216,14 @@ impl Stage for Optimize {
             check_finite(&step)?;
             log.push(step);
             let state = optimization.state();
-            keeper.after(state.step, &figures(&step), || {
+            checkpointer.after(state.step, &figures(&step), || {
                 convert::optimization_checkpoint(state, &log)
             })?;
         }
         // Kept only where a run of more steps can go on from it.
         if matches!(self.extension(), Extension::Possible(_)) {
             let state = optimization.state();
-            keeper.keep(state.step, || convert::optimization_checkpoint(state, &log));
+            checkpointer.keep(state.step, || convert::optimization_checkpoint(state, &log));
         }
         write(&latents, &views, optimization.finish(log), io)
     }

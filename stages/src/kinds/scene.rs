@@ -153,10 +153,10 @@ impl Stage for Scene {
         let Some(reader) = self.source.reader() else {
             return Ok(Vec::new());
         };
-        let survey = reader.survey()?;
-        let (train, test) = survey.counts();
+        let parsed = reader.parse()?;
+        let (train, test) = parsed.counts();
         self.check_counts(train, test)?;
-        let digest = survey.digest()?;
+        let digest = parsed.digest()?;
         Ok(vec![Source {
             name: "photos and poses".into(),
             digest: Digest::new(digest),
@@ -187,7 +187,7 @@ impl Stage for Scene {
         let data = self.read(io.seed)?;
         io.progress(1, 2, &[])?;
         data.notes.iter().for_each(|note| io.remark(note));
-        // Here too, since a drawn world has no survey.
+        // Here too, since a drawn world is not parsed.
         self.check_counts(data.photos.len(), data.test.len())?;
         let bounds = data.bounds;
         let (train, test) = match data.test.is_empty() {

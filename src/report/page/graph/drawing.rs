@@ -3,7 +3,7 @@
 
 use std::fmt::Write;
 
-use super::{Graph, Node};
+use super::{Node, ProvenanceGraph};
 use crate::report::page::html::escaped;
 use crate::store::runs::End;
 use crate::terminal::output::size;
@@ -17,7 +17,7 @@ const MARGIN: usize = 4;
 /// Letters that fit in a box.
 const LETTERS: usize = 23;
 
-impl Graph {
+impl ProvenanceGraph {
     /// The whole drawing.
     pub fn svg(&self) -> String {
         let far = |of: fn(&Node) -> usize| self.nodes.iter().map(of).max().unwrap_or(0);

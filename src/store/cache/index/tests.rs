@@ -33,9 +33,9 @@ fn entries_are_found_again_the_last_of_each_name() {
         "another kind"
     );
     let results = index
-        .places(Kind::Result)
+        .locations(Kind::Result)
         .iter()
-        .map(|place| index.read::<(i32, String)>(place).unwrap().0);
+        .map(|location| index.read::<(i32, String)>(location).unwrap().0);
     assert_eq!(
         results.collect::<std::collections::BTreeSet<_>>(),
         (0..3).collect()

@@ -19,7 +19,7 @@ use crate::folders;
 use crate::gathering::{Gathering, without_pose};
 use crate::mask::MaskFile;
 use crate::normalize::normalize;
-use crate::reader::{Posed, Reader, Survey, sift};
+use crate::reader::{ParsedScene, Posed, Reader, sift};
 use crate::{SceneError, pose, source_files};
 use files::Reconstruction;
 use formats::Camera;
@@ -81,7 +81,7 @@ pub struct Registered {
 }
 
 impl Reader for Colmap {
-    fn survey(&self) -> Result<Survey, SceneError> {
+    fn parse(&self) -> Result<ParsedScene, SceneError> {
         source_files::check_size(&self.folder, self.size)?;
         let Reconstruction {
             sources,
@@ -120,7 +120,7 @@ impl Reader for Colmap {
             posed.camera = camera;
         }
         let name = self.folder.file_name().unwrap_or_default();
-        Ok(Survey {
+        Ok(ParsedScene {
             description: format!(
                 "COLMAP scene {}: {} photos; average camera at the origin, nearest near plane at 1",
                 name.to_string_lossy(),

@@ -20,7 +20,7 @@ use crate::faults::Faults;
 use crate::finder;
 use crate::gathering::{Gathering, Spotted, without_pose};
 use crate::mask::MaskFile;
-use crate::reader::{Posed, Reader, Survey, sift};
+use crate::reader::{ParsedScene, Posed, Reader, sift};
 use crate::{SceneError, pose, source_files};
 use formats::{Bounds, Camera, Lens};
 use page::{Frame, Page};
@@ -61,7 +61,7 @@ struct TransformsFile {
 }
 
 impl Reader for Transforms {
-    fn survey(&self) -> Result<Survey, SceneError> {
+    fn parse(&self) -> Result<ParsedScene, SceneError> {
         source_files::check_size(&self.path, self.size)?;
         place::check_box(&self.path, self.bounds.as_ref())?;
         let (mut parts, mut notes) = self.parts()?;
@@ -96,7 +96,7 @@ impl Reader for Transforms {
         let bounds = scene.settle(&first.path, box_of_file, ranged, &mut notes)?;
         let (bounds, to_source) = scene.recentre(bounds, &mut notes);
         let name = self.path.file_name().unwrap_or_default();
-        Ok(Survey {
+        Ok(ParsedScene {
             sources,
             description: format!(
                 "{}: {} photos, {} set aside",

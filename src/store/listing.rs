@@ -1,4 +1,5 @@
-//! Everything that lies in a store, read once: the ground of `fsck`, `gc` and `du`. Judges nothing.
+//! What lies in a store, read once, and what results refer to: the ground of `fsck`, `gc` and `du`.
+//! Judges nothing.
 
 use std::collections::BTreeMap;
 use std::fs::{self, Metadata};

@@ -1,5 +1,5 @@
-//! Laws of pipelines: the order of the file does not matter, and a loop is nothing but its rounds,
-//! one after the other.
+//! Properties of pipelines: the order of the file does not matter, and a loop is nothing but its
+//! rounds, one after the other.
 
 use std::collections::BTreeMap;
 

@@ -8,12 +8,12 @@ use std::time::Duration;
 use artifacts_schema::Digest;
 
 use super::{Doomed, GRACE, Policy, Why};
-use crate::store::census::{Entry, age};
 use crate::store::error::StoreError;
 use crate::store::files::read_json;
+use crate::store::listing::{Entry, age};
 use crate::store::pins::Pin;
 use crate::store::record::Record;
-use crate::store::runs::Run;
+use crate::store::runs::RunRecord;
 use crate::store::usage::{holders, sizes};
 use crate::store::{Store, state};
 
@@ -22,7 +22,7 @@ const INTERRUPTED: Duration = Duration::from_secs(7 * 24 * 3600);
 
 /// What the store has, and who used it.
 pub(super) struct Inventory {
-    runs: Vec<(Entry, Run)>,
+    runs: Vec<(Entry, RunRecord)>,
     pub(super) records: BTreeMap<Digest, Record>,
     pinned: BTreeSet<Digest>,
     /// The run that used each key last.
@@ -35,8 +35,8 @@ impl Inventory {
         let mut runs = Vec::new();
         // Names of runs begin with the moment when they began, so the last name is the newest run.
         for entry in store.files.entries("runs")?.into_iter().rev() {
-            // A record of a run that is garbled names nothing to keep, as in `Run::past`.
-            if let Some(run) = read_json::<Run>(&entry.path)? {
+            // A record of a run that is garbled names nothing to keep, as in `RunRecord::past`.
+            if let Some(run) = read_json::<RunRecord>(&entry.path)? {
                 runs.push((entry, run));
             }
         }

@@ -1,7 +1,7 @@
-//! That all results of a pipeline were there, and every file that was looked at to find it out:
-//! while none of them changes, they still are. With thousands of stages that is quicker than to
-//! read the pipeline, compute all keys and look them up. It is a cache and nothing else. Knows
-//! nothing of pipelines: the question that it answers is a digest, and a stage a name.
+//! No-op runs: that all results of a pipeline were there, and every file that was looked at to find
+//! it out. While none of them changes, they still are. With thousands of stages that is quicker
+//! than to read the pipeline, compute all keys and look them up. It is a cache and nothing else.
+//! Knows nothing of pipelines: the question that it answers is a digest, and a stage a name.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -17,9 +17,9 @@ use super::signature::Signature;
 use crate::store::files::Files;
 use crate::store::record::Record;
 
-/// All results of a pipeline.
+/// A pipeline all of whose results are there.
 #[derive(Serialize, Deserialize)]
-pub struct Standing {
+pub struct UpToDate {
     /// The pipeline's name.
     pub pipeline: String,
     /// Its stages and their keys.
@@ -31,18 +31,18 @@ pub struct Standing {
 /// The same, with what it rests on.
 #[derive(Serialize, Deserialize)]
 struct Entry {
-    standing: Standing,
+    up_to_date: UpToDate,
     looked: Vec<(String, Signature)>,
 }
 
-/// All that are kept.
-pub struct Standings {
+/// The no-op runs that are kept.
+pub struct NoOpCache {
     files: Arc<Files>,
     /// In a file of its own, which is read first and by itself.
     index: Index,
 }
 
-impl Standings {
+impl NoOpCache {
     pub fn new(files: Arc<Files>) -> Self {
         let index = Index::new(files.root.join("standing"));
         Self { files, index }
@@ -50,14 +50,14 @@ impl Standings {
 
     /// The answer that the same question had before, if nothing has changed since of what it rests
     /// on.
-    pub fn get(&self, question: &Digest) -> Option<Standing> {
-        let Entry { standing, looked } = self.index.get(Kind::Standing, question)?;
+    pub fn get(&self, question: &Digest) -> Option<UpToDate> {
+        let Entry { up_to_date, looked } = self.index.get(Kind::NoOp, question)?;
         let stands = |(path, before): &(String, Signature)| {
             Signature::at(Path::new(path)).as_ref() == Some(before)
         };
         // One look at each file is all that a run with nothing to do needs. With thousands of them
         // that is what takes its time.
-        looked.par_iter().all(stands).then_some(standing)
+        looked.par_iter().all(stands).then_some(up_to_date)
     }
 
     /// Keeps an answer which was found after `since` and rests on these files and folders. If one
@@ -66,7 +66,7 @@ impl Standings {
     pub fn put(
         &self,
         question: &Digest,
-        standing: Standing,
+        up_to_date: UpToDate,
         files: BTreeSet<PathBuf>,
         since: SystemTime,
     ) {
@@ -79,7 +79,7 @@ impl Standings {
         };
         if let Some(looked) = files.into_par_iter().map(look).collect() {
             self.index
-                .put(Kind::Standing, question, &Entry { standing, looked });
+                .put(Kind::NoOp, question, &Entry { up_to_date, looked });
             self.index
                 .keep(|path, bytes| drop(self.files.put(path, bytes)));
         }

@@ -1,5 +1,4 @@
-//! Laws that hold in every graph: what runs is what changed, no more and no less, and the plan knew
-//! it.
+//! Properties of every graph: what runs is what changed, no more and no less, and the plan knew it.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -15,13 +15,13 @@ use crate::terminal::progress::Event;
 const MOST_POINTS: usize = 240;
 /// How long to wait between two messages about one stage, unless its state has changed.
 const PAUSE: Duration = Duration::from_millis(250);
-/// Changes that a slow page may lag behind before it gets the whole board anew.
+/// Changes that a slow page may lag behind before it gets the whole dashboard anew.
 const LAG: usize = 512;
 
 /// Where a stage stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum StageState {
     /// Its inputs are not there yet, or its turn has not come.
     #[default]
     Waiting,
@@ -42,7 +42,7 @@ pub enum State {
 /// What is known of a stage.
 #[derive(Debug, Default, Serialize)]
 struct Card {
-    state: State,
+    state: StageState,
     /// Why it runs, or what went wrong.
     why: String,
     step: u64,
@@ -58,7 +58,7 @@ struct Card {
     shown: Option<Instant>,
 }
 
-pub struct Board {
+pub struct Dashboard {
     pipeline: String,
     /// In the order of the pipeline.
     names: Vec<String>,
@@ -66,8 +66,8 @@ pub struct Board {
     changes: Sender<String>,
 }
 
-impl Board {
-    /// A board of a pipeline's stages, all of which wait.
+impl Dashboard {
+    /// A dashboard of a pipeline's stages, all of which wait.
     pub fn new(pipeline: &str, names: Vec<String>) -> Self {
         let cards = names.iter().map(|name| (name.clone(), Card::default()));
         Self {
@@ -109,23 +109,23 @@ impl Board {
         match *event {
             Event::Cached { results } => {
                 for (stage, _) in results {
-                    self.turn(stage, State::Cached, "");
+                    self.turn(stage, StageState::Cached, "");
                 }
             }
-            Event::Fetched { stage, .. } => self.turn(stage, State::Cached, "fetched"),
-            Event::Started { stage, reason, .. } => self.turn(stage, State::Running, reason),
+            Event::Fetched { stage, .. } => self.turn(stage, StageState::Cached, "fetched"),
+            Event::Started { stage, reason, .. } => self.turn(stage, StageState::Running, reason),
             Event::Said { stage, message } => self.said(stage, message),
             Event::Finished { stage, seconds, .. } => self.change(stage, true, |card| {
-                card.state = State::Done;
+                card.state = StageState::Done;
                 card.seconds = Some(seconds);
             }),
-            Event::Failed { stage, error, .. } => self.turn(stage, State::Failed, error),
-            Event::Stopped { stage } => self.turn(stage, State::Stopped, ""),
+            Event::Failed { stage, error, .. } => self.turn(stage, StageState::Failed, error),
+            Event::Stopped { stage } => self.turn(stage, StageState::Stopped, ""),
             Event::Blocked { stage, by } => {
-                self.turn(stage, State::Blocked, &format!("`{by}` has failed"));
+                self.turn(stage, StageState::Blocked, &format!("`{by}` has failed"));
             }
             Event::Waiting { stage, .. } => {
-                self.turn(stage, State::Waiting, "another process computes it");
+                self.turn(stage, StageState::Waiting, "another process computes it");
             }
             Event::Warning { stage, text } => self.warn(stage, text),
             // Neither is of one stage, and the page shows stages.
@@ -133,7 +133,7 @@ impl Board {
         }
     }
 
-    fn turn(&self, stage: &str, state: State, why: &str) {
+    fn turn(&self, stage: &str, state: StageState, why: &str) {
         self.change(stage, true, |card| {
             card.state = state;
             why.clone_into(&mut card.why);
@@ -212,8 +212,8 @@ fn add(curve: &mut Vec<(u64, f64)>, step: u64, value: f64) {
 mod tests {
     use super::*;
 
-    fn board() -> Board {
-        Board::new("p", vec!["fit".to_owned(), "render".to_owned()])
+    fn dashboard() -> Dashboard {
+        Dashboard::new("p", vec!["fit".to_owned(), "render".to_owned()])
     }
 
     fn progress(step: u64) -> Message {
@@ -226,20 +226,20 @@ mod tests {
 
     #[test]
     fn whoever_looks_gets_all_there_is_and_then_what_changes() {
-        let board = board();
+        let dashboard = dashboard();
         let begin = Event::Started {
             stage: "fit",
             key: artifacts_schema::Digest::new([0; 32]),
             reason: "new",
         };
-        board.note(&begin);
-        let (whole, mut changes) = board.look();
+        dashboard.note(&begin);
+        let (whole, mut changes) = dashboard.look();
         let whole: Value = serde_json::from_str(&whole).unwrap();
         assert_eq!(whole["names"], json!(["fit", "render"]));
         assert_eq!(whole["stages"]["fit"]["state"], "running");
         assert_eq!(whole["stages"]["render"]["state"], "waiting");
-        assert_eq!(board.watchers(), 1);
-        board.note(&Event::Failed {
+        assert_eq!(dashboard.watchers(), 1);
+        dashboard.note(&Event::Failed {
             stage: "fit",
             error: "too hot",
             arms: &[],
@@ -251,16 +251,16 @@ mod tests {
 
     #[test]
     fn steps_in_quick_succession_are_one_change() {
-        let board = board();
-        let (_, mut changes) = board.look();
+        let dashboard = dashboard();
+        let (_, mut changes) = dashboard.look();
         for step in 1..=9 {
-            board.note(&Event::Said {
+            dashboard.note(&Event::Said {
                 stage: "fit",
                 message: &progress(step),
             });
         }
         assert!(changes.try_recv().is_ok());
-        let whole: Value = serde_json::from_str(&board.look().0).unwrap();
+        let whole: Value = serde_json::from_str(&dashboard.look().0).unwrap();
         assert_eq!(whole["stages"]["fit"]["step"], 9, "none is forgotten");
         assert_eq!(
             whole["stages"]["fit"]["curves"]["loss"][8],

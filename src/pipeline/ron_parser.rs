@@ -1,4 +1,4 @@
-//! Reads RON text into a [`Tree`]: values, names and where they stand. Knows no types.
+//! Parses RON text into a [`Tree`]: values, names and where they stand. Knows no types.
 
 use serde_json::{Number, Value as Json};
 
@@ -7,14 +7,14 @@ use super::text::{Entry, Garbled, Tree, Value};
 /// How deep values may nest.
 const DEPTH: usize = 64;
 
-/// Reads one text.
-pub struct Reader<'t> {
+/// Parses one text.
+pub struct RonParser<'t> {
     text: &'t str,
     at: usize,
     depth: usize,
 }
 
-impl<'t> Reader<'t> {
+impl<'t> RonParser<'t> {
     /// At the start of a text.
     pub fn new(text: &'t str) -> Self {
         Self {

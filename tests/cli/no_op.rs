@@ -19,7 +19,7 @@ const PHOTOS: &str = r#"(
 )"#;
 
 /// A folder with a run that had nothing to do, and remembers so.
-fn standing() -> Space {
+fn up_to_date() -> Space {
     let space = Space::new();
     fs::write(space.path("photos.ron"), PHOTOS).unwrap();
     photos(&space.path("scene"), 4);
@@ -74,7 +74,7 @@ fn run_both_ways(space: &Space, ran: &[&str]) {
 
 #[test]
 fn a_run_that_only_looks_says_what_one_says_that_reads_everything() {
-    let space = standing();
+    let space = up_to_date();
     let commands = [
         &["plan", "photos.ron"][..],
         &["plan", "photos.ron", "--json"],
@@ -92,20 +92,20 @@ fn a_run_that_only_looks_says_what_one_says_that_reads_everything() {
 
 #[test]
 fn a_photo_that_changes_or_comes_is_seen() {
-    let space = standing();
+    let space = up_to_date();
     let photo = space.path("scene/images/1.png");
     image::RgbImage::from_pixel(12, 8, image::Rgb([7; 3]))
         .save(&photo)
         .unwrap();
     run_both_ways(&space, &["scene", "up"]);
-    let space = standing();
+    let space = up_to_date();
     fs::write(space.path("scene/images/notes.txt"), "no photo").unwrap();
     run_both_ways(&space, &[]);
 }
 
 #[test]
 fn another_question_has_another_answer() {
-    let space = standing();
+    let space = up_to_date();
     let run = |more: &[&str]| {
         space
             .ok(&[&["run", "photos.ron", "--json"][..], more].concat())
@@ -127,7 +127,7 @@ fn another_question_has_another_answer() {
 
 #[test]
 fn a_plan_remembers_too_and_vouches_for_nothing_that_it_did_not_look_at() {
-    let space = standing();
+    let space = up_to_date();
     let remembered = space.path(".srnerf/standing");
     fs::remove_file(&remembered).unwrap();
     let slow = space.ok(&["plan", "photos.ron", "--json"]).json();
@@ -155,7 +155,7 @@ fn a_plan_remembers_too_and_vouches_for_nothing_that_it_did_not_look_at() {
 
 #[test]
 fn what_is_lost_is_seen_and_comes_back() {
-    let space = standing();
+    let space = up_to_date();
     let up = space.ok(&["inspect", "up", "photos.ron", "--json"]).json();
     let file = &up["outputs"]["images"]["files"][0];
     let [key, blob, path] =

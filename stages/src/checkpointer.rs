@@ -18,7 +18,7 @@ const DAMAGED: &str = "checkpoint.damaged";
 const LEAST_WORK: u32 = 99;
 
 /// Keeps the checkpoints of one stage while it goes through its steps.
-pub struct Keeper<'a> {
+pub struct Checkpointer<'a> {
     io: &'a Io<'a>,
     /// Steps in all.
     total: u64,
@@ -32,7 +32,7 @@ pub struct Keeper<'a> {
     complained: bool,
 }
 
-impl<'a> Keeper<'a> {
+impl<'a> Checkpointer<'a> {
     /// Before the first step of `total`.
     pub fn new(io: &'a Io<'a>, total: u64) -> Self {
         Self {
@@ -212,17 +212,20 @@ mod tests {
     fn a_stopped_stage_leaves_its_last_step_and_goes_on_from_it() {
         let folder = tempfile::tempdir().unwrap();
         with_io(folder.path(), None, true, |io| {
-            let mut keeper = Keeper::new(io, 9);
-            assert_eq!(keeper.resume(|found| Ok(found.step)).unwrap(), None);
+            let mut checkpointer = Checkpointer::new(io, 9);
+            assert_eq!(checkpointer.resume(|found| Ok(found.step)).unwrap(), None);
             assert!(matches!(
-                keeper.after(3, &[], || checkpoint(3)),
+                checkpointer.after(3, &[], || checkpoint(3)),
                 Err(StageError::Cancelled)
             ));
         });
         let said = with_io(folder.path(), None, false, |io| {
-            let mut keeper = Keeper::new(io, 9);
-            assert_eq!(keeper.resume(|found| Ok(found.step)).unwrap(), Some(3));
-            keeper
+            let mut checkpointer = Checkpointer::new(io, 9);
+            assert_eq!(
+                checkpointer.resume(|found| Ok(found.step)).unwrap(),
+                Some(3)
+            );
+            checkpointer
                 .after(4, &[], || panic!("it is not time for a checkpoint"))
                 .unwrap();
         });
@@ -242,7 +245,9 @@ mod tests {
         fs::write(folder.path().join(FILE), "v1").unwrap();
         let said = with_io(folder.path(), None, false, |io| {
             assert_eq!(
-                Keeper::new(io, 9).resume(|found| Ok(found.step)).unwrap(),
+                Checkpointer::new(io, 9)
+                    .resume(|found| Ok(found.step))
+                    .unwrap(),
                 None
             );
         });
@@ -265,7 +270,7 @@ mod tests {
         for (total, found) in [(5, Some(5)), (9, Some(5)), (4, None)] {
             with_io(&scratch, Some(earlier.clone()), false, |io| {
                 assert_eq!(
-                    Keeper::new(io, total)
+                    Checkpointer::new(io, total)
                         .resume(|found| Ok(found.step))
                         .unwrap(),
                     found,
@@ -279,8 +284,8 @@ mod tests {
     fn a_checkpoint_that_cannot_be_written_does_not_end_the_stage() {
         let folder = tempfile::tempdir().unwrap();
         let said = with_io(&folder.path().join("gone"), None, false, |io| {
-            let mut keeper = Keeper::new(io, 9);
-            (1..4).for_each(|step| keeper.keep(step, || checkpoint(step)));
+            let mut checkpointer = Checkpointer::new(io, 9);
+            (1..4).for_each(|step| checkpointer.keep(step, || checkpoint(step)));
         });
         assert_eq!(said.len(), 1);
         let Message::Warning(text) = &said[0] else {

@@ -1,5 +1,5 @@
-//! What a run or a plan is asked, as one digest, and what the answer that all results are there
-//! rests on: of a run also that they are shown. Knows nothing of the store's files.
+//! No-op runs: what a run or a plan is asked, as one digest, and what the answer that all results
+//! are there rests on: of a run also that they are shown. Knows nothing of the store's files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -15,8 +15,8 @@ use crate::report::results;
 use crate::runner::plan::{Context, Forecast};
 use crate::runner::scheduler::Outcome;
 use crate::store::Store;
+use crate::store::cache::no_op::UpToDate;
 use crate::store::cache::signature::Signature;
-use crate::store::cache::standing::Standing;
 use crate::store::error::StoreError;
 use crate::store::evidence;
 use crate::store::record::Record;
@@ -71,7 +71,7 @@ pub fn of_plan(question: &Digest) -> Digest {
 
 /// The store's answer to the first of these questions that has one which still holds: all results
 /// are there. It holds for as long as the store that comes with it, whose lock keeps `gc` out.
-pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standing)>, StoreError> {
+pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, UpToDate)>, StoreError> {
     if questions.is_empty() {
         return Ok(None);
     }
@@ -79,8 +79,8 @@ pub fn find(questions: &[Digest], store: &Path) -> Result<Option<(Store, Standin
     store.share_if_there();
     Ok(questions
         .iter()
-        .find_map(|question| store.standings.get(question))
-        .map(|standing| (store, standing)))
+        .find_map(|question| store.no_ops.get(question))
+        .map(|up_to_date| (store, up_to_date)))
 }
 
 /// What was found to be there.
@@ -157,7 +157,7 @@ impl Found<'_> {
         let name = |at: &usize| self.context.graph.nodes[*at].name.clone();
         // Only of these does a run print anything. The others need not be read back.
         let told = records.iter().filter(|(_, record)| results::tells(record));
-        let standing = Standing {
+        let up_to_date = UpToDate {
             pipeline: self.context.graph.pipeline.clone(),
             stages: records
                 .iter()
@@ -168,7 +168,7 @@ impl Found<'_> {
                 .collect(),
         };
         self.store
-            .standings
-            .put(question, standing, files, self.since);
+            .no_ops
+            .put(question, up_to_date, files, self.since);
     }
 }

@@ -21,7 +21,7 @@ use crate::store::view::View;
 use crate::terminal::progress::{Event, Progress};
 
 const PIPELINE: &str = r#"(
-    name: "mishaps",
+    name: "failures",
     stages: {
         "scene": Scene(source: Procedural(world: "still_life", views: 4, size: (64, 48)), downscale: 4, holdout: 4),
         "fit": Fit(
@@ -31,13 +31,13 @@ const PIPELINE: &str = r#"(
 )"#;
 
 /// Listens to a run, and lets something happen to the GPU when `fit` has gone a few steps.
-struct Ear<'d> {
-    mishap: &'d (dyn Fn() + Sync),
+struct Listener<'d> {
+    failure: &'d (dyn Fn() + Sync),
     steps: usize,
     heard: Vec<String>,
 }
 
-impl Progress for Ear<'_> {
+impl Progress for Listener<'_> {
     fn event(&mut self, event: &Event) {
         match event {
             Event::Said {
@@ -46,7 +46,7 @@ impl Progress for Ear<'_> {
             } => {
                 self.steps += 1;
                 if self.steps == 3 {
-                    (self.mishap)();
+                    (self.failure)();
                 }
             }
             Event::Said {
@@ -66,7 +66,7 @@ fn run(
     graph: &Graph,
     device: &Device,
     fallback: bool,
-    mishap: &(dyn Fn() + Sync),
+    failure: &(dyn Fn() + Sync),
 ) -> (Outcome, Vec<String>) {
     let store = Store::create(&folder.join("store")).unwrap();
     let fallen = format!("{}, then cpu", device.kind());
@@ -82,7 +82,7 @@ fn run(
         forced: Default::default(),
         needed,
         given: BTreeMap::new(),
-        history: History::new(&store, "mishaps"),
+        history: History::new(&store, "failures"),
         sources: &sources,
     };
     let pool = rayon::ThreadPoolBuilder::new()
@@ -90,10 +90,10 @@ fn run(
         .stack_size(16 << 20)
         .build()
         .unwrap();
-    let view = View::new(&folder.join("out"), "mishaps");
+    let view = View::new(&folder.join("out"), "failures");
     let cancelled = AtomicBool::new(false);
-    let mut ear = Ear {
-        mishap,
+    let mut listener = Listener {
+        failure,
         steps: 0,
         heard: Vec::new(),
     };
@@ -112,13 +112,15 @@ fn run(
         fail_fast: false,
     };
     (
-        scheduler.run(context.cached().unwrap(), &mut ear).unwrap(),
-        ear.heard,
+        scheduler
+            .run(context.cached().unwrap(), &mut listener)
+            .unwrap(),
+        listener.heard,
     )
 }
 
 fn graph(folder: &Path) -> Graph {
-    let path = folder.join("mishaps.ron");
+    let path = folder.join("failures.ron");
     std::fs::write(&path, PIPELINE).unwrap();
     crate::pipeline::load(&[SourceText::read(&path).unwrap()], &[]).unwrap()
 }
