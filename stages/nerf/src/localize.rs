@@ -19,12 +19,17 @@ const RATE: f64 = 3e-4;
 /// The camera of a photo, turned and shifted to where the field shows what the photo shows: by
 /// gradient descent on the photometric loss from the camera as it is given, which must be off by no
 /// more than a few pixels (iNeRF, Yen-Chen et al. 2021; the way in which BARF, Lin et al. 2021,
-/// judges held-out views). The field stays as it is. Masked pixels have no say.
+/// judges held-out views). The field stays as it is. Masked pixels have no say; where all are masked,
+/// the camera stays as it is given.
 ///
 /// Computes on the CPU. The same bits for any number of threads.
 ///
 /// Panics if the view's sizes do not fit together.
 pub fn localize(field: &Field, view: TrainView, seed: u64) -> Camera {
+    let closed = view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
+    if closed {
+        return view.camera;
+    }
     let options = TrainOptions {
         steps: STEPS,
         samples: SAMPLES,

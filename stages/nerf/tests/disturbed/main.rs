@@ -273,3 +273,14 @@ fn a_camera_that_is_off_is_found_again_by_a_field_that_shows_its_photo() {
     assert!(given > 0.3, "{given}");
     assert!(found < 0.3 * given, "{given} {found}");
 }
+
+#[test]
+fn a_photo_of_which_nothing_counts_says_nothing_of_its_camera() {
+    let size = small();
+    let scene = Scene::draw(size.views, size.pixels);
+    let views = size.views(&scene.train, NONE);
+    let field = size.field(&scene, &views);
+    let mut view = views[0].clone();
+    view.mask = Some(vec![false; view.pixels.rgb.len() / 3]);
+    assert_eq!(localize(&field, view, 1), views[0].camera);
+}
