@@ -101,7 +101,8 @@ bench-gpu: setup
 # two builds of one commit by one compiler are the same file: `test-dist` makes them in two folders and compares, and installs the
 # package on a bare Debian, which needs root.
 .PHONY: dist test-dist
-REMAP = --remap-path-prefix=$${CARGO_HOME:-$$HOME/.cargo}=/cargo --remap-path-prefix=$(CURDIR)=/srnerf-dag
+REMAP = --remap-path-prefix=$${CARGO_HOME:-$$HOME/.cargo}=/cargo --remap-path-prefix=$(CURDIR)=/srnerf-dag \
+	--remap-path-prefix=$(TARGET)=/target
 dist: setup
 	RUSTFLAGS="$(REMAP)" $(CARGO) build --release --quiet --target-dir $(TARGET)/remapped
 	dist/package.sh $(TARGET)/remapped/release/srnerf-dag $(TARGET)/dist

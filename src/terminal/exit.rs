@@ -19,7 +19,7 @@ pub const INTERRUPTED: u8 = 75;
 // The code with which Rust's own panics end a program.
 pub const BUG: u8 = 101;
 
-/// The same for `--help`.
+/// All of them, for `--help`.
 pub const HELP: &str = "\
 Exit codes:
   0    all went well

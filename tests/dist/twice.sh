@@ -8,7 +8,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 for clone in one a-longer-name/two; do
     git clone --quiet . "$folder/$clone"
-    env -u CARGO_TARGET_DIR make --no-print-directory -C "$folder/$clone" dist >/dev/null
+    env -u CARGO_TARGET_DIR -u MAKEFLAGS -u MFLAGS make --no-print-directory -C "$folder/$clone" dist >/dev/null
     mv "$folder/$clone/target/dist/SHA256SUMS" "$folder/$(basename "$clone").sums"
     rm -rf "${folder:?}/$clone"
 done
