@@ -97,8 +97,8 @@ bench: setup
 bench-gpu: setup
 	GPU='$(GPU)' PEAK='$(PEAK)' $(CARGO) bench --workspace --bench gpu
 
-# A release: a .deb, an archive, a list of its crates, and checksums. Paths of this machine do not go into the program, so that
-# two builds of one commit by one compiler are the same file: `test-dist` makes them in two folders and compares, and installs the
+# A release: a .deb, an archive, a list of its crates, and checksums. REMAP keeps the builder's paths out of the program, so that one
+# compiler makes the same file of one commit in any folder. `test-dist` makes it in two folders and compares; then it installs the
 # package on a bare Debian, which needs root.
 .PHONY: dist test-dist
 REMAP = --remap-path-prefix=$${CARGO_HOME:-$$HOME/.cargo}=/cargo --remap-path-prefix=$(CURDIR)=/srnerf-dag \

@@ -21,7 +21,8 @@ const SECTIONS: [&str; 8] = [
     "kind", "version", "seed", "device", "salt", "params", "inputs", "sources",
 ];
 
-/// Before the first entry: hashing the domain is as much work as a short recipe.
+/// The hasher before the first entry. It is kept, since hashing the domain takes as long as hashing a
+/// short recipe.
 static NOTHING: LazyLock<blake3::Hasher> = LazyLock::new(|| blake3::Hasher::new_derive_key(DOMAIN));
 
 impl Manifest {

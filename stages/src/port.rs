@@ -56,8 +56,8 @@ pub struct OutputPort {
     pub kind: ArtifactKind,
 }
 
-/// A port as the code of a stage names it, in one place: what declares it, and what reads or writes
-/// it, go by the same name and artifact type.
+/// A port of a stage, with its artifact type. One constant of this type is what the stage declares,
+/// reads and writes it by.
 #[derive(Debug)]
 pub struct Port<A> {
     /// The name of an input's field, or of an output.

@@ -168,7 +168,13 @@ impl Stage for Evaluate {
         }
         let (metrics, pictures) = evaluation.finish();
         io.write(METRICS, &metrics)?;
-        for (port, images) in [FIGURES, RENDERS, PHOTOS, FLIP].into_iter().zip(pictures) {
+        let outputs = [
+            (FIGURES, pictures.comparisons),
+            (RENDERS, pictures.renders),
+            (PHOTOS, pictures.photos),
+            (FLIP, pictures.errors),
+        ];
+        for (port, images) in outputs {
             io.write(port, &Figures { images })?;
         }
         Ok(())

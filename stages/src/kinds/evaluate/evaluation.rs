@@ -29,7 +29,20 @@ const LR: &str = "lr_nerf";
 const BICUBIC: &str = "bicubic";
 
 /// Pictures by the names of their views.
-pub type Pictures = BTreeMap<String, Picture>;
+type ByView = BTreeMap<String, Picture>;
+
+/// What is shown of an evaluation.
+#[derive(Default)]
+pub struct Pictures {
+    /// Truth and rows side by side, of the first few views.
+    pub comparisons: ByView,
+    /// The super-resolved field as each held-out camera sees it.
+    pub renders: ByView,
+    /// What the camera saw.
+    pub photos: ByView,
+    /// What FLIP sees between the two.
+    pub errors: ByView,
+}
 
 /// A field that is measured.
 struct Measured {
@@ -47,8 +60,7 @@ pub struct Evaluation<'a> {
     /// The super-resolved field and the low-resolution one.
     fields: [Measured; 2],
     scores: Scores,
-    /// Comparisons, renders, photos and maps of errors.
-    pictures: [Pictures; 4],
+    pictures: Pictures,
     /// Held-out views that were measured.
     views: usize,
     done: usize,
@@ -74,7 +86,7 @@ impl<'a> Evaluation<'a> {
             networks,
             fields: [measured(SR, field), measured(LR, baseline)],
             scores: Scores::default(),
-            pictures: Default::default(),
+            pictures: Pictures::default(),
             views: 0,
             done: 0,
             steps: 0,
@@ -138,18 +150,17 @@ impl<'a> Evaluation<'a> {
         }
         self.measure_fields(view, &truth);
         // Comparisons are large, and the first few views tell as much as all.
+        let pictures = &mut self.pictures;
+        let name = || view.name.clone();
         if at < self.stage.figures as usize {
-            self.keep(0, view, side_by_side(&truth, &images));
+            let comparison = side_by_side(&truth, &images);
+            pictures.comparisons.insert(name(), comparison);
         }
-        self.keep(1, view, sr.picture());
-        self.keep(2, view, truth.picture());
-        self.keep(3, view, error_map(&truth, &sr));
+        pictures.renders.insert(name(), sr.picture());
+        pictures.photos.insert(name(), truth.picture());
+        pictures.errors.insert(name(), error_map(&truth, &sr));
         self.views += 1;
         self.tell()
-    }
-
-    fn keep(&mut self, set: usize, view: &View, picture: Picture) {
-        self.pictures[set].insert(view.name.clone(), picture);
     }
 
     /// The low-resolution field at low resolution, enlarged to the size of `truth` on sRGB values.
@@ -240,8 +251,8 @@ impl<'a> Evaluation<'a> {
         self.tell()
     }
 
-    /// All scores; and the comparisons, renders, photos and maps of errors.
-    pub fn finish(self) -> (Metrics, [Pictures; 4]) {
+    /// All scores, and what is shown of them.
+    pub fn finish(self) -> (Metrics, Pictures) {
         if let Some(warning) = self.scores.warning() {
             self.io.warn(warning);
         }
