@@ -9,13 +9,13 @@ use serde::{Deserialize, Serialize};
 use crate::digest::Digest;
 use crate::error::SchemaError;
 use crate::provenance::Provenance;
-use crate::{Field, Figures, Film, ImageSet, Latents, Log, Lora, Metrics, Residuals};
+use crate::{Field, Figures, Film, Latents, Log, Lora, Metrics, Residuals, StoredImages};
 
 /// The artifact types. Stages declare them for their inputs and outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ArtifactKind {
-    /// Posed images: [`ImageSet`].
+    /// Posed images: [`ImageSet`](crate::ImageSet).
     Images,
     /// Latent images of a VAE: [`Latents`].
     Latents,
@@ -107,7 +107,8 @@ pub fn semantic_digest(kind: ArtifactKind, folder: &Path) -> Result<Digest, Sche
         Ok(A::read(folder)?.semantic_digest())
     }
     match kind {
-        ArtifactKind::Images => digest::<ImageSet>(folder),
+        // View by view, since a set may be larger than memory.
+        ArtifactKind::Images => StoredImages::open(folder)?.semantic_digest(),
         ArtifactKind::Latents => digest::<Latents>(folder),
         ArtifactKind::Residuals => digest::<Residuals>(folder),
         ArtifactKind::Lora => digest::<Lora>(folder),

@@ -6,7 +6,7 @@ use formats::{Bounds, Camera, openexr};
 
 use crate::error::SchemaError;
 use crate::images;
-use crate::transforms::Transforms;
+use crate::transforms::{self, Transforms};
 
 /// From where a scene was seen.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +21,21 @@ pub struct Cameras {
     /// Whether any of the images has alpha.
     pub alpha: bool,
 }
+
+/// Widths and heights of the views of an image set by its `transforms.json`, wherever that file
+/// lies.
+///
+/// # Errors
+/// A file that cannot be used.
+pub fn sizes(page: &Path) -> Result<Vec<(u32, u32)>, SchemaError> {
+    let cameras = Transforms::cameras_of(page)?.1.into_iter();
+    Ok(cameras
+        .map(|(_, camera)| (camera.width, camera.height))
+        .collect())
+}
+
+/// The file of an image set that [`sizes`] takes.
+pub const PAGE: &str = transforms::FILE;
 
 impl Cameras {
     /// Reads those of the image set in a folder. Of the images only the headers are read.

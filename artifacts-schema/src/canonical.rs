@@ -101,12 +101,17 @@ pub fn check_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), Schem
         check_name(name)?;
         // Names come in order, so equal ones are neighbours.
         if previous == Some(name) {
-            return Err(SchemaError::content(
-                format!("name {name:?}"),
-                "is there twice; each view needs its own",
-            ));
+            return Err(twice(name));
         }
         previous = Some(name);
     }
     Ok(())
+}
+
+/// Two views of one name.
+pub fn twice(name: &str) -> SchemaError {
+    SchemaError::content(
+        format!("name {name:?}"),
+        "is there twice; each view needs its own",
+    )
 }

@@ -100,6 +100,16 @@ impl ContentHasher {
         self.0.finalize().into()
     }
 
+    /// The digest of posed images, whose box and views came before.
+    pub fn end_of_images(mut self, to_source: Option<&[[f64; 4]; 4]>) -> Digest {
+        // Behind everything and only where there is one, as with what came later elsewhere.
+        if let Some(to_source) = to_source {
+            self.text("to_source");
+            self.reals(to_source.as_flattened());
+        }
+        self.finish()
+    }
+
     pub fn count(&mut self, count: usize) {
         // As 64 bits, whatever the machine counts with.
         self.0.update(&(count as u64).to_le_bytes());

@@ -10,6 +10,7 @@ use crate::artifact::{Artifact, ArtifactKind};
 use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
+use crate::image_stream::StoredImages;
 use crate::provenance::Provenance;
 use crate::transforms::{self, Transforms};
 
@@ -44,6 +45,22 @@ pub struct ImageSet {
 /// The file of the view of this name.
 pub(crate) fn file_of(name: &str) -> String {
     format!("{name}.exr")
+}
+
+/// Writes `transforms.json` of a set: its cameras sorted by name, its box, and its way back to the
+/// files that the scene was read from.
+pub(crate) fn write_page(
+    folder: &Path,
+    cameras: &[(&str, Camera)],
+    (bounds, to_source): (Bounds, Option<[[f64; 4]; 4]>),
+    provenance: &Provenance,
+) -> Result<(), SchemaError> {
+    canonical::check_bounds(&bounds)?;
+    let page = canonical::page(&Transforms {
+        to_source,
+        ..Transforms::new(cameras, bounds, provenance)
+    })?;
+    canonical::write(folder, transforms::FILE, page.as_bytes())
 }
 
 /// The JSON of the attribute `srnerf`. OpenEXR has no attribute for lens distortion: it stands in
@@ -94,7 +111,20 @@ impl View {
         })
     }
 
-    fn check(&self) -> Result<(), SchemaError> {
+    pub(crate) fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
+        canonical::write(folder, &file_of(&self.name), &self.to_exr(provenance)?)
+    }
+
+    pub(crate) fn feed(&self, hasher: &mut ContentHasher) {
+        hasher.text(&self.name);
+        hasher.camera(&self.camera);
+        hasher.values(&self.pixels.rgb);
+        hasher.optional_values(self.pixels.alpha.as_deref());
+        hasher.optional_values(self.depth.as_deref());
+        hasher.mask(self.mask.as_deref());
+    }
+
+    pub(crate) fn check(&self) -> Result<(), SchemaError> {
         let place = format!("view {:?}", self.name);
         canonical::check_camera(&self.camera, &place)?;
         let pixels = self.camera.width as usize * self.camera.height as usize;
@@ -143,28 +173,19 @@ impl Artifact for ImageSet {
             .iter()
             .map(|view| (view.name.as_str(), view.camera))
             .collect();
-        let page = canonical::page(&Transforms {
-            to_source: self.to_source,
-            ..Transforms::new(&cameras, self.bounds, provenance)
-        })?;
-        canonical::write(folder, transforms::FILE, page.as_bytes())?;
+        write_page(folder, &cameras, (self.bounds, self.to_source), provenance)?;
         // Each view is a file of its own: the order of writing shows nowhere.
-        views.par_iter().try_for_each(|view| {
-            canonical::write(folder, &file_of(&view.name), &view.to_exr(provenance)?)
-        })
+        views
+            .par_iter()
+            .try_for_each(|view| view.write(folder, provenance))
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        let (transforms, cameras) = Transforms::read(folder)?;
-        let views = cameras
-            .par_iter()
-            .map(|(name, camera)| View::from_exr(&folder.join(file_of(name)), name, *camera));
-        // Of several broken views the first is named, however many threads there are.
-        let views: Vec<Result<_, _>> = views.collect();
+        let stored = StoredImages::open(folder)?;
         Ok(Self {
-            views: views.into_iter().collect::<Result<_, _>>()?,
-            bounds: transforms.aabb,
-            to_source: transforms.to_source,
+            views: stored.views().collect::<Result<_, _>>()?,
+            bounds: stored.bounds,
+            to_source: stored.to_source,
         })
     }
 
@@ -172,19 +193,9 @@ impl Artifact for ImageSet {
         let mut hasher = ContentHasher::new(Self::KIND);
         hasher.bounds(&self.bounds);
         hasher.count(self.views.len());
-        for view in self.sorted() {
-            hasher.text(&view.name);
-            hasher.camera(&view.camera);
-            hasher.values(&view.pixels.rgb);
-            hasher.optional_values(view.pixels.alpha.as_deref());
-            hasher.optional_values(view.depth.as_deref());
-            hasher.mask(view.mask.as_deref());
-        }
-        // Behind everything and only where there is one, as with what came later elsewhere.
-        if let Some(to_source) = &self.to_source {
-            hasher.text("to_source");
-            hasher.reals(to_source.as_flattened());
-        }
-        hasher.finish()
+        self.sorted()
+            .into_iter()
+            .for_each(|view| view.feed(&mut hasher));
+        hasher.end_of_images(self.to_source.as_ref())
     }
 }

@@ -79,9 +79,13 @@ impl Transforms {
 
     /// Reads the file in a folder: it, and its cameras by view name, sorted.
     pub fn read(folder: &Path) -> Result<(Self, Vec<(String, Camera)>), SchemaError> {
-        let path = folder.join(FILE);
-        let transforms: Self = canonical::read(&path)?;
-        let cameras = transforms.cameras().map_err(|error| error.in_file(&path))?;
+        Self::cameras_of(&folder.join(FILE))
+    }
+
+    /// The same of the file at this path.
+    pub fn cameras_of(path: &Path) -> Result<(Self, Vec<(String, Camera)>), SchemaError> {
+        let transforms: Self = canonical::read(path)?;
+        let cameras = transforms.cameras().map_err(|error| error.in_file(path))?;
         Ok((transforms, cameras))
     }
 

@@ -34,7 +34,7 @@ impl Init {
         let origin = Origin::at(&place).ok_or_else(|| no_poses(&place))?;
         let reader = origin.reader().ok_or_else(|| no_poses(&place))?;
         let parsed = reader.parse()?;
-        let sizes: Vec<(u32, u32)> = parsed.sizes().collect();
+        let sizes: Vec<(u32, u32)> = parsed.file_sizes().collect();
         let name = self.name(&place);
         let purpose = match self.judge {
             true => Purpose::Judge,

@@ -264,8 +264,9 @@ fn costs(
     }
     let experience = Experience::of(context.store)?;
     let record = |at: usize| forecasts.get(&at).and_then(Forecast::record);
+    let expected = context.expected(&run, record);
     let costs = run.into_iter();
     Ok(costs
-        .map(|at| (at, context.cost(at, &experience, record)))
+        .map(|at| (at, context.cost(at, &experience, &expected)))
         .collect())
 }

@@ -12,13 +12,12 @@ use crate::terminal::progress::duration;
 const LIKE: &str = "~";
 const GUESS: &str = "guess";
 
-/// A cell of a table: `12 s, 1.2 GB`, `~12 s, 1.2 GB`, `guess 12 s, 1.2 GB` or `guess > 12 s, 1.2 GB`.
+/// A cell of a table: `12 s, 1.2 GB`, `~12 s, 1.2 GB` or `guess 12 s, 1.2 GB`.
 pub fn words(cost: &Cost) -> String {
     let mark = match cost.basis {
         Basis::Result { .. } => String::new(),
         Basis::Like { .. } => LIKE.to_owned(),
-        Basis::Guess { sized: true } => format!("{GUESS} "),
-        Basis::Guess { sized: false } => format!("{GUESS} > "),
+        Basis::Guess => format!("{GUESS} "),
     };
     let took = duration(cost.seconds);
     format!("{mark}{took}, {}", size(cost.memory))
@@ -29,8 +28,7 @@ pub fn json(cost: &Cost) -> Value {
     let (from, stage, but) = match &cost.basis {
         Basis::Result { stage } => ("result", Some(stage), &[][..]),
         Basis::Like { stage, but } => ("like_result", Some(stage), &but[..]),
-        Basis::Guess { sized: true } => ("estimate", None, &[][..]),
-        Basis::Guess { sized: false } => ("estimate_at_least", None, &[][..]),
+        Basis::Guess => ("estimate", None, &[][..]),
     };
     json!({"seconds": cost.seconds, "memory": cost.memory, "from": from, "of": stage, "but": but})
 }
@@ -43,12 +41,8 @@ pub fn tell<'c>(costs: impl Iterator<Item = &'c Cost> + Clone) {
         return;
     };
     let seconds = costs.clone().map(|cost| cost.seconds).sum();
-    let is_least = costs
-        .clone()
-        .any(|cost| cost.basis == Basis::Guess { sized: false });
     print(&format_args!(
-        "\n{} {} one after the other, {} of memory at a time; there are {}",
-        if is_least { "more than" } else { "about" },
+        "\nabout {} one after the other, {} of memory at a time; there are {}",
         duration(seconds),
         size(largest),
         size(memory_limit())
@@ -61,12 +55,9 @@ pub fn tell<'c>(costs: impl Iterator<Item = &'c Cost> + Clone) {
             "{LIKE} by a result of the same kind with other parameters"
         ));
     }
-    if costs
-        .into_iter()
-        .any(|cost| matches!(cost.basis, Basis::Guess { .. }))
-    {
+    if costs.into_iter().any(|cost| cost.basis == Basis::Guess) {
         print(&format_args!(
-            "{GUESS} by parameters and inputs' sizes, since no such result is here, perhaps far off; > where inputs are yet to be computed"
+            "{GUESS} by parameters and by the sizes of what is read, since no such result is here: perhaps far off"
         ));
     }
 }

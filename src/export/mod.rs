@@ -17,7 +17,7 @@ use artifacts_schema::Digest;
 
 use crate::pipeline::graph::Node;
 use crate::runner::key::Recipe;
-use crate::runner::plan::{Context, Inputs};
+use crate::runner::plan::{Context, Expected, Inputs};
 
 /// A pipeline as jobs.
 pub struct Workflow {
@@ -70,6 +70,9 @@ impl Workflow {
     /// those that choose a stage.
     pub fn new(context: &Context, command: Vec<String>) -> Self {
         let nodes = &context.graph.nodes;
+        let needed: Vec<usize> = context.needed.iter().copied().collect();
+        // Of no result, so that the jobs are the same whatever has been computed.
+        let expected = context.expected(&needed, |_| None);
         let mut jobs: Vec<Job> = Vec::new();
         let mut job_of = BTreeMap::new();
         for &at in &context.needed {
@@ -78,7 +81,7 @@ impl Workflow {
             // Shards follow one another in the graph, so the last job is that of the first shard.
             if let (Some((whole, 2..)), Some(job)) = (array, jobs.last_mut()) {
                 job.recipes.push(recipe(context, at));
-                job.resources = job.resources.most(Resources::of(node));
+                job.resources = job.resources.most(Resources::of(node, &expected));
                 debug_assert_eq!(job.stage, whole);
             } else {
                 jobs.push(Job {
@@ -90,7 +93,7 @@ impl Workflow {
                     // What a stage reads is needed as well and stands before it, so its job is
                     // there.
                     needs: node.wires.iter().map(|wire| job_of[&wire.from]).collect(),
-                    resources: Resources::of(node),
+                    resources: Resources::of(node, &expected),
                 });
             }
             if let (Some(job), Some((_, number))) = (jobs.last_mut(), array) {
@@ -147,9 +150,8 @@ fn recipe(context: &Context, at: usize) -> Digest {
 }
 
 impl Resources {
-    fn of(node: &Node) -> Self {
-        // No inputs are there yet, so this is the stage's guess by its parameters alone.
-        let estimate = node.stage.estimate(&BTreeMap::new());
+    fn of(node: &Node, expected: &Expected) -> Self {
+        let estimate = node.stage.estimate(&expected.of_inputs(node));
         let asked = Self {
             threads: LEAST.threads,
             memory: (estimate.memory as f64 * ROOM / f64::from(1 << 20)).ceil() as u64,

@@ -4,6 +4,7 @@
 mod cost;
 mod forecast;
 pub mod inputs;
+pub mod sizes;
 mod sources;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,6 +15,7 @@ use stages::Source;
 pub use self::cost::{Basis, Cost, Experience};
 pub use self::forecast::Forecast;
 pub use self::inputs::Inputs;
+pub use self::sizes::Expected;
 pub use self::sources::{SourceError, sources};
 
 use crate::pipeline::graph::{Graph, Node};

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use artifacts_schema::{Artifact, Provenance};
+use artifacts_schema::{Artifact, ImageSet, ImageWriter, Provenance, StoredImages};
 use compute::Device;
+use formats::Bounds;
 use serde::Serialize;
 
 use crate::error::StageError;
@@ -82,6 +83,11 @@ impl Io<'_> {
         Ok(A::read(self.input(port.name)?)?)
     }
 
+    /// The images of this port, to be read view by view: all of them may be larger than memory.
+    pub fn images(&self, port: Port<ImageSet>) -> Result<StoredImages, StageError> {
+        Ok(StoredImages::open(self.input(port.name)?)?)
+    }
+
     /// The folder of the input of this name.
     pub fn input(&self, name: &str) -> Result<&Path, StageError> {
         self.inputs
@@ -93,6 +99,18 @@ impl Io<'_> {
     /// Writes the output artifact of this port.
     pub fn write<A: Artifact>(&self, port: Port<A>, artifact: &A) -> Result<(), StageError> {
         Ok(artifact.write(&self.outputs.join(port.name), &self.provenance)?)
+    }
+
+    /// Takes the images of this port one by one. They have a scene box, and a way back to the files
+    /// that the scene was read from.
+    pub fn image_writer(
+        &self,
+        port: Port<ImageSet>,
+        bounds: Bounds,
+        to_source: Option<[[f64; 4]; 4]>,
+    ) -> ImageWriter<'_> {
+        let folder = self.outputs.join(port.name);
+        ImageWriter::new(&folder, bounds, to_source, &self.provenance)
     }
 
     /// Reports progress; an error when the run is being stopped.

@@ -3,13 +3,14 @@
 //!
 //! No pipeline names it: it takes the place of a stage with `shards`, when loops are unrolled.
 
-use artifacts_schema::{Artifact, ArtifactKind, ImageSet, Latents, Log, Residuals};
+use artifacts_schema::{Artifact, ArtifactKind, Latents, Log, Residuals, StoredImages};
 use serde_json::{Value, json};
 
 use crate::error::StageError;
 use crate::io::Io;
 use crate::port::{Input, InputPort, OutputPort, Port};
-use crate::stage::{Determinism, Stage};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Determinism, Estimate, Stage};
 
 /// Joins the outputs of shards.
 #[derive(Clone, Debug)]
@@ -77,6 +78,22 @@ impl Merge {
     }
 }
 
+impl Merge {
+    /// Joins images view by view: all of them may be larger than memory.
+    fn join_images(&self, output: &OutputPort, io: &Io) -> Result<(), StageError> {
+        let parts = self.parts.iter().filter(|part| part.output == *output);
+        let open = |part: &Part| Ok(StoredImages::open(io.input(&part.input)?)?);
+        let parts: Vec<StoredImages> = parts.map(open).collect::<Result<_, StageError>>()?;
+        // All shards have the bounds of the whole.
+        let (first, _) = first(parts.iter().collect())?;
+        let mut out = io.image_writer(Port::new(output.name), first.bounds, first.to_source);
+        for view in parts.iter().flat_map(StoredImages::views) {
+            out.add(view?)?;
+        }
+        Ok(out.finish()?)
+    }
+}
+
 impl Stage for Merge {
     fn kind(&self) -> &'static str {
         "Merge"
@@ -101,6 +118,20 @@ impl Stage for Merge {
         self.outputs.clone()
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        let of = |port: &OutputPort| {
+            let parts = self.parts.iter().filter(|part| part.output == *port);
+            let sizes = parts.map(|part| input(inputs, &part.input));
+            (port.name, sizes.fold(Size::default(), Size::and))
+        };
+        self.outputs.iter().map(of).collect()
+    }
+
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let images = inputs.values().copied().filter(|size| size.pixels > 0);
+        Estimate::streaming(inputs, images.fold(Size::default(), Size::and), 0)
+    }
+
     fn determinism(&self) -> Determinism {
         // Nothing is computed: parts are put into one order.
         Determinism::Exact
@@ -109,7 +140,7 @@ impl Stage for Merge {
     fn run(&self, io: &Io) -> Result<(), StageError> {
         for port in &self.outputs {
             match port.kind {
-                ArtifactKind::Images => self.join::<ImageSet>(port, io)?,
+                ArtifactKind::Images => self.join_images(port, io)?,
                 ArtifactKind::Latents => self.join::<Latents>(port, io)?,
                 ArtifactKind::Residuals => self.join::<Residuals>(port, io)?,
                 ArtifactKind::Log => self.join::<Log>(port, io)?,
@@ -138,21 +169,12 @@ fn first<A>(parts: Vec<A>) -> Result<(A, impl Iterator<Item = A>), StageError> {
     Ok((first, parts))
 }
 
-impl Joined for ImageSet {
+impl Joined for Latents {
     fn join(parts: Vec<Self>) -> Result<Self, StageError> {
         // All shards have the bounds of the whole.
         let (mut all, others) = first(parts)?;
         others.for_each(|part| all.views.extend(part.views));
         // In the order of names, as the whole stage would have left them.
-        all.views.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(all)
-    }
-}
-
-impl Joined for Latents {
-    fn join(parts: Vec<Self>) -> Result<Self, StageError> {
-        let (mut all, others) = first(parts)?;
-        others.for_each(|part| all.views.extend(part.views));
         all.views.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(all)
     }

@@ -3,7 +3,6 @@
 //!
 //! Knows nothing of the runner: not of keys, the store, other stages or the terminal.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use artifacts_schema::Digest;
@@ -14,6 +13,7 @@ use crate::io::Io;
 use crate::model::Model;
 use crate::port::{InputPort, OutputPort};
 use crate::registry::AnyStage;
+use crate::size::{Foretold, Size, Sizes};
 
 /// Something that a stage reads beside its inputs, photos or model weights: it belongs to the
 /// stage's key.
@@ -60,14 +60,31 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Of a stage that reads all of its inputs and does little with them.
-    pub fn reading(inputs: &Sizes) -> Self {
-        let bytes: u64 = inputs.values().sum();
+    /// Of so many bytes and seconds, beside what any stage takes.
+    pub fn of(memory: u64, seconds: f64) -> Self {
         Self {
-            memory: (64 << 20) + 6 * bytes,
-            seconds: 1.0 + bytes as f64 / 1e7,
+            memory: (64 << 20) + memory,
+            seconds: 1.0 + seconds,
             device: false,
         }
+    }
+
+    /// Of a stage that reads all of its inputs at once and does little with them.
+    pub fn reading(inputs: &Sizes) -> Self {
+        let memory = inputs.values().map(Size::whole).sum();
+        Self::of(memory, reading_seconds(inputs))
+    }
+
+    /// Of a stage that goes through its inputs' images view by view, each of which takes `pixel`
+    /// bytes for each of its pixels while it is worked on, and writes images in the same way.
+    pub fn streaming(inputs: &Sizes, written: Size, pixel: u64) -> Self {
+        let read = inputs.values().map(|size| match size.pixels {
+            0 => size.whole(),
+            _ => size.held(),
+        });
+        // Twice, since a view that is written is in memory as numbers and as a file.
+        let memory = read.sum::<u64>() + 2 * written.held() + pixel * written.largest;
+        Self::of(memory, reading_seconds(inputs))
     }
 
     /// Of a stage that computes on the device as well, in so many more bytes and seconds.
@@ -80,8 +97,9 @@ impl Estimate {
     }
 }
 
-/// Bytes of input artifacts by input name, as far as they are known.
-pub type Sizes<'a> = BTreeMap<&'a str, u64>;
+fn reading_seconds(inputs: &Sizes) -> f64 {
+    inputs.values().map(|size| size.bytes).sum::<u64>() as f64 / 1e7
+}
 
 /// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters,
 /// with its defaults in `Default`.
@@ -139,6 +157,12 @@ pub trait Stage: Send + Sync {
     /// Whether a result of more steps may go on from one of fewer.
     fn extension(&self) -> Extension {
         Extension::None
+    }
+    /// How large its outputs will be, for estimates of the stages that read them; what it does not
+    /// name nobody knows before it is there.
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        let _ = inputs;
+        Foretold::new()
     }
     /// Memory and time that it will take. By default those of a stage that reads all of its inputs
     /// and does little with them.

@@ -1,7 +1,7 @@
 //! What `Fit` and `Sync` share: the training loop with its log. Knows nothing of where the views
 //! come from.
 
-use artifacts_schema::Log;
+use artifacts_schema::{Log, StoredImages, View};
 use compute::Counts;
 use formats::Camera;
 use nerf::{Exposure, Field, StepStats, TrainOptions, TrainView, Training};
@@ -14,7 +14,8 @@ use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
 use crate::port::Port;
-use crate::stage::{Estimate, Extension, Sizes};
+use crate::size::{Size, Sizes};
+use crate::stage::{Estimate, Extension};
 
 /// What training writes, and `Sync` begins with.
 pub const FIELD: Port<artifacts_schema::Field> = Port::new("field");
@@ -41,6 +42,40 @@ pub fn check_rate(field: &'static str, value: f64) -> Result<(), StageError> {
         field,
         format!("is {value}; it must be above 0 and at most 1"),
     ))
+}
+
+/// Photos on disk to train on.
+pub struct Photos {
+    /// The photos.
+    pub images: StoredImages,
+    /// Factor on the squared error of each of their pixels.
+    pub weight: f32,
+    /// Sub-rays per pixel and axis.
+    pub supersample: u32,
+}
+
+impl Photos {
+    /// Each photo is made ready as it is read: in both forms at once they would take twice the memory.
+    fn read(&self) -> impl Iterator<Item = Result<TrainView, StageError>> {
+        let ready = |view: View| convert::train_view(view, self.weight, self.supersample);
+        self.images.map(ready).map(|view| Ok(view?))
+    }
+}
+
+/// The views of all photos; an error if masks leave nothing of them.
+fn views(photos: &[Photos]) -> Result<Vec<TrainView>, StageError> {
+    let views: Vec<TrainView> = photos
+        .iter()
+        .flat_map(Photos::read)
+        .collect::<Result<_, _>>()?;
+    // The sampler would have no pixel to draw.
+    let is_closed = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
+    if views.iter().all(is_closed) {
+        return Err(StageError::Mismatch(
+            "masks leave no pixel of any photo to train on: are they black where they should be white?".into(),
+        ));
+    }
+    Ok(views)
 }
 
 /// What training leaves beside its outputs, view by view in their order.
@@ -70,24 +105,21 @@ pub fn estimate(inputs: &Sizes, table: u64, options: &TrainOptions) -> Estimate 
     let samples = options.samples;
     // About what two cores take for a sample (docs/performance.md).
     let seconds = f64::from(options.steps) * f64::from(samples) * 6e-7;
-    Estimate::reading(inputs).computing(8 * table + 1024 * u64::from(samples), seconds)
+    // Photos stay in memory, with alpha at most; what else is read is a field.
+    let photos: u64 = inputs.values().map(|size| 16 * size.pixels).sum();
+    let held: u64 = inputs.values().map(Size::held).sum();
+    let memory = photos + held + 8 * table + 1024 * u64::from(samples);
+    Estimate::of(0, 0.0).computing(memory, seconds)
 }
 
-/// Trains `field` on `views` and writes the outputs `field` and `log`. Goes on from a checkpoint
+/// Trains `field` on photos and writes the outputs `field` and `log`. Goes on from a checkpoint
 /// where there is one.
 pub fn train(
     field: Field,
-    views: Vec<TrainView>,
+    photos: &[Photos],
     options: &TrainOptions,
     io: &Io,
 ) -> Result<Trained, StageError> {
-    // The sampler would have no pixel to draw.
-    let is_closed = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
-    if views.iter().all(is_closed) {
-        return Err(StageError::Mismatch(
-            "masks leave no pixel of any photo to train on: are they black where they should be white?".into(),
-        ));
-    }
     let mut checkpointer = Checkpointer::new(io, options.steps.into());
     let config = field.config().clone();
     // Kept apart, since the field is moved into whichever training begins.
@@ -98,20 +130,21 @@ pub fn train(
             io.device,
             &config,
             bounds,
-            // Cloned, since a second checkpoint may be tried after the first.
-            views.clone(),
+            // Read here, so that they are in memory once whichever checkpoint is gone on from.
+            views(photos).map_err(|error| error.to_string())?,
             options,
             io.seed,
             tensors,
         );
         Ok((training.map_err(|error| error.to_string())?, diary))
     })?;
-    let (mut training, mut diary) = resumed.unwrap_or_else(|| {
-        (
-            Training::new(io.device, field, views, options, io.seed),
+    let (mut training, mut diary) = match resumed {
+        Some(resumed) => resumed,
+        None => (
+            Training::new(io.device, field, views(photos)?, options, io.seed),
             Diary::default(),
-        )
-    });
+        ),
+    };
     // Counts are of this run's steps, not of those before the checkpoint.
     let begun = training.steps_taken();
     let before = io.device.counts();

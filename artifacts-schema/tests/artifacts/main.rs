@@ -10,3 +10,4 @@ mod openexr;
 mod round_trip;
 mod samples;
 mod schemas;
+mod streams;

@@ -42,9 +42,10 @@ fn too_large(
     let experience = Experience::of(context.store)?;
     // With `--only`, results of stages that are no part of the run are given to it.
     let record = |at: usize| there.get(&at).copied().or_else(|| context.given.get(&at));
+    let expected = context.expected(&missing, record);
     let costs = missing
         .into_iter()
-        .map(|at| (at, context.cost(at, &experience, record)));
+        .map(|at| (at, context.cost(at, &experience, &expected)));
     Ok(costs.filter(|(_, cost)| cost.memory > limit).collect())
 }
 
@@ -54,7 +55,7 @@ fn refusal(stage: &str, cost: &Cost, limit: u64) -> Error {
         Basis::Like { stage, but } => {
             format!("`{stage}`, with another {}, took so much", but.join(", "))
         }
-        Basis::Guess { .. } => "a rough guess by its parameters".to_owned(),
+        Basis::Guess => "a rough guess by its parameters and the sizes of what it reads".to_owned(),
     };
     Error::NoRoom {
         stage: stage.to_owned(),

@@ -7,13 +7,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use artifacts_schema::Digest;
 use stages::{Estimate, Extension};
 
-use super::{Context, Inputs, inputs};
+use super::sizes::Expected;
+use super::{Context, Inputs};
 use crate::pipeline::graph::Node;
 use crate::runner::explain::{Change, diff};
 use crate::store::Store;
 use crate::store::error::StoreError;
 use crate::store::manifest::Manifest;
-use crate::store::record::Record;
 use crate::store::runs::RunRecord;
 
 /// How many runs back results are looked for, how many results are looked at, and how many of a kind
@@ -21,6 +21,9 @@ use crate::store::runs::RunRecord;
 const RUNS: usize = 16;
 const RESULTS: usize = 2000;
 const KEPT: usize = 16;
+/// A result that took so many times less memory than is estimated now was of far smaller photos,
+/// and tells nothing.
+const FAR: u64 = 8;
 /// How parameters' entries begin.
 const PARAMETERS: &str = "params.";
 
@@ -53,10 +56,7 @@ pub enum Basis {
     },
     /// No such result is known: the stage's own estimate, by its parameters and the sizes of what
     /// it reads.
-    Guess {
-        /// Whether all of these sizes are known. Where not, it is too small.
-        sized: bool,
-    },
+    Guess,
 }
 
 /// What the latest results took, by kind, the newest first.
@@ -148,31 +148,31 @@ fn parameters(before: &Manifest, now: &Manifest) -> Vec<Change> {
 }
 
 impl Context<'_> {
-    /// What a stage will take, given the results that there are.
-    pub fn cost<'r>(
-        &self,
-        at: usize,
-        experience: &Experience,
-        record: impl Fn(usize) -> Option<&'r Record>,
-    ) -> Cost {
+    /// What a stage will take that reads what is expected.
+    pub fn cost(&self, at: usize, experience: &Experience, expected: &Expected) -> Cost {
         let node = &self.graph.nodes[at];
-        let sized = node.wires.iter().all(|wire| record(wire.from).is_some());
-        // The stage's own estimate, by the sizes of those inputs that are there.
-        let guess = node.stage.estimate(&inputs::sizes(node, record));
+        let guess = node.stage.estimate(&expected.of_inputs(node));
         // Inputs are left out: they tell nothing of cost, and of a plan most are not known yet.
         let manifest = self.manifest(at, &Inputs::new());
-        match experience.nearest(node, &manifest) {
+        let nearest = experience.nearest(node, &manifest);
+        match nearest.filter(|(known, _)| known.is_of_the_size(&guess)) {
             Some((known, changes)) => known.cost(node, &changes, &guess),
             None => Cost {
                 seconds: guess.seconds,
                 memory: guess.memory,
-                basis: Basis::Guess { sized },
+                basis: Basis::Guess,
             },
         }
     }
 }
 
 impl Known {
+    /// Whether a stage that is estimated so may take as much as this result did.
+    fn is_of_the_size(&self, guess: &Estimate) -> bool {
+        let far = |memory: u64| guess.memory > FAR.saturating_mul(memory);
+        self.memory.is_none_or(|memory| !far(memory))
+    }
+
     fn cost(&self, node: &Node, changes: &[Change], guess: &Estimate) -> Cost {
         let stage = self.stage.clone();
         let name = |change: &Change| change.path.trim_start_matches(PARAMETERS).to_owned();

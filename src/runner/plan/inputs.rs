@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use artifacts_schema::Digest;
-use stages::Sizes;
 
 use crate::pipeline::graph::{Node, Wire};
 use crate::store::record::{Output, Record};
@@ -28,14 +27,5 @@ pub fn digests<'r>(node: &Node, result: impl Fn(usize) -> Option<&'r Record>) ->
     let outputs = read(node, result).into_iter();
     outputs
         .map(|(input, output)| (input.to_owned(), output.digest))
-        .collect()
-}
-
-/// How many bytes their files have.
-pub fn sizes<'n, 'r>(node: &'n Node, result: impl Fn(usize) -> Option<&'r Record>) -> Sizes<'n> {
-    let bytes = |output: &Output| output.files.iter().map(|file| file.bytes).sum();
-    let outputs = read(node, result).into_iter();
-    outputs
-        .map(|(input, output)| (input, bytes(output)))
         .collect()
 }

@@ -14,7 +14,7 @@ use super::states::Queued;
 use super::{News, Scheduler};
 use crate::runner::explain::Reason;
 use crate::runner::extension;
-use crate::runner::plan::inputs;
+use crate::runner::plan::{inputs, sizes};
 use crate::runner::task::{CPU, Task, device_of};
 use crate::store::error::StoreError;
 use crate::store::record::{Output, Record};
@@ -65,7 +65,8 @@ impl Scheduler<'_> {
     /// What a stage will take, now that its inputs are there.
     pub(super) fn estimate(&self, at: usize, records: &BTreeMap<usize, Record>) -> Estimate {
         let node = &self.context.graph.nodes[at];
-        let sizes = inputs::sizes(node, |from| self.result(from, records));
+        let store = self.context.store;
+        let sizes = sizes::of_results(store, node, |from| self.result(from, records));
         let estimate = node.stage.estimate(&sizes);
         Estimate {
             // A stage whose parameters keep it off the device must not wait for it.

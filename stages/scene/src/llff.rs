@@ -18,8 +18,9 @@ use crate::folders;
 use crate::gathering::{Gathering, SAME_SHAPE, Spotted};
 use crate::mask::MaskFile;
 use crate::normalize::normalize;
+use crate::parsed::{ParsedScene, Posed};
 use crate::photo_file;
-use crate::reader::{ParsedScene, Posed, Reader, sift};
+use crate::reader::{Reader, sift};
 use crate::{SceneError, pose, source_files};
 
 const POSES_FILE: &str = "poses_bounds.npy";

@@ -3,16 +3,11 @@
 
 use std::path::{Path, PathBuf};
 
-use formats::{Bounds, Camera};
-use glam::DMat4;
-use image::metadata::Orientation;
-use rayon::prelude::*;
+use formats::Camera;
 
-use crate::downscale::shrink_covered;
-use crate::mask::{self, MaskFile};
-use crate::photo_file::{self, Decoded};
+use crate::parsed::{ParsedScene, Posed};
 use crate::plausible::{self, Stray};
-use crate::{Photo, Reducer, SceneData, SceneError, source_files};
+use crate::{SceneData, SceneError};
 
 /// A reader of posed photos of one format.
 ///
@@ -61,160 +56,6 @@ pub trait Reader {
     fn digest(&self) -> Result<[u8; 32], SceneError> {
         self.parse()?.digest()
     }
-}
-
-/// A photo yet to be read, with its camera at the file's own size once it is turned.
-#[derive(Clone, Debug)]
-pub(crate) struct Posed {
-    pub(crate) name: String,
-    pub(crate) file: PathBuf,
-    pub(crate) camera: Camera,
-    /// How the file's rows are turned to be what the camera is for.
-    pub(crate) turn: Orientation,
-    pub(crate) mask: Option<MaskFile>,
-}
-
-/// A scene whose photos are not decoded yet.
-#[derive(Clone, Debug)]
-pub struct ParsedScene {
-    /// Files of poses and points.
-    pub(crate) sources: Vec<PathBuf>,
-    pub(crate) train: Vec<Posed>,
-    /// What the source itself sets aside for testing.
-    pub(crate) test: Vec<Posed>,
-    pub(crate) bounds: Bounds,
-    /// Takes the scene's coordinates to those of the files.
-    pub(crate) to_source: DMat4,
-    /// The size asked for.
-    pub(crate) size: Option<(u32, u32)>,
-    pub(crate) description: String,
-    pub(crate) notes: Vec<String>,
-}
-
-impl ParsedScene {
-    /// How many photos there are to train on or to split, and how many the source itself sets aside
-    /// for testing.
-    pub fn counts(&self) -> (usize, usize) {
-        (self.train.len(), self.test.len())
-    }
-
-    /// Width and height of each photo, as its file has them.
-    pub fn sizes(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
-        let photos = self.train.iter().chain(&self.test);
-        photos.map(|posed| (posed.camera.width, posed.camera.height))
-    }
-
-    /// What was left out or had to be guessed, as far as that can be said before photos are
-    /// decoded.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
-    }
-
-    /// A BLAKE3 digest over the names and bytes of all files.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    pub fn digest(&self) -> Result<[u8; 32], SceneError> {
-        source_files::digest(self.files())
-    }
-
-    fn files(&self) -> impl Iterator<Item = &Path> {
-        let photos = self.train.iter().chain(&self.test);
-        let own = photos.flat_map(|posed| {
-            let mask = posed.mask.as_ref().map(|mask| mask.path.as_path());
-            std::iter::once(posed.file.as_path()).chain(mask)
-        });
-        self.sources.iter().map(PathBuf::as_path).chain(own)
-    }
-
-    fn read(self) -> Result<SceneData, SceneError> {
-        let read = |posed: &[Posed]| -> Result<(Vec<Photo>, usize), SceneError> {
-            let read: Vec<_> = posed
-                .par_iter()
-                // In parallel, and collected in order: threads change no bit.
-                .map(|posed| read_photo(posed, self.size))
-                .collect();
-            // The first fault in order: collected at once, it would be any thread's.
-            let read = read
-                .into_iter()
-                .collect::<Result<Vec<(Photo, bool)>, _>>()?;
-            let clipped = read.iter().filter(|(_, clipped)| *clipped).count();
-            let mut photos: Vec<Photo> = read.into_iter().map(|(photo, _)| photo).collect();
-            // By name: the hold-out counts in that order, whatever the file's.
-            photos.sort_by(|a, b| a.name.cmp(&b.name));
-            Ok((photos, clipped))
-        };
-        let (photos, clipped) = read(&self.train)?;
-        let (test, also_clipped) = read(&self.test)?;
-        let mut notes = self.notes;
-        match clipped + also_clipped {
-            0 => {}
-            count => notes.push(format!(
-                "{count} photos hold linear values above 1, which are cut off there: scale the exposure down if that \
-                 matters"
-            )),
-        }
-        notes.extend(masked(&photos, &test));
-        Ok(SceneData {
-            photos,
-            test,
-            bounds: self.bounds,
-            to_source: self.to_source,
-            description: self.description,
-            notes,
-        })
-    }
-}
-
-/// Says that photos have masks, and how much they leave.
-fn masked(train: &[Photo], test: &[Photo]) -> Option<String> {
-    let masks: Vec<&[bool]> = train
-        .iter()
-        .chain(test)
-        .filter_map(|photo| photo.mask.as_deref())
-        .collect();
-    let pixels: usize = masks.iter().map(|mask| mask.len()).sum();
-    let out: usize = masks
-        .iter()
-        .map(|mask| mask.iter().filter(|counts| !**counts).count())
-        .sum();
-    (!masks.is_empty()).then(|| {
-        format!(
-            "{} of {} photos are masked ({:.1} % of their pixels): what is masked is neither trained on nor measured",
-            masks.len(),
-            train.len() + test.len(),
-            100.0 * out as f64 / pixels.max(1) as f64
-        )
-    })
-}
-
-/// A photo, and whether its values were cut off.
-fn read_photo(posed: &Posed, size: Option<(u32, u32)>) -> Result<(Photo, bool), SceneError> {
-    let Decoded {
-        size: found,
-        pixels,
-        clipped,
-    } = photo_file::read(&posed.file, posed.turn)?;
-    let size = size.unwrap_or(found);
-    // The whole image plane is scaled, so the view of the world stays the same.
-    let camera = posed.camera.scaled(size.0, size.1);
-    let own = posed
-        .mask
-        .as_ref()
-        .map(|mask| mask.read(&camera, posed.turn))
-        .transpose()?;
-    // What either leaves out is out.
-    let mask = match (own, mask::inside_rim(&camera)) {
-        (Some(own), Some(rim)) => Some(own.iter().zip(rim).map(|(a, b)| *a && b).collect()),
-        (own, rim) => own.or(rim),
-    };
-    let photo = Photo {
-        name: posed.name.clone(),
-        camera,
-        pixels: shrink_covered(&pixels, found, size, Reducer::Bicubic),
-        mask,
-    };
-    Ok((photo, clipped))
 }
 
 /// Looks at all photos of a scene together: leaves out those whose camera stands far from all

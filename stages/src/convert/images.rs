@@ -2,7 +2,7 @@
 //! trained, networks run and metrics taken on display-encoded values. How the one becomes the other
 //! is in [`Pixels`].
 
-use artifacts_schema::{ImageSet, View};
+use artifacts_schema::{StoredImages, View};
 use compute::{Array, Device};
 use formats::pixels::{interleaved, planes};
 use formats::{Camera, Linear, Pixels};
@@ -12,9 +12,13 @@ use scene::Photo;
 use crate::error::StageError;
 
 /// The view of this name.
-pub fn view_named<'a>(images: &'a ImageSet, name: &str) -> Result<&'a View, StageError> {
-    let found = images.views.iter().find(|view| view.name == name);
-    found.ok_or_else(|| {
+pub fn view_named(images: &StoredImages, name: &str) -> Result<View, StageError> {
+    Ok(images.view(place_named(images, name)?)?)
+}
+
+/// The place of the view of this name.
+pub fn place_named(images: &StoredImages, name: &str) -> Result<usize, StageError> {
+    images.find(name).ok_or_else(|| {
         StageError::Mismatch(format!("an input image set has no view named `{name}`"))
     })
 }
@@ -114,11 +118,11 @@ pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: boo
 }
 
 /// A view to train a field on; where there is alpha, the field is to be as transparent.
-pub fn train_view(view: &View, weight: f32, supersample: u32) -> TrainView {
+pub fn train_view(view: View, weight: f32, supersample: u32) -> TrainView {
     TrainView {
         camera: view.camera,
         pixels: view.pixels.encoded(),
-        mask: view.mask.clone(),
+        mask: view.mask,
         weight,
         supersample,
     }

@@ -7,7 +7,7 @@ mod tensors;
 mod tests;
 
 pub use images::{
-    alpha_array, disk_pixels, disk_pixels_of_signed, linear_array, photo_view, pixels,
+    alpha_array, disk_pixels, disk_pixels_of_signed, linear_array, photo_view, pixels, place_named,
     rendered_view, signed_array, srgb, srgb_array, srgb_before, train_view, view_named, view_photo,
 };
 pub use optimization::{optimization_checkpoint, optimization_state};

@@ -4,28 +4,30 @@
 mod shares;
 #[cfg(test)]
 mod tests;
+mod views;
 
-use artifacts_schema::{ImageSet, View};
+use artifacts_schema::View;
 use compute::elementwise::{scaled_sum, sub};
 use compute::resize::{Filter, resize};
 use compute::{Array, Device};
-use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::shares::{Moments, Shares};
+use self::views::{IMAGES, LOW, OWN, Sets, Views};
 use crate::back_projection::back_project;
 use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
 use crate::masks;
-use crate::port::{Input, InputPort, OutputPort, Port};
-use crate::stage::{Estimate, Sizes, Stage};
+use crate::port::{Input, InputPort, OutputPort};
+use crate::size::{Foretold, Sizes, input};
+use crate::stage::{Estimate, Stage};
 
-/// The enlarged photos, and the images that come out.
-const IMAGES: Port<ImageSet> = Port::new("images");
-const OWN: Port<ImageSet> = Port::new("own");
-const LOW: Port<ImageSet> = Port::new("low");
+/// Bytes of a pixel while it is worked on: base, both details and what projection makes of them.
+const WORKED: u64 = 240;
+/// Seconds of two cores for a pixel.
+const PIXEL_SECONDS: f64 = 1e-6;
 
 /// Adds up the detail that an enlargement and a render of the same view have beyond the
 /// low-resolution photo.
@@ -124,21 +126,21 @@ impl Blend {
     fn colours(&self, views: &Views, device: &Device) -> (Detail, Low) {
         let array = |view: &View| convert::srgb_array(view, device);
         let low = Low {
-            values: array(views.low),
+            values: array(&views.low),
             // [1, 3, h, w]
-            counts: masks::factors(views.low, 3, device),
+            counts: masks::factors(&views.low, 3, device),
         };
         (
-            self.detail(array(views.images), array(views.own), &low),
+            self.detail(array(&views.images), array(&views.own), &low),
             low,
         )
     }
 
     fn view(&self, views: &Views, shares: Shares, device: &Device) -> View {
         let array = |view: &View| convert::alpha_array(view, device);
-        let alpha = match (array(views.images), array(views.own), array(views.low)) {
+        let alpha = match (array(&views.images), array(&views.own), array(&views.low)) {
             (Some(images), Some(own), Some(values)) => {
-                let counts = masks::factors(views.low, 1, device);
+                let counts = masks::factors(&views.low, 1, device);
                 let low = Low { values, counts };
                 let detail = self.detail(images, own, &low);
                 Some(self.sum(&detail, shares, &low).to_vec())
@@ -158,38 +160,6 @@ impl Blend {
             mask: views.mask(),
         }
     }
-}
-
-/// One view as each input has it.
-struct Views<'a> {
-    images: &'a View,
-    own: &'a View,
-    low: &'a View,
-}
-
-impl Views<'_> {
-    /// Which pixels of the large images count: those that count in both photos.
-    fn mask(&self) -> Option<Vec<bool>> {
-        let Camera { width, height, .. } = self.images.camera;
-        // Back-projection has no say where the photo is masked, so that the sum is not bound to it
-        // there.
-        let low = masks::at_size(self.low, width, height);
-        masks::both(self.images.mask.clone(), low)
-    }
-}
-
-/// Refuses two images of one view that differ in size.
-fn check_sizes(images: &View, own: &View) -> Result<(), StageError> {
-    let size = |view: &View| (view.camera.width, view.camera.height);
-    let images_size = size(images);
-    let own_size = size(own);
-    if images_size == own_size {
-        return Ok(());
-    }
-    Err(StageError::Mismatch(format!(
-        "the view `{}` has {}x{} pixels in `images` and {}x{} in `own`; render at the same scale as the enlargement",
-        images.name, images_size.0, images_size.1, own_size.0, own_size.1
-    )))
 }
 
 impl Stage for Blend {
@@ -224,45 +194,36 @@ impl Stage for Blend {
         vec![IMAGES.output()]
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        [(IMAGES.name, input(inputs, IMAGES.name))].into()
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(64 << 20, 2.0)
+        let written = input(inputs, IMAGES.name);
+        let seconds = written.pixels as f64 * PIXEL_SECONDS;
+        Estimate::streaming(inputs, written, WORKED).computing(64 << 20, seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.read(IMAGES)?;
-        let own = io.read(OWN)?;
-        let low = io.read(LOW)?;
-        let mut sets = Vec::new();
-        for images in &images.views {
-            // By name and not by place: the sets may hold views that the others lack.
-            let own = convert::view_named(&own, &images.name)?;
-            let low = convert::view_named(&low, &images.name)?;
-            check_sizes(images, own)?;
-            sets.push(Views { images, own, low });
-        }
+        let sets = Sets::open(io)?;
+        let count = sets.images.cameras().len();
         // Details are made twice rather than kept: a scene of hundreds of photos would not fit into
         // memory.
         let mut moments = Moments::default();
-        for (done, views) in sets.iter().enumerate() {
-            let (detail, _) = self.colours(views, io.device);
+        for (done, views) in sets.views().enumerate() {
+            let views = views?;
+            let (detail, _) = self.colours(&views, io.device);
             moments.add(&detail.images, &detail.own, views.mask().as_deref());
-            io.progress(done + 1, 2 * sets.len(), &[])?;
+            io.progress(done + 1, 2 * count, &[])?;
         }
         let shares = moments.shares(self.own_gain);
         io.metric("share of the enlargement's detail", shares.images);
         io.metric("share of the field's detail", shares.own);
-        let mut views = Vec::new();
-        for set in &sets {
-            views.push(self.view(set, shares, io.device));
-            io.progress(sets.len() + views.len(), 2 * sets.len(), &[])?;
+        let mut out = io.image_writer(IMAGES, sets.images.bounds, sets.images.to_source);
+        for (done, views) in sets.views().enumerate() {
+            out.add(self.view(&views?, shares, io.device))?;
+            io.progress(count + done + 1, 2 * count, &[])?;
         }
-        io.write(
-            IMAGES,
-            &ImageSet {
-                views,
-                bounds: images.bounds,
-                to_source: images.to_source,
-            },
-        )
+        Ok(out.finish()?)
     }
 }

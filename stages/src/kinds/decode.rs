@@ -1,6 +1,6 @@
 //! `Decode`: refined latents back to images. Knows nothing of how they were refined.
 
-use artifacts_schema::{ImageSet, LatentView, Latents, Residuals, View};
+use artifacts_schema::{ImageSet, LatentView, Latents, Residuals, StoredImages, View};
 use compute::Array;
 use compute::elementwise::{add, clamp, sub};
 use diffusion::{ModelSource, Prior};
@@ -15,13 +15,19 @@ use crate::masks;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
-use crate::stage::{Estimate, Sizes, Stage};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Estimate, Stage};
 
 const LATENTS: Port<Latents> = Port::new("latents");
 const RESIDUALS: Port<Residuals> = Port::new("residuals");
 /// The images that were encoded, and those that come out.
 const IMAGES: Port<ImageSet> = Port::new("images");
 const LOW: Port<ImageSet> = Port::new("low");
+
+/// Bytes of a pixel while it is worked on, beside what lies between the layers for a tile.
+const WORKED: u64 = 160;
+/// Pixels of the largest view, where only latents tell: a photo of 4000 x 3000.
+const LARGEST: u64 = 12_000_000;
 
 /// Decodes refined latents z + h by the prior's VAE, D.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -77,8 +83,8 @@ impl Default for Decode {
 struct Parts<'a> {
     latent: &'a LatentView,
     residual: Option<&'a LatentView>,
-    image: Option<&'a View>,
-    low: Option<&'a View>,
+    image: Option<View>,
+    low: Option<View>,
 }
 
 impl Decode {
@@ -89,7 +95,7 @@ impl Decode {
         let refined = convert::latent_array(&parts.latent.tensor, io.device);
         let decoded = prior.vae.decode_latent(&refined, size, self.tile as usize);
         let (Mode::Residual, Some(residual), Some(image)) =
-            (self.mode, parts.residual, parts.image)
+            (self.mode, parts.residual, &parts.image)
         else {
             return clamp(&decoded, -1.0, 1.0);
         };
@@ -113,23 +119,40 @@ impl Decode {
 
     fn view(&self, prior: &Prior, parts: &Parts, io: &Io) -> View {
         let mut image = self.image(prior, parts, io);
-        if let Some(low) = parts.low {
+        if let Some(low) = &parts.low {
             let counts = masks::factors(low, 3, io.device);
             // After the decoder: its own loss would undo what came before it.
             let low = convert::signed_array(low, io.device);
             let rounds = self.back_projection;
             image = back_project(image, &low, counts.as_ref(), rounds, [-1.0, 1.0]);
         }
-        let alpha = parts.image.and_then(|image| image.pixels.alpha.clone());
+        let image_of = parts.image.as_ref();
+        let alpha = image_of.and_then(|image| image.pixels.alpha.clone());
         let [width, height] = parts.latent.size;
         let mask = |view: &View| masks::at_size(view, width, height);
-        let mask = masks::both(parts.image.and_then(mask), parts.low.and_then(mask));
+        let mask = masks::both(image_of.and_then(mask), parts.low.as_ref().and_then(mask));
         View {
             name: parts.latent.name.clone(),
             camera: parts.latent.camera,
             pixels: convert::disk_pixels_of_signed(&image, alpha),
             depth: None,
             mask,
+        }
+    }
+
+    /// How large the images will be.
+    fn decoded(&self, inputs: &Sizes) -> Size {
+        let images = input(inputs, IMAGES.name);
+        if images.pixels > 0 {
+            return images;
+        }
+        // A latent has a byte for each pixel (`Encode`); which view is the largest it does not say.
+        let pixels = input(inputs, LATENTS.name).bytes;
+        Size {
+            bytes: 12 * pixels,
+            pixels,
+            largest: pixels.min(LARGEST),
+            views: 0,
         }
     }
 
@@ -175,8 +198,14 @@ impl Stage for Decode {
         true
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        [(IMAGES.name, self.decoded(inputs))].into()
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(prior::memory(&self.model), 30.0)
+        let written = self.decoded(inputs);
+        let seconds = written.pixels as f64 * prior::decoding_seconds(&self.model);
+        Estimate::streaming(inputs, written, WORKED).computing(prior::memory(&self.model), seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -184,42 +213,35 @@ impl Stage for Decode {
         let residual = self.mode == Mode::Residual;
         let residuals = residual.then(|| io.read(RESIDUALS)).transpose()?;
         let takes_images = self.takes_images();
-        let images = takes_images.then(|| io.read(IMAGES)).transpose()?;
+        let images = takes_images.then(|| io.images(IMAGES)).transpose()?;
         let projects = self.back_projection > 0;
-        let low = projects.then(|| io.read(LOW)).transpose()?;
+        let low = projects.then(|| io.images(LOW)).transpose()?;
+        // Latents do not carry where the scene came from; the images beside them do.
+        let to_source = [&images, &low]
+            .into_iter()
+            .flatten()
+            .find_map(|i| i.to_source);
         let prior = Prior::load(&self.model, io.device)?;
-        let mut views = Vec::new();
+        let mut out = io.image_writer(IMAGES, latents.bounds, to_source);
         for (done, latent) in latents.views.iter().enumerate() {
+            let named = |images: &Option<StoredImages>| {
+                let images = images.as_ref();
+                images
+                    .map(|images| convert::view_named(images, &latent.name))
+                    .transpose()
+            };
             let parts = Parts {
                 latent,
                 residual: residuals
                     .as_ref()
                     .map(|r| convert::latent_named(&r.0, &latent.name))
                     .transpose()?,
-                image: images
-                    .as_ref()
-                    .map(|i| convert::view_named(i, &latent.name))
-                    .transpose()?,
-                low: low
-                    .as_ref()
-                    .map(|i| convert::view_named(i, &latent.name))
-                    .transpose()?,
+                image: named(&images)?,
+                low: named(&low)?,
             };
-            views.push(self.view(&prior, &parts, io));
+            out.add(self.view(&prior, &parts, io))?;
             io.progress(done + 1, latents.views.len(), &[])?;
         }
-        // Latents do not carry where the scene came from; the images beside them do.
-        let to_source = [images, low]
-            .into_iter()
-            .flatten()
-            .find_map(|i| i.to_source);
-        io.write(
-            IMAGES,
-            &ImageSet {
-                views,
-                bounds: latents.bounds,
-                to_source,
-            },
-        )
+        Ok(out.finish()?)
     }
 }

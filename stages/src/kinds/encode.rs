@@ -11,9 +11,13 @@ use crate::io::Io;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
-use crate::stage::{Estimate, Sizes, Stage};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Estimate, Stage};
 
 const IMAGES: Port<ImageSet> = Port::new("images");
+
+/// Bytes of a pixel while it is worked on, beside what lies between the layers for a tile.
+const WORKED: u64 = 80;
 const LATENTS: Port<Latents> = Port::new("latents");
 
 /// Encodes images by the prior's VAE: the mean of its posterior, times its scaling factor (paper
@@ -69,25 +73,39 @@ impl Stage for Encode {
         true
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        let images = input(inputs, IMAGES.name);
+        // Four numbers for 4 x 4 pixels: a byte a pixel.
+        [(LATENTS.name, Size::of_bytes(images.pixels))].into()
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(prior::memory(&self.model), 30.0)
+        let images = input(inputs, IMAGES.name);
+        let latents = Size::of_bytes(images.pixels).whole();
+        let work = WORKED * images.largest + prior::memory(&self.model);
+        Estimate::streaming(inputs, Size::default(), 0).computing(
+            latents + work,
+            images.pixels as f64 * prior::encoding_seconds(&self.model),
+        )
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.read(IMAGES)?;
+        let images = io.images(IMAGES)?;
+        let count = images.cameras().len();
         let prior = Prior::load(&self.model, io.device)?;
         let mut views = Vec::new();
-        for (done, view) in images.views.iter().enumerate() {
+        for (done, view) in images.views().enumerate() {
+            let view = view?;
             let latent = prior
                 .vae
-                .encode_image(&convert::signed_array(view, io.device), self.tile as usize);
+                .encode_image(&convert::signed_array(&view, io.device), self.tile as usize);
             views.push(LatentView {
                 name: view.name.clone(),
                 size: [view.camera.width, view.camera.height],
                 camera: view.camera,
                 tensor: convert::tensor(&latent),
             });
-            io.progress(done + 1, images.views.len(), &[])?;
+            io.progress(done + 1, count, &[])?;
         }
         // The whole model's digest stands for its VAE, so that latents of another model are told
         // apart.

@@ -20,13 +20,24 @@ use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
 use crate::port::{Input, InputPort, OutputPort, Port};
-use crate::stage::{Estimate, Sizes, Source, Stage};
+use crate::size::{Size, Sizes, input};
+use crate::stage::{Estimate, Source, Stage};
 
 const FIELD: Port<artifacts_schema::Field> = Port::new("field");
 const BASELINE: Port<artifacts_schema::Field> = Port::new("baseline");
 const TRUTH: Port<ImageSet> = Port::new("truth");
 const LOW: Port<ImageSet> = Port::new("low");
 const TRAIN: Port<ImageSet> = Port::new("train");
+
+/// Bytes of a held-out pixel that stay to the end: two renders with depth, and pictures.
+const KEPT: u64 = 64;
+/// Bytes of a pixel of a comparison, which shows a view four times.
+const SHOWN: u64 = 12;
+/// Bytes of a pixel while it is measured.
+const WORKED: u64 = 400;
+/// Seconds of two cores for a ray, and for a pixel that is measured.
+const RAY: f64 = 1.1e-5;
+const MEASURED: f64 = 1e-5;
 
 const METRICS: Port<Metrics> = Port::new("metrics");
 /// Truth and rows side by side.
@@ -145,7 +156,15 @@ impl Stage for Evaluate {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(64 << 20, if self.posed { 90.0 } else { 30.0 })
+        let truth = input(inputs, TRUTH.name);
+        let train = input(inputs, TRAIN.name);
+        // What both fields show of each held-out view is kept, and pictures of it.
+        let kept = KEPT * truth.pixels + u64::from(self.figures) * SHOWN * truth.largest;
+        let rays = (2 * truth.pixels + train.pixels) as f64 * f64::from(self.supersample).powi(2);
+        let posed = if self.posed { 60.0 } else { 0.0 };
+        let measured = truth.pixels as f64 * MEASURED;
+        Estimate::streaming(inputs, Size::default(), 0)
+            .computing(kept + WORKED * truth.largest, posed + measured + rays * RAY)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -153,18 +172,19 @@ impl Stage for Evaluate {
         let networks = Networks::open(&self.lpips)?;
         let fields = [io.read(FIELD)?, io.read(BASELINE)?];
         let [field, baseline] = fields.map(convert::field);
-        let truths = io.read(TRUTH)?;
-        let lows = io.read(LOW)?;
-        let train = io.read(TRAIN)?;
+        let truths = io.images(TRUTH)?;
+        let lows = io.images(LOW)?;
+        let train = io.images(TRAIN)?;
         let mut evaluation = Evaluation::new(self, io, networks, [field?, baseline?]);
         // Each held-out view is rendered by two fields and then measured.
-        evaluation.expect(3 * truths.views.len() + train.views.len());
+        evaluation.expect(3 * truths.cameras().len() + train.cameras().len());
         evaluation.show(&truths)?;
-        for view in &truths.views {
-            evaluation.held_out(view, convert::view_named(&lows, &view.name)?)?;
+        for view in truths.views() {
+            let view = view?;
+            evaluation.held_out(&view, &convert::view_named(&lows, &view.name)?)?;
         }
-        for view in &train.views {
-            evaluation.training(view)?;
+        for view in train.views() {
+            evaluation.training(&view?)?;
         }
         let (metrics, pictures) = evaluation.finish();
         io.write(METRICS, &metrics)?;

@@ -3,9 +3,7 @@
 mod corrected;
 
 use artifacts_schema::{ImageSet, Log};
-use nerf::{
-    ExposureOptions, Field, FieldConfig, PoseOptions, Space, SpaceKind, TrainOptions, TrainView,
-};
+use nerf::{ExposureOptions, Field, FieldConfig, PoseOptions, Space, SpaceKind, TrainOptions};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -13,8 +11,9 @@ use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
 use crate::port::{Input, InputPort, OutputPort, Port};
-use crate::stage::{Estimate, Extension, Sizes, Stage};
-use crate::training::{self, FIELD, LOG};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Estimate, Extension, Stage};
+use crate::training::{self, FIELD, LOG, Photos};
 
 const IMAGES: Port<ImageSet> = Port::new("images");
 const PHOTOS: Port<ImageSet> = Port::new("photos");
@@ -89,6 +88,12 @@ impl Fit {
         }
     }
 
+    /// Bytes of the field's tables, at most.
+    fn table_bytes(&self) -> u64 {
+        // Two features of four bytes an entry.
+        8 * (u64::from(self.field.levels) << self.field.log2_table)
+    }
+
     fn corrects_photos(&self) -> bool {
         self.exposure.is_some() || self.poses.is_some()
     }
@@ -152,20 +157,26 @@ impl Stage for Fit {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        // Two features of four bytes an entry.
-        let levels = u64::from(self.field.levels) << self.field.log2_table;
-        training::estimate(inputs, 8 * levels, &self.options())
+        training::estimate(inputs, self.table_bytes(), &self.options())
+    }
+
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        [
+            (FIELD.name, Size::of_bytes(self.table_bytes())),
+            (PHOTOS.name, input(inputs, IMAGES.name)),
+        ]
+        .into()
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.read(IMAGES)?;
-        let views: Vec<_> = images
-            .views
-            .iter()
-            .map(|view| convert::train_view(view, 1.0, self.supersample))
-            .collect();
+        let photos = [Photos {
+            images: io.images(IMAGES)?,
+            weight: 1.0,
+            supersample: self.supersample,
+        }];
+        let [Photos { images, .. }] = &photos;
         let bounds = images.bounds.map(|corner| corner.map(|x| x as f32));
-        let cameras: Vec<_> = views.iter().map(|view: &TrainView| &view.camera).collect();
+        let cameras: Vec<_> = images.cameras().iter().map(|(_, camera)| camera).collect();
         let space = Space::of(self.space, bounds, &cameras).ok_or_else(|| {
             StageError::parameter(
                 "space",
@@ -177,17 +188,23 @@ impl Stage for Fit {
         let config = self.field.for_cameras(&space, &cameras);
         let field = Field::in_space(&config, space, io.seed);
         // Writes the field and the log; what follows is written only where photos were corrected.
-        let trained = training::train(field, views, &self.options(), io)?;
+        let trained = training::train(field, &photos, &self.options(), io)?;
         if self.corrects_photos() {
-            let photos = corrected::photos(&images, &trained);
             io.metric(
                 "largest shift of a camera, in parts of its distance",
-                corrected::largest_shift(&images, &photos),
+                corrected::largest_shift(images.cameras(), &trained.cameras),
             );
-            io.write(PHOTOS, &photos)?;
+            let mut out = io.image_writer(PHOTOS, images.bounds, images.to_source);
+            for (at, view) in images.views().enumerate() {
+                out.add(corrected::photo(view?, at, &trained))?;
+            }
+            out.finish()?;
         }
         if let Some(exposures) = &trained.exposures {
-            io.write(EXPOSURES, &corrected::exposures(&images, exposures))?;
+            io.write(
+                EXPOSURES,
+                &corrected::exposures(images.cameras(), exposures),
+            )?;
         }
         Ok(())
     }

@@ -22,10 +22,14 @@ use crate::io::Io;
 use crate::masks;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
-use crate::stage::{Estimate, Sizes, Stage};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Estimate, Stage};
 
 /// The images that are enlarged, and those that come out.
 const IMAGES: Port<ImageSet> = Port::new("images");
+
+/// Bytes of an enlarged pixel while it is worked on: a few arrays of its colours.
+const WORKED: u64 = 160;
 
 /// Enlarges the images of a set; of transparent ones, what they are before black, and their alpha
 /// by itself.
@@ -166,6 +170,10 @@ impl Interpolate {
         back_project(large, alpha, None, self.back_projection, [0.0, 1.0])
     }
 
+    fn enlarged(&self, inputs: &Sizes) -> Size {
+        input(inputs, IMAGES.name).scaled(self.factor)
+    }
+
     fn learned(&self) -> Option<&Learned> {
         match &self.filter {
             Kernel::Learned(learned) => Some(learned),
@@ -221,32 +229,32 @@ impl Stage for Interpolate {
         self.learned().is_some()
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        [(IMAGES.name, self.enlarged(inputs))].into()
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let written = self.enlarged(inputs);
+        let estimate = Estimate::streaming(inputs, written, WORKED);
         let Some(learned) = self.learned() else {
-            return Estimate::reading(inputs);
+            return estimate;
         };
-        let (memory, seconds) = learned.cost(inputs.values().sum());
-        Estimate::reading(inputs).computing(memory, seconds)
+        let (memory, seconds) = learned.cost(input(inputs, IMAGES.name).pixels);
+        estimate.computing(memory, seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.read(IMAGES)?;
+        let images = io.images(IMAGES)?;
+        let count = images.cameras().len();
         let network = self
             .learned()
             .map(|learned| learned.load(io.device))
             .transpose()?;
-        let mut views = Vec::new();
-        for (done, view) in images.views.iter().enumerate() {
-            views.push(self.enlarge(view, network.as_ref(), io.device));
-            io.progress(done + 1, images.views.len(), &[])?;
+        let mut out = io.image_writer(IMAGES, images.bounds, images.to_source);
+        for (done, view) in images.views().enumerate() {
+            out.add(self.enlarge(&view?, network.as_ref(), io.device))?;
+            io.progress(done + 1, count, &[])?;
         }
-        io.write(
-            IMAGES,
-            &ImageSet {
-                views,
-                bounds: images.bounds,
-                to_source: images.to_source,
-            },
-        )
+        Ok(out.finish()?)
     }
 }

@@ -23,7 +23,8 @@ use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Estimate, Extension, Sizes, Stage};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Estimate, Extension, Stage};
 
 /// The latents that are refined, and those that come out.
 const LATENTS: Port<Latents> = Port::new("latents");
@@ -173,15 +174,26 @@ impl Stage for Optimize {
         true
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        let bytes = input(inputs, LATENTS.name).bytes;
+        let sized = [LATENTS.name, RESIDUALS.name].map(|name| (name, Size::of_bytes(bytes)));
+        sized.into()
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         // The warm-up's steps take views as well.
         let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
-        Estimate::reading(inputs).computing(prior::memory(&self.model), 0.1 * images)
+        // All latents and the photos beside them are on the device at once.
+        // So are residuals, both moments of theirs, and a copy for a checkpoint.
+        let latents = 2 * input(inputs, LATENTS.name).whole();
+        let photos = 12 * input(inputs, LOW.name).pixels;
+        let memory = latents + photos + prior::memory(&self.model);
+        Estimate::of(input(inputs, LOW.name).held(), 0.0).computing(memory, 0.1 * images)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let mut latents = io.read(LATENTS)?;
-        let low = io.read(LOW)?;
+        let low = io.images(LOW)?;
         let mut options = self.options();
         let all = latents.views.len();
         // Before the model is loaded, so that a shard without views fails at once.

@@ -14,11 +14,16 @@ use crate::io::Io;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::stage::{Estimate, Sizes, Source, Stage};
+use crate::size::{Foretold, Size, Sizes, input};
+use crate::stage::{Estimate, Source, Stage};
 
 const FIELD: Port<Field> = Port::new("field");
 const CAMERAS: Port<ImageSet> = Port::new("cameras");
 const IMAGES: Port<ImageSet> = Port::new("images");
+
+/// Bytes of a pixel while it is rendered, and seconds of two cores for its ray (docs/performance.md).
+const RENDERED: u64 = 64;
+const RAY: f64 = 1.1e-5;
 
 /// Renders a field from the cameras of an image set. Where the images that the cameras come from
 /// have alpha, or along a path, the renders have it too.
@@ -98,6 +103,29 @@ impl Default for Render {
 }
 
 impl Render {
+    /// How large the images will be.
+    fn rendered(&self, inputs: &Sizes) -> Size {
+        let own = input(inputs, CAMERAS.name).scaled(self.scale);
+        let views = match &self.path {
+            None | Some(CameraPath::File { .. }) => own.views,
+            Some(CameraPath::Spiral { frames, .. } | CameraPath::Circle { frames }) => {
+                u64::from(*frames)
+            }
+        };
+        let views = views.div_ceil(if self.shard > 0 {
+            u64::from(self.shards)
+        } else {
+            1
+        });
+        // With depth.
+        Size {
+            views,
+            pixels: views * own.largest,
+            bytes: 16 * views * own.largest,
+            ..own
+        }
+    }
+
     /// What to render, by name.
     fn views(&self, cameras: &Cameras) -> Result<Vec<(String, Camera)>, StageError> {
         let own: Vec<Camera> = cameras.views.iter().map(|(_, camera)| *camera).collect();
@@ -190,8 +218,17 @@ impl Stage for Render {
         true
     }
 
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        [(IMAGES.name, self.rendered(inputs))].into()
+    }
+
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        Estimate::reading(inputs).computing(64 << 20, 30.0)
+        let written = self.rendered(inputs);
+        let rays = written.pixels as f64 * f64::from(self.supersample).powi(2);
+        // Cameras alone are read of the images.
+        let field = inputs.iter().filter(|(name, _)| **name == FIELD.name);
+        let field: Sizes = field.map(|(name, size)| (*name, *size)).collect();
+        Estimate::streaming(&field, written, RENDERED).computing(64 << 20, rays * RAY)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
@@ -209,24 +246,13 @@ impl Stage for Render {
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         // Once for all views: on a GPU the field moves there only once.
         let renderer = nerf::Renderer::new(io.device, &field);
-        let mut views = Vec::new();
+        let mut out = io.image_writer(IMAGES, cameras.bounds, cameras.to_source);
         for (done, (name, camera)) in path.iter().enumerate() {
             let camera = camera.scaled_by(self.scale);
-            views.push(convert::rendered_view(
-                name,
-                &camera,
-                renderer.render(&camera, &options),
-                alpha,
-            ));
+            let rendered = renderer.render(&camera, &options);
+            out.add(convert::rendered_view(name, &camera, rendered, alpha))?;
             io.progress(done + 1, path.len(), &[])?;
         }
-        io.write(
-            IMAGES,
-            &ImageSet {
-                views,
-                bounds: cameras.bounds,
-                to_source: cameras.to_source,
-            },
-        )
+        Ok(out.finish()?)
     }
 }

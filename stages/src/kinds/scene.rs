@@ -1,27 +1,30 @@
 //! `Scene`: reads or draws posed photos, reduces them and holds some out. Knows nothing of fields.
 
 pub mod origin;
+mod outputs;
 
 use std::path::PathBuf;
 
-use artifacts_schema::{Digest, ImageSet};
-use formats::rows;
-use glam::DMat4;
-use scene::{Photo, Reducer, SceneData};
+use artifacts_schema::{Digest, image_stream};
+use scene::{ParsedScene, Photo, Reducer, SceneError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::origin::{Origin, WORLDS};
+use self::outputs::{Ready, Sets, Split, TEST, TEST_LOW, TRAIN};
 use crate::convert;
 use crate::error::StageError;
 use crate::files;
 use crate::io::Io;
 use crate::port::{InputPort, OutputPort, Port};
-use crate::stage::{Source, Stage};
+use crate::size::{Foretold, Size, Sizes};
+use crate::stage::{Estimate, Source, Stage};
 
-const TRAIN: Port<ImageSet> = Port::new("train");
-const TEST: Port<ImageSet> = Port::new("test");
-const TEST_LOW: Port<ImageSet> = Port::new("test_low");
+/// Bytes of a drawn pixel: colours and coverage, once more for the rows of a photo.
+const DRAWN: u64 = 24;
+/// Seconds of two cores for a drawn ray, and for a pixel that is decoded and reduced.
+const RAY: f64 = 1e-7;
+const DECODED: f64 = 1e-8;
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -40,6 +43,15 @@ pub struct Scene {
     pub holdout: u32,
 }
 
+/// The photos of a source that are not decoded yet.
+#[derive(Default)]
+struct Photos {
+    /// Widths and heights.
+    sizes: Vec<(u32, u32)>,
+    /// How many are to train on or to split, and how many the source sets aside.
+    counts: (usize, usize),
+}
+
 impl Default for Scene {
     fn default() -> Self {
         Self {
@@ -52,10 +64,24 @@ impl Default for Scene {
 }
 
 impl Scene {
-    fn read(&self, seed: u64) -> Result<SceneData, StageError> {
-        if let Some(reader) = self.source.reader() {
-            return Ok(reader.read()?);
-        }
+    /// What is trained on and held out: photos that are decoded as they are written.
+    fn read(&self, parsed: ParsedScene, io: &Io) -> Result<(), StageError> {
+        let split = self.split(parsed.counts())?;
+        let mut sets = Sets::new(io, parsed.bounds(), parsed.to_source());
+        let notes = parsed.for_each(
+            |at, photo| self.ready(&photo, split.holds_out(at)),
+            |ready| {
+                sets.add(ready)?;
+                io.progress(sets.done, split.photos, &[])
+            },
+        )?;
+        notes.iter().for_each(|note| io.remark(note));
+        sets.finish()
+    }
+
+    /// A world that is drawn, as the seed has it: box, near and far follow from all photos
+    /// together, so that all are in memory.
+    fn draw(&self, io: &Io) -> Result<(), StageError> {
         let Origin::Procedural {
             world,
             views,
@@ -69,34 +95,62 @@ impl Scene {
             "object" => scene::object,
             _ => scene::still_life,
         };
-        Ok(draw(*views, *size, *samples, seed))
+        let data = draw(*views, *size, *samples, io.seed);
+        let split = self.split((data.photos.len(), data.test.len()))?;
+        let mut sets = Sets::new(io, data.bounds, data.to_source);
+        for (at, photo) in data.photos.iter().chain(&data.test).enumerate() {
+            sets.add(self.ready(photo, split.holds_out(at))?)?;
+            io.progress(sets.done, split.photos, &[])?;
+        }
+        sets.finish()
     }
 
-    /// Refuses a source that leaves nothing to train on or nothing to hold out.
-    fn check_counts(&self, train: usize, test: usize) -> Result<(), StageError> {
-        let every = self.holdout as usize;
-        let held_out = match test {
-            // Numbers 0, 8, 16.. are held out: an incomplete row begins with one as well.
-            0 => train.div_ceil(every),
-            _ => test,
+    /// The photos that there will be. `None` if the source cannot be read, which is told where it is
+    /// read.
+    fn photos(&self) -> Option<Photos> {
+        if let Origin::Procedural {
+            world, views, size, ..
+        } = &self.source
+        {
+            let aside = match world.as_str() {
+                "object" => scene::object_tests(*views),
+                _ => 0,
+            };
+            return Some(Photos {
+                sizes: vec![*size; (views + aside) as usize],
+                counts: (*views as usize, aside as usize),
+            });
+        }
+        let parsed = self.source.reader()?.parse().ok()?;
+        Some(Photos {
+            sizes: parsed.sizes().collect(),
+            counts: parsed.counts(),
+        })
+    }
+
+    /// Which of `train` photos to train on or to split, and of `test` that the source sets aside,
+    /// are held out. Refuses a source that leaves nothing to train on or nothing to hold out.
+    fn split(&self, (train, test): (usize, usize)) -> Result<Split, StageError> {
+        let split = Split {
+            photos: train + test,
+            aside: (test > 0).then_some(train),
+            every: self.holdout as usize,
         };
-        let trained = match test {
-            0 => train - held_out,
-            _ => train,
-        };
-        match trained == 0 || held_out == 0 {
+        let held_out = (0..split.photos).filter(|&at| split.holds_out(at)).count();
+        match held_out == 0 || held_out == split.photos {
             true => Err(StageError::Mismatch(format!(
                 "the scene has {train} photos, too few to hold any out and train on the others"
             ))),
-            false => Ok(()),
+            false => Ok(split),
         }
     }
 
-    fn reduce(&self, photos: &[Photo]) -> Result<Vec<Photo>, StageError> {
-        Ok(photos
-            .iter()
-            .map(|photo| scene::downscale(photo, self.downscale, self.filter))
-            .collect::<Result<_, _>>()?)
+    /// A photo in the forms in which it is written.
+    fn ready(&self, photo: &Photo, held_out: bool) -> Result<Ready, SceneError> {
+        Ok(Ready {
+            low: convert::photo_view(&scene::downscale(photo, self.downscale, self.filter)?),
+            full: held_out.then(|| convert::photo_view(photo)),
+        })
     }
 }
 
@@ -154,8 +208,7 @@ impl Stage for Scene {
             return Ok(Vec::new());
         };
         let parsed = reader.parse()?;
-        let (train, test) = parsed.counts();
-        self.check_counts(train, test)?;
+        self.split(parsed.counts())?;
         let digest = parsed.digest()?;
         Ok(vec![Source {
             name: "photos and poses".into(),
@@ -182,31 +235,49 @@ impl Stage for Scene {
         &["source.path", "source.images"]
     }
 
+    fn foretell(&self, _: &Sizes) -> Foretold {
+        let photos = self.photos().unwrap_or_default();
+        let Ok(split) = self.split(photos.counts) else {
+            return Foretold::new();
+        };
+        let of = |held_out: bool, factor: u32| {
+            let photos = photos.sizes.iter().enumerate();
+            let chosen = photos.filter(|(at, _)| split.holds_out(*at) == held_out);
+            Size::of_images(
+                chosen.map(|(_, (width, height))| (width / factor, height / factor)),
+                None,
+            )
+        };
+        [
+            (TRAIN, false, self.downscale),
+            (TEST, true, 1),
+            (TEST_LOW, true, self.downscale),
+        ]
+        .map(|(port, held_out, factor)| (port.name, of(held_out, factor)))
+        .into()
+    }
+
+    fn estimate(&self, _: &Sizes) -> Estimate {
+        let photos = self.photos().unwrap_or_default();
+        let Size {
+            pixels, largest, ..
+        } = Size::of_images(photos.sizes, None);
+        match &self.source {
+            Origin::Procedural { samples, .. } => {
+                let rays = pixels as f64 * f64::from(*samples).powi(2);
+                Estimate::of(DRAWN * pixels, rays * RAY)
+            }
+            _ => Estimate::of(
+                scene::decoding_memory(largest) + 3 * image_stream::HELD,
+                pixels as f64 * DECODED,
+            ),
+        }
+    }
+
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        // Only drawn worlds make use of the seed.
-        let data = self.read(io.seed)?;
-        io.progress(1, 2, &[])?;
-        data.notes.iter().for_each(|note| io.remark(note));
-        // Here too, since a drawn world is not parsed.
-        self.check_counts(data.photos.len(), data.test.len())?;
-        let bounds = data.bounds;
-        let (train, test) = match data.test.is_empty() {
-            true => scene::split_holdout(data.photos, self.holdout as usize),
-            false => (data.photos, data.test),
-        };
-        let to_source = match data.to_source == DMat4::IDENTITY {
-            // Without it readers know that the scene's coordinates are the source's.
-            true => None,
-            false => Some(rows::of(&data.to_source)),
-        };
-        let set = |photos: &[Photo]| ImageSet {
-            views: photos.iter().map(convert::photo_view).collect(),
-            bounds,
-            to_source,
-        };
-        io.write(TRAIN, &set(&self.reduce(&train)?))?;
-        io.write(TEST, &set(&test))?;
-        io.write(TEST_LOW, &set(&self.reduce(&test)?))?;
-        io.progress(2, 2, &[])
+        match self.source.reader() {
+            Some(reader) => self.read(reader.parse()?, io),
+            None => self.draw(io),
+        }
     }
 }

@@ -10,8 +10,9 @@ use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
 use crate::port::{Input, InputPort, OutputPort, Port};
-use crate::stage::{Estimate, Extension, Sizes, Stage};
-use crate::training::{self, FIELD, LOG};
+use crate::size::{Foretold, Sizes, input};
+use crate::stage::{Estimate, Extension, Stage};
+use crate::training::{self, FIELD, LOG, Photos};
 
 const IMAGES: Port<ImageSet> = Port::new("images");
 const LOW: Port<ImageSet> = Port::new("low");
@@ -122,28 +123,33 @@ impl Stage for Sync {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        let table = inputs.get(FIELD.name).copied().unwrap_or(16 << 20);
+        let table = match inputs.get(FIELD.name) {
+            Some(field) => field.bytes,
+            // That of the default field.
+            None => 16 << 20,
+        };
         training::estimate(inputs, table, &self.options())
+    }
+
+    fn foretell(&self, inputs: &Sizes) -> Foretold {
+        [(FIELD.name, input(inputs, FIELD.name))].into()
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read(FIELD)?)?;
-        let images = io.read(IMAGES)?;
-        let mut views: Vec<_> = images
-            .views
-            .iter()
+        let mut photos = vec![Photos {
+            images: io.images(IMAGES)?,
             // The weights of photos are relative to this 1.
-            .map(|view| convert::train_view(view, 1.0, 1))
-            .collect();
+            weight: 1.0,
+            supersample: 1,
+        }];
         if self.low_weight > 0.0 {
-            let low = io.read(LOW)?;
-            let weight = self.low_weight as f32;
-            views.extend(
-                low.views
-                    .iter()
-                    .map(|view| convert::train_view(view, weight, self.low_supersample)),
-            );
+            photos.push(Photos {
+                images: io.images(LOW)?,
+                weight: self.low_weight as f32,
+                supersample: self.low_supersample,
+            });
         }
-        training::train(field, views, &self.options(), io).map(drop)
+        training::train(field, &photos, &self.options(), io).map(drop)
     }
 }

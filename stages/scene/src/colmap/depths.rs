@@ -6,8 +6,8 @@ use formats::Camera;
 use glam::DVec3;
 
 use super::model::Model;
+use crate::parsed::Posed;
 use crate::pose;
-use crate::reader::Posed;
 
 /// Depths below and above these percentiles are taken for mistakes, as in LLFF.
 const PERCENTILES: [f64; 2] = [0.1, 99.9];

@@ -174,18 +174,7 @@ fn channels(image: DynamicImage, format: Format) -> (Pixels<Srgb>, bool) {
         image,
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)
     );
-    let has_alpha = image.color().has_alpha();
-    let rgba = image.into_rgba32f();
-    // Many tools write an alpha channel of ones: such a photo is opaque.
-    let alpha: Vec<f32> = rgba
-        .pixels()
-        .map(|pixel| pixel[3].clamp(0.0, 1.0))
-        .collect();
-    let alpha = Some(alpha).filter(|alpha| has_alpha && alpha.iter().any(|value| *value < 1.0));
-    let mut rgb: Vec<f32> = rgba
-        .pixels()
-        .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
-        .collect();
+    let (mut rgb, alpha) = colors_and_alpha(image);
     if !linear {
         return (Pixels::new(rgb, alpha), false);
     }
@@ -205,6 +194,28 @@ fn channels(image: DynamicImage, format: Format) -> (Pixels<Srgb>, bool) {
     rgb.iter_mut()
         .for_each(|value| *value = linear_to_srgb(value.clamp(0.0, 1.0)));
     (Pixels::new(rgb, alpha), clipped)
+}
+
+/// Colours, interleaved, and alpha where any pixel is not opaque.
+fn colors_and_alpha(image: DynamicImage) -> (Vec<f32>, Option<Vec<f32>>) {
+    // Without a detour by four channels: photos of cameras are large.
+    if !image.color().has_alpha() {
+        return (image.into_rgb32f().into_raw(), None);
+    }
+    let rgba = image.into_rgba32f();
+    let alpha: Vec<f32> = rgba
+        .pixels()
+        .map(|pixel| pixel[3].clamp(0.0, 1.0))
+        .collect();
+    let rgb = rgba
+        .pixels()
+        .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
+        .collect();
+    // Many tools write an alpha channel of ones: such a photo is opaque.
+    (
+        rgb,
+        Some(alpha).filter(|alpha| alpha.iter().any(|value| *value < 1.0)),
+    )
 }
 
 fn non_empty(path: &Path, size: (u32, u32)) -> Result<(u32, u32), SceneError> {

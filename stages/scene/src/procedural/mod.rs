@@ -24,7 +24,7 @@ use light::Lights;
 use render::{Picture, Seen, render};
 use world::World;
 
-pub use object::object;
+pub use object::{object, object_tests};
 pub use still_life::still_life;
 
 /// Room between the outermost surface that any ray meets and near, far and the box.

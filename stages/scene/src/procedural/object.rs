@@ -23,6 +23,11 @@ const Z_UP: DMat4 = DMat4::from_cols(
     DVec4::W,
 );
 
+/// How many photos [`object`] sets aside for testing beside so many for training.
+pub fn object_tests(views: u32) -> u32 {
+    views.div_ceil(TRAIN_PER_TEST)
+}
+
 /// Photographs the object on nothing: `views` cameras for training at random places of a half
 /// sphere, and a fourth as many for testing on a spiral over it. `size` = (width, height) pixels,
 /// `samples` x `samples` rays a pixel.
@@ -37,7 +42,7 @@ pub fn object(views: u32, size: (u32, u32), samples: u32, seed: u64) -> SceneDat
         views > 0 && size.0 > 0 && size.1 > 0 && samples > 0,
         "object: {views} views, {size:?}, {samples} samples"
     );
-    let tests = views.div_ceil(TRAIN_PER_TEST);
+    let tests = object_tests(views);
     let train =
         (0..views).map(|view| (format!("train_{view:03}"), camera(place(view, seed), size)));
     let test = (0..tests).map(|view| {

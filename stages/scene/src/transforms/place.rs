@@ -7,7 +7,7 @@ use formats::{Bounds, Camera};
 use glam::{DMat4, DVec3};
 
 use super::page::Page;
-use crate::reader::Posed;
+use crate::parsed::Posed;
 use crate::{SceneError, plausible, pose};
 
 /// instant-ngp's defaults for `scale` and `offset`, by which it brings scenes into its unit cube.

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::page::Page;
+use crate::parsed::Posed;
 use crate::photo_file;
-use crate::reader::Posed;
 
 /// Photos by what they are for.
 pub(super) struct Split {

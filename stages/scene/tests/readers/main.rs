@@ -8,4 +8,5 @@ mod common;
 mod inputs;
 mod inputs_page;
 mod llff;
+mod stream;
 mod transforms;

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use artifacts_schema::{ImageSet, Metrics, Picture, View};
+use artifacts_schema::{Metrics, Picture, StoredImages, View};
 use compute::resize::{Filter, resize};
 use formats::pixels::planes;
 use nerf::{Field, Rendered};
@@ -104,10 +104,11 @@ impl<'a> Evaluation<'a> {
     }
 
     /// Renders both fields from all held-out cameras.
-    pub fn show(&mut self, truths: &ImageSet) -> Result<(), StageError> {
-        for which in 0..self.fields.len() {
-            for view in &truths.views {
-                let image = self.render(&self.fields[which].field, view);
+    pub fn show(&mut self, truths: &StoredImages) -> Result<(), StageError> {
+        for view in truths.views() {
+            let view = view?;
+            for which in 0..self.fields.len() {
+                let image = self.render(&self.fields[which].field, &view);
                 let camera = view.camera;
                 self.fields[which].shown.push(Shown { camera, image });
                 self.tell()?;
@@ -228,7 +229,7 @@ impl<'a> Evaluation<'a> {
 
     /// PSNR from where the field shows the photo best.
     fn posed(&self, field: &Field, view: &View, truth: &Picked) -> f64 {
-        let photo = convert::train_view(view, 1.0, self.stage.supersample);
+        let photo = convert::train_view(view.clone(), 1.0, self.stage.supersample);
         let from = View {
             camera: nerf::localize(field, photo, 0),
             ..view.clone()

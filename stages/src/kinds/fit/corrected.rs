@@ -1,7 +1,7 @@
 //! Photos as the field came to see them: from refined cameras, at one exposure. Knows nothing of
 //! how either was learnt.
 
-use artifacts_schema::{ImageSet, Log, View};
+use artifacts_schema::{Log, View};
 use formats::{Camera, Pixels, Srgb};
 use nerf::{Exposure, WHITE};
 use serde_json::json;
@@ -12,25 +12,17 @@ use crate::training::Trained;
 /// than white by more than this.
 const CUT: f32 = 0.01;
 
-/// The photos with what training learnt about them: their cameras as they are now, their exposures
+/// The photo at this place with what training learnt about it: its camera as it is now, its exposure
 /// undone. What was cut off at white, and is darker than that at the common exposure, is masked: a
 /// photo does not know how bright it was.
-pub fn photos(images: &ImageSet, trained: &Trained) -> ImageSet {
-    let exposures = trained.exposures.as_ref();
-    let views = images.views.iter().zip(&trained.cameras).enumerate();
-    let photo = |(i, (view, camera)): (usize, (&View, &Camera))| {
-        let moved = View {
-            camera: *camera,
-            ..view.clone()
-        };
-        match exposures {
-            Some(exposures) => undone(moved, &exposures[i]),
-            None => moved,
-        }
+pub fn photo(view: View, at: usize, trained: &Trained) -> View {
+    let moved = View {
+        camera: trained.cameras[at],
+        ..view
     };
-    ImageSet {
-        views: views.map(photo).collect(),
-        ..*images
+    match &trained.exposures {
+        Some(exposures) => undone(moved, &exposures[at]),
+        None => moved,
     }
 }
 
@@ -66,33 +58,27 @@ fn undone(view: View, exposure: &Exposure) -> View {
 }
 
 /// How every photo was exposed, a line each: gains in linear light, and offsets in sRGB values.
-pub fn exposures(images: &ImageSet, exposures: &[Exposure]) -> Log {
-    let line = |(view, exposure): (&View, &Exposure)| {
+pub fn exposures(photos: &[(String, Camera)], exposures: &[Exposure]) -> Log {
+    let line = |((name, _), exposure): (&(String, Camera), &Exposure)| {
         json!({
-            "view": view.name,
+            "view": name,
             "gain": exposure.linear_gain.map(f64::from),
             "offset": exposure.offset().map(f64::from),
         })
     };
     Log {
-        lines: images.views.iter().zip(exposures).map(line).collect(),
+        lines: photos.iter().zip(exposures).map(line).collect(),
     }
 }
 
 /// How far the camera that moved most is from where it was, over the distance that it looks at.
-pub fn largest_shift(given: &ImageSet, refined: &ImageSet) -> f64 {
-    let shift = |(given, refined): (&View, &View)| {
-        let camera = &given.camera;
+pub fn largest_shift(given: &[(String, Camera)], refined: &[Camera]) -> f64 {
+    let shift = |((_, camera), refined): (&(String, Camera), &Camera)| {
         // The geometric mean of near and far stands for the distance: the two may be magnitudes
         // apart.
-        camera.position().distance(refined.camera.position()) / (camera.near * camera.far).sqrt()
+        camera.position().distance(refined.position()) / (camera.near * camera.far).sqrt()
     };
-    given
-        .views
-        .iter()
-        .zip(&refined.views)
-        .map(shift)
-        .fold(0.0, f64::max)
+    given.iter().zip(refined).map(shift).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -100,26 +86,22 @@ mod tests {
     use super::*;
     use glam::DMat4;
 
-    fn set(rgb: Vec<f32>) -> ImageSet {
+    fn view(rgb: Vec<f32>) -> View {
         let pixels: Pixels<Srgb> = Pixels::opaque(rgb);
-        let camera = Camera::centered((2, 1), 2.0, DMat4::IDENTITY, [1.0, 4.0]);
-        ImageSet {
-            views: vec![View {
-                name: "a".into(),
-                camera,
-                pixels: pixels.linear(),
-                depth: None,
-                mask: None,
-            }],
-            bounds: [[0.0; 3], [1.0; 3]],
-            to_source: None,
+        View {
+            name: "a".into(),
+            camera: Camera::centered((2, 1), 2.0, DMat4::IDENTITY, [1.0, 4.0]),
+            pixels: pixels.linear(),
+            depth: None,
+            mask: None,
         }
     }
 
     #[test]
     fn exposures_are_undone_and_what_they_cut_off_is_masked() {
-        let images = set(vec![0.5, 0.5, 0.5, 1.0, 0.5, 0.5]);
-        let mut camera = images.views[0].camera;
+        let given = view(vec![0.5, 0.5, 0.5, 1.0, 0.5, 0.5]);
+        let before = [("a".to_owned(), given.camera)];
+        let mut camera = given.camera;
         camera.camera_to_world = DMat4::from_translation(glam::DVec3::X);
         let trained = Trained {
             cameras: vec![camera],
@@ -128,8 +110,7 @@ mod tests {
                 ..Exposure::NONE
             }]),
         };
-        let photos = photos(&images, &trained);
-        let view = &photos.views[0];
+        let view = photo(given, 0, &trained);
         assert!(
             view.pixels.encoded().rgb[..3]
                 .iter()
@@ -137,6 +118,6 @@ mod tests {
         );
         assert_eq!(view.mask, Some(vec![true, false]));
         assert_eq!(view.camera, camera);
-        assert!((largest_shift(&images, &photos) - 0.5).abs() < 1e-12);
+        assert!((largest_shift(&before, &trained.cameras) - 0.5).abs() < 1e-12);
     }
 }

@@ -89,9 +89,8 @@ impl Learned {
         }
     }
 
-    /// Bytes of memory for its weights and for one tile, and seconds for so many bytes of images,
-    /// roughly.
-    pub fn cost(&self, images: u64) -> (u64, f64) {
+    /// Bytes of memory for its weights and for one tile, and seconds for so many pixels, roughly.
+    pub fn cost(&self, pixels: u64) -> (u64, f64) {
         let weights = |path: &PathBuf| path.metadata().map_or(0, |file| file.len());
         // The embedded network has no file, and files may be gone by now: an estimate must not be
         // 0.
@@ -105,7 +104,7 @@ impl Learned {
         // Large files are of networks that double their images before the last layers.
         let each = if bytes > 8 << 20 { LARGE } else { SMALL };
         let ways = if self.ensemble { 8.0 } else { 1.0 };
-        let operations = ways * bytes as f64 * images as f64 / 6.0;
+        let operations = ways * bytes as f64 * pixels as f64;
         (
             2 * bytes + each * u64::from(self.tile) * u64::from(self.tile),
             operations / 4e10,
