@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::runner::plan::{Basis, Cost};
-use crate::runner::scheduler::budget::memory_limit;
+use crate::runner::scheduler::memory_limit::memory_limit;
 use crate::terminal::output::{print, size};
 use crate::terminal::progress::duration;
 

@@ -9,6 +9,7 @@ mod board;
 pub mod budget;
 #[cfg(test)]
 mod gpu_failures;
+pub mod memory_limit;
 #[cfg(test)]
 mod properties;
 mod start;

@@ -1,7 +1,5 @@
 //! What may run beside what: by threads, memory and the device. Knows no stage.
 
-use std::fs;
-
 use stages::Estimate;
 
 /// What the stages of a run may take together.
@@ -43,44 +41,6 @@ impl Budget {
             format!("it may need {needed} of memory, and --memory allows {allowed}; it runs alone")
         })
     }
-}
-
-/// The memory that this process may use, as far as the system says: the machine's, or less where a
-/// control group sets a limit.
-pub fn memory_limit() -> u64 {
-    let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
-        let line = text
-            .lines()
-            .find_map(|line| line.strip_prefix("MemTotal:"))?;
-        Some(line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? << 10)
-    });
-    machine
-        .into_iter()
-        .chain(group_limit())
-        .min()
-        // A system that does not tell must not keep any stage from running.
-        .unwrap_or(u64::MAX)
-}
-
-/// The least limit of our control group (version 2) and of those around it.
-fn group_limit() -> Option<u64> {
-    let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
-    let mut group =
-        std::path::Path::new(groups.lines().find_map(|line| line.strip_prefix("0::/"))?);
-    let limit = |group: &std::path::Path| {
-        let file = std::path::Path::new("/sys/fs/cgroup")
-            .join(group)
-            .join("memory.max");
-        // A group without a limit has the word `max` there, which is no number.
-        fs::read_to_string(file).ok()?.trim().parse::<u64>().ok()
-    };
-    let mut least = limit(group);
-    // A group may have no limit of its own and lie in one that has, as jobs of a batch system do.
-    while let Some(parent) = group.parent() {
-        group = parent;
-        least = least.into_iter().chain(limit(group)).min();
-    }
-    least
 }
 
 #[cfg(test)]
@@ -134,10 +94,5 @@ mod tests {
             "it may need 101.0 GB of memory, and --memory allows 100.0 GB; it runs alone"
         );
         assert_eq!(budget.complaint(&stage(1, false)), None);
-    }
-
-    #[test]
-    fn the_system_says_how_much_memory_there_is() {
-        assert!(memory_limit() > 64 << 20);
     }
 }

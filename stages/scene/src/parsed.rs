@@ -14,7 +14,7 @@ use crate::photo_file::{self, Decoded};
 use crate::{Photo, Reducer, SceneData, SceneError, source_files};
 
 /// Bytes of memory that a photo takes for each of its pixels while it is decoded and resized.
-const PIXEL: u64 = 64;
+const PIXEL: u64 = 48;
 /// Bytes that photos may take at a time, unless one alone takes more.
 const AT_A_TIME: u64 = 2 << 30;
 
@@ -181,7 +181,7 @@ fn at_a_time(pixels: u64) -> usize {
 
 /// Bytes of memory at most while photos of at most so many pixels are decoded.
 pub fn decoding_memory(pixels: u64) -> u64 {
-    AT_A_TIME.max(PIXEL * pixels)
+    PIXEL * pixels * at_a_time(pixels) as u64
 }
 
 impl Facts {
