@@ -6,9 +6,10 @@ use super::patches::{Patches, TurnedPatches};
 use super::winograd;
 use super::winograd::task::Task;
 use super::winograd::weights::{Direction, StoredKernels};
-use crate::ops::product::cpu::factor::{Stored, Turned};
+use crate::ops::product::cpu::cut::cut;
+use crate::ops::product::cpu::factor::{Right, Stored, Turned};
 use crate::ops::product::cpu::packed::Packed;
-use crate::ops::product::cpu::product::{Start, add_product, cut, product};
+use crate::ops::product::cpu::product::{Start, add_product, product};
 use crate::ops::product::cpu::tile::Old;
 use crate::ops::product::finish::Finish;
 use crate::runtime::cpu::buffer::HostBuffer;
@@ -213,13 +214,19 @@ pub fn backward_weight(x: &[f32], dy: &[f32], g: &Geometry) -> HostBuffer {
     let g = g.flat();
     let rows = g.channels * g.taps();
     let mut dw = HostBuffer::uninitialised(g.outputs * rows);
-    cut([1, g.outputs, rows]).for_each_share(&mut dw, |mut share| {
+    let patches = |image| TurnedPatches(Patches { images: x, g }, image);
+    cut([1, g.outputs, rows], patches(0).packing()).for_each_share(&mut dw, |mut share| {
         for image in 0..g.batch {
             let dy = Matrix::new(&dy[image * g.outputs * g.pixels()..], g.outputs, g.pixels());
-            let patches = TurnedPatches(Patches { images: x, g }, image);
             // Images one after the other: a sum cut between tasks would depend on their number.
             let old = if image == 0 { Old::Forget } else { Old::Keep };
-            add_product(&mut share, &dy, &patches, g.pixels(), (old, Precision::F32));
+            add_product(
+                &mut share,
+                &dy,
+                &patches(image),
+                g.pixels(),
+                (old, Precision::F32),
+            );
         }
     });
     dw
