@@ -17,6 +17,9 @@ pub const TILE_STRIDE: usize = DEPTH + 16;
 /// Elements of a packed tile.
 pub const TILE: usize = ROWS * TILE_STRIDE;
 
+/// Elements of a page of memory, beyond which no processor guesses what is read next.
+const PAGE: usize = 1024;
+
 /// Rows that are packed for all panels together, if nothing speaks against it.
 pub const GRAIN: usize = 32;
 
@@ -56,11 +59,16 @@ impl Left for Matrix<'_> {
         depth: Range<usize>,
         space: &'a mut [f32],
     ) -> Matrix<'a> {
-        let part = self.rows(rows).columns(depth);
+        let ahead = self.rows.min(rows.end)..self.rows.min(rows.end + ROWS);
+        let part = self.rows(rows).columns(depth.clone());
         // Copied although it lies well: rows far apart in memory would crowd one cache set.
         if part.column_stride == 1 {
             for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(part.rows) {
                 space[..part.columns].copy_from_slice(part.row(row));
+            }
+            // The next tile's rows come while this one is multiplied: nearer ones are guessed.
+            if self.row_stride > PAGE {
+                ahead.for_each(|row| prefetch(&self.row(row)[depth.clone()]));
             }
             return Matrix::strided(space, part.rows, part.columns, TILE_STRIDE);
         }
