@@ -7,6 +7,7 @@ pub(crate) mod gpu;
 mod patches;
 #[cfg(test)]
 mod tests;
+mod turned;
 mod winograd;
 
 use crate::runtime::array::{Array, nchw, vector};

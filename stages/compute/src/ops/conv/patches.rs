@@ -116,6 +116,11 @@ impl Right for Patches<'_> {
         if self.g.taps() == 1 { GRAIN } else { DEPTH }
     }
 
+    fn packing(&self) -> usize {
+        // Taps lie in short runs, some of which meet padding.
+        if self.g.taps() == 1 { 1 } else { 4 }
+    }
+
     fn pack(&self, image: usize, pixels: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
         self.rows(image, depth, pixels, COLUMNS, panel);
     }
@@ -125,6 +130,11 @@ impl Right for Patches<'_> {
 pub struct TurnedPatches<'a>(pub Patches<'a>, pub usize);
 
 impl Right for TurnedPatches<'_> {
+    fn packing(&self) -> usize {
+        // Gathered as patches are, and then turned.
+        5
+    }
+
     fn pack(&self, _: usize, rows: Range<usize>, pixels: Range<usize>, panel: &mut [f32]) {
         let TurnedPatches(patches, image) = self;
         let mut turned = [0.0; COLUMNS * DEPTH];

@@ -177,10 +177,16 @@ fn bf16_costs_two_or_three_digits() {
 
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
-    for (stride, pad, kernel) in [(1, [1; 4], 3), (2, [0, 1, 0, 1], 3), (1, [0; 4], 1)] {
+    for (c, stride, pad, kernel) in [
+        (67, 1, [1; 4], 3),
+        // Too few channels for the filtering, either way.
+        (40, 1, [1; 4], 3),
+        (67, 2, [0, 1, 0, 1], 3),
+        (67, 1, [0; 4], 1),
+    ] {
         let conv = Conv { stride, pad };
-        let x = pattern(1, &[2, 67, 33, 47]);
-        let w = pattern(2, &[65, 67, kernel, kernel]);
+        let x = pattern(1, &[2, c, 33, 47]);
+        let w = pattern(2, &[65, c, kernel, kernel]);
         let dy = pattern(3, conv2d(&x, &w, None, conv).shape());
         assert_same_bits("conv", || {
             vec![

@@ -4,12 +4,17 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 
+use super::cpu::cut::cut;
+use super::cpu::product::add_product;
+use super::cpu::tile::Old;
 use super::linear::{linear, linear_backward_input, linear_backward_weight};
 use super::matmul::matmul;
 use crate::check::{
     agree, assert_adjoint, assert_close, assert_near, assert_rounded, assert_same_bits, bits, dot,
     normals, pattern, stored, to,
 };
+use crate::runtime::cpu::matrix::Matrix;
+use crate::runtime::cpu::share::Cut;
 use crate::{Format, Precision, Weight, elementwise, shape, testing};
 
 proptest! {
@@ -142,6 +147,41 @@ fn any_number_of_threads_gives_the_same_bits() {
             ]
         });
     }
+}
+
+/// A wide, low cut and a narrow, high one sum alike.
+#[test]
+fn the_cut_changes_no_bits() {
+    let extents = [1, 1000, 500];
+    let a = pattern(1, &[1000, 700]).to_vec();
+    let b = pattern(2, &[700, 500]).to_vec();
+    let [left, right] = [Matrix::new(&a, 1000, 700), Matrix::new(&b, 700, 500)];
+    let products = [0, 1, 2, 1000].map(|packing| {
+        let mut out = vec![0.0; 1000 * 500];
+        let cut = cut(extents, packing);
+        cut.for_each_share(&mut out, |mut share| {
+            let how = (Old::Forget, Precision::F32);
+            add_product(&mut share, &left, &right, 700, how);
+        });
+        (cut.share_panels, out)
+    });
+    for (panels, product) in &products[1..] {
+        assert!(*product == products[0].1, "{panels} panels");
+    }
+    assert!(products[0].0 > products[3].0, "the cuts differ");
+}
+
+#[test]
+fn a_cut_leaves_enough_tasks_and_reads_little() {
+    let tasks = |cut: &Cut| cut.shares_across() * cut.shares_down();
+    // Few columns and a deep sum: the left factor is read four times and not eight.
+    let deep = cut([1, 1024, 512], 1);
+    assert_eq!((deep.shares_across(), tasks(&deep)), (4, 16));
+    // Dear columns are packed for all rows at once.
+    assert_eq!(cut([1, 256, 1024], 4).shares_down(), 1);
+    // Too little for that many tasks, or nothing at all.
+    assert_eq!(tasks(&cut([1, 4, 512], 1)), 8);
+    assert_eq!(tasks(&cut([1, 0, 512], 1)), 0);
 }
 
 /// What a GPU gives beside the CPU. Skipped where there is no adapter.

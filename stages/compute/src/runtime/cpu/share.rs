@@ -46,7 +46,12 @@ impl Cut {
         (matrix, first..self.columns.min(first + self.panel))
     }
 
-    fn shares_across(&self) -> usize {
+    /// Shares one below the other; those beside each other are [`Self::shares_across`].
+    pub fn shares_down(&self) -> usize {
+        self.rows.div_ceil(self.share_rows)
+    }
+
+    pub fn shares_across(&self) -> usize {
         (self.matrices * self.panels_per_matrix()).div_ceil(self.share_panels.max(1))
     }
 
@@ -61,7 +66,7 @@ impl Cut {
         if out.is_empty() {
             0
         } else {
-            self.rows.div_ceil(self.share_rows) * self.shares_across()
+            self.shares_down() * self.shares_across()
         }
     }
 

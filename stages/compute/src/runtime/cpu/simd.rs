@@ -93,9 +93,9 @@ pub fn vectorize<R>(kernel: impl FnOnce() -> R) -> R {
 /// Asks for values that will soon be read or written, where they may still lie in memory and too
 /// few lie side by side for the processor to guess it.
 #[inline(always)]
-pub fn prefetch(values: &[f32]) {
+pub fn prefetch<T>(values: &[T]) {
     #[cfg(target_arch = "x86_64")]
-    for line in values.chunks(16) {
+    for line in values.chunks(64 / size_of::<T>()) {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         // SAFETY: a hint, which changes nothing that a program can see, wherever it points.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };

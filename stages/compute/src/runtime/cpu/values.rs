@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::buffer::HostBuffer;
 use super::chunks::{CHUNK, fill};
-use super::simd::vectorize;
+use super::simd::{prefetch, vectorize};
 use crate::runtime::format::Format;
 
 /// The numbers of one weight.
@@ -57,6 +57,18 @@ impl<'a> Values<'a> {
             Values::Bf16(bytes) => convert(bytes, out, |bytes| {
                 f32::from_bits(u32::from(u16::from_le_bytes(bytes)) << 16)
             }),
+        }
+    }
+
+    /// Asks for the values of `range`, if there are such, which will soon be read.
+    pub fn prefetch(self, range: Range<usize>) {
+        if range.end > self.len() {
+            return;
+        }
+        match self.slice(range) {
+            Values::F32(values) => prefetch(values),
+            Values::Bytes(bytes) => prefetch(bytes),
+            Values::F16(bytes) | Values::Bf16(bytes) => prefetch(bytes),
         }
     }
 

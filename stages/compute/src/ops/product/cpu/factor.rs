@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::tile::{COLUMNS, ROWS};
 use crate::runtime::cpu::matrix::Matrix;
+use crate::runtime::cpu::simd::prefetch;
 use crate::runtime::cpu::transpose::transpose_into;
 use crate::runtime::cpu::values::Values;
 
@@ -15,6 +16,9 @@ pub const DEPTH: usize = 256;
 pub const TILE_STRIDE: usize = DEPTH + 16;
 /// Elements of a packed tile.
 pub const TILE: usize = ROWS * TILE_STRIDE;
+
+/// Elements of a page of memory, beyond which no processor guesses what is read next.
+const PAGE: usize = 1024;
 
 /// Rows that are packed for all panels together, if nothing speaks against it.
 pub const GRAIN: usize = 32;
@@ -38,6 +42,11 @@ pub trait Right: Sync {
         GRAIN
     }
 
+    /// What packing a number costs, in copies of one of a left factor.
+    fn packing(&self) -> usize {
+        1
+    }
+
     /// Writes rows `depth` of at most [`COLUMNS`] columns to `panel`, whose rows have [`COLUMNS`]
     /// elements. What lies beyond the columns may stay as it is: it meets no column of the result.
     fn pack(&self, matrix: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]);
@@ -50,11 +59,16 @@ impl Left for Matrix<'_> {
         depth: Range<usize>,
         space: &'a mut [f32],
     ) -> Matrix<'a> {
-        let part = self.rows(rows).columns(depth);
+        let ahead = self.rows.min(rows.end)..self.rows.min(rows.end + ROWS);
+        let part = self.rows(rows).columns(depth.clone());
         // Copied although it lies well: rows far apart in memory would crowd one cache set.
         if part.column_stride == 1 {
             for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(part.rows) {
                 space[..part.columns].copy_from_slice(part.row(row));
+            }
+            // The next tile's rows come while this one is multiplied: nearer ones are guessed.
+            if self.row_stride > PAGE {
+                ahead.for_each(|row| prefetch(&self.row(row)[depth.clone()]));
             }
             return Matrix::strided(space, part.rows, part.columns, TILE_STRIDE);
         }
@@ -69,9 +83,13 @@ impl Left for Matrix<'_> {
 
 impl Right for Matrix<'_> {
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
-        let part = self.rows(depth).columns(columns);
+        let part = self.rows(depth.clone()).columns(columns.clone());
         if part.column_stride == 1 {
             for (k, panel) in panel.chunks_mut(COLUMNS).enumerate() {
+                let ahead = depth.start + k + GRAIN;
+                if ahead < self.rows {
+                    prefetch(&self.row(ahead)[columns.clone()]);
+                }
                 panel[..part.columns].copy_from_slice(part.row(k));
             }
         } else {
@@ -111,6 +129,9 @@ impl Left for Stored<'_> {
 impl Right for Stored<'_> {
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {
         for (k, panel) in depth.zip(panel.chunks_mut(COLUMNS)) {
+            // Of rows far apart a share reads so little that no processor guesses the next grain.
+            let ahead = (k + GRAIN) * self.columns + columns.start;
+            self.values.prefetch(ahead..ahead + columns.len());
             self.values.widen(
                 k * self.columns + columns.start,
                 &mut panel[..columns.len()],
@@ -143,6 +164,10 @@ impl Right for Turned<'_> {
     // Columns are rows of the weight, each of which lies in one piece along the depth.
     fn grain(&self) -> usize {
         DEPTH
+    }
+
+    fn packing(&self) -> usize {
+        2
     }
 
     fn pack(&self, _: usize, columns: Range<usize>, depth: Range<usize>, panel: &mut [f32]) {

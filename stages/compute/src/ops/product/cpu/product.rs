@@ -2,20 +2,13 @@
 //! share. It knows how work is cut, not where factors come from.
 
 use super::bf16::{narrow_panel, narrow_tile};
+use super::cut::cut;
 use super::factor::{DEPTH, Left, Right, TILE};
 use super::tile::{COLUMNS, Old, ROWS, multiply_tile};
 use crate::runtime::cpu::buffer::HostBuffer;
-use crate::runtime::cpu::share::{Cut, Share};
+use crate::runtime::cpu::share::Share;
 use crate::runtime::format::Precision;
 
-/// Panels per task: packed, they stay in the second cache.
-const PANELS: usize = 8;
-/// Tasks are made smaller until there are about so many, whatever the number of threads.
-const TASKS: usize = 16;
-/// The fewest rows of a task: enough to make packing cheap.
-const FEWEST_ROWS: usize = 8 * ROWS;
-/// The most rows of a task.
-const MOST_ROWS: usize = 64 * ROWS;
 /// Multiplications that one thread does sooner than it wakes others.
 const ALONE: usize = 1 << 21;
 
@@ -43,7 +36,7 @@ pub fn product(
         let old = begin(&mut share, start);
         add_product(&mut share, left, right, depth, (old, precision));
     };
-    let cut = cut([matrices, rows, columns]);
+    let cut = cut([matrices, rows, columns], right.packing());
     // Waking threads takes longer than a small product. The cut is the same, and so are the bits.
     if out.len() * depth <= ALONE {
         cut.for_each_share_alone(&mut out, compute);
@@ -51,27 +44,6 @@ pub fn product(
         cut.for_each_share(&mut out, compute);
     }
     out
-}
-
-/// Shares of at most 256 columns and of as many rows as leave enough tasks: fewer columns first,
-/// since a share packs its columns for all of its rows.
-pub fn cut([matrices, rows, columns]: [usize; 3]) -> Cut {
-    let panels = (matrices * columns.div_ceil(COLUMNS)).max(1);
-    let share_panels = (panels / TASKS).clamp(2, PANELS);
-    // As many rows a task as leave TASKS of them with these panels.
-    let down = TASKS.div_ceil(panels.div_ceil(share_panels));
-    let share_rows = rows
-        .div_ceil(down)
-        .next_multiple_of(ROWS)
-        .clamp(FEWEST_ROWS, MOST_ROWS);
-    Cut {
-        matrices,
-        rows,
-        columns,
-        panel: COLUMNS,
-        share_rows,
-        share_panels,
-    }
 }
 
 /// Fills a share with what its sums start from, unless that is nothing.
