@@ -168,7 +168,7 @@ impl Stage for Decode {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn check(&self) -> Result<(), StageError> {

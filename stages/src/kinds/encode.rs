@@ -50,7 +50,7 @@ impl Stage for Encode {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -126,7 +126,7 @@ impl Stage for Optimize {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn check(&self) -> Result<(), StageError> {
