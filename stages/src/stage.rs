@@ -98,7 +98,7 @@ impl Estimate {
 }
 
 fn reading_seconds(inputs: &Sizes) -> f64 {
-    inputs.values().map(|size| size.bytes).sum::<u64>() as f64 / 1e7
+    inputs.values().map(|size| size.bytes).sum::<u64>() as f64 / 1e8
 }
 
 /// One step of a pipeline. A stage kind is a struct whose fields are its inputs and parameters,

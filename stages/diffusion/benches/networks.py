@@ -1,6 +1,6 @@
 """Time and memory of whole networks: ours beside PyTorch, two threads each.
 
-python networks.py PROGRAM [--cases full tiny vae] [--repeat 3]
+python networks.py PROGRAM [--cases full tiny vae] [--repeat 3] [--turns 3]
 
 The x4 upscaler has random weights here; tiny-x4 is the folder beside this script's. Every measurement is a process of its own, and
 its memory is the most that the process has had resident (VmHWM), weights, libraries and all.
@@ -95,16 +95,25 @@ def torch_side(case, train, model, folder, repeat):
     print(json.dumps([statistics.median(times[1:]), peak]))
 
 
-def measure(program, case, repeat):
+def least(pairs):
+    """The least time and the least memory of several (time, memory)."""
+    return tuple(min(column) for column in zip(*pairs))
+
+
+def measure(program, case, repeat, turns):
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         prepared = subprocess.run([sys.executable, __file__, "--prepare", case, folder], capture_output=True, text=True, check=True)
         model = Path(prepared.stdout.strip().splitlines()[-1])
         for train in [False] if case == "vae" else [False, True]:
-            torch_time, torch_memory = theirs(case, train, model, folder, repeat)
-            for keep in [[], ["--keep", "1024"], ["--keep", "0"]] if train else [[]]:
+            keeps = [[], ["--keep", "1024"], ["--keep", "0"]] if train else [[]]
+            runs = [lambda: theirs(case, train, model, folder, repeat)]
+            runs += [lambda keep=keep: ours(program, case, train, model, folder, repeat, keep) for keep in keeps]
+            # In turns: the machine's speed changes from minute to minute, and other programs only ever add to a time.
+            rounds = [[run() for run in runs] for _ in range(turns)]
+            (torch_time, torch_memory), *measured = map(least, zip(*rounds))
+            for keep, (our_time, our_memory) in zip(keeps, measured):
                 name = f"{case} {'forward and backward' if train else 'forward'}{' '.join(['', *keep])}"
-                our_time, our_memory = ours(program, case, train, model, folder, repeat, keep)
                 print(
                     f"{name:36} {our_time:8.0f} ms {torch_time:8.0f} ms {our_time / torch_time:6.2f}"
                     f" {our_memory / 1e9:8.2f} GB {torch_memory / 1e9:6.2f} GB {our_memory / torch_memory:6.2f}", flush=True,
@@ -116,10 +125,11 @@ def main():
     parser.add_argument("program", type=Path)
     parser.add_argument("--cases", nargs="+", default=["tiny", "vae", "full"])
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--turns", type=int, default=3)
     args = parser.parse_args()
     print(f"{'':36} {'ours':>11} {'torch':>11} {'ratio':>6} {'ours':>11} {'torch':>9} {'ratio':>6}")
     for case in args.cases:
-        measure(args.program, case, args.repeat)
+        measure(args.program, case, args.repeat, args.turns)
 
 
 if __name__ == "__main__":

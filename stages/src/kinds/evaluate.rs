@@ -36,7 +36,7 @@ const SHOWN: u64 = 12;
 /// Bytes of a pixel while it is measured.
 const WORKED: u64 = 400;
 /// Seconds of two cores for a ray, and for a pixel that is measured.
-const RAY: f64 = 1.1e-5;
+const RAY: f64 = 1.4e-5;
 const MEASURED: f64 = 1e-5;
 
 const METRICS: Port<Metrics> = Port::new("metrics");

@@ -23,7 +23,7 @@ const IMAGES: Port<ImageSet> = Port::new("images");
 
 /// Bytes of a pixel while it is rendered, and seconds of two cores for its ray (docs/performance.md).
 const RENDERED: u64 = 64;
-const RAY: f64 = 1.1e-5;
+const RAY: f64 = 1.4e-5;
 
 /// Renders a field from the cameras of an image set. Where the images that the cameras come from
 /// have alpha, or along a path, the renders have it too.

@@ -24,7 +24,7 @@ use crate::stage::{Estimate, Source, Stage};
 const DRAWN: u64 = 24;
 /// Seconds of two cores for a drawn ray, and for a pixel that is decoded and reduced.
 const RAY: f64 = 1e-7;
-const DECODED: f64 = 1e-8;
+const DECODED: f64 = 2e-8;
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -46,8 +46,9 @@ pub struct Scene {
 /// The photos of a source that are not decoded yet.
 #[derive(Default)]
 struct Photos {
-    /// Widths and heights.
+    /// Widths and heights, and those of the files that are decoded.
     sizes: Vec<(u32, u32)>,
+    files: Vec<(u32, u32)>,
     /// How many are to train on or to split, and how many the source sets aside.
     counts: (usize, usize),
 }
@@ -118,12 +119,14 @@ impl Scene {
             };
             return Some(Photos {
                 sizes: vec![*size; (views + aside) as usize],
+                files: Vec::new(),
                 counts: (*views as usize, aside as usize),
             });
         }
         let parsed = self.source.reader()?.parse().ok()?;
         Some(Photos {
             sizes: parsed.sizes().collect(),
+            files: parsed.file_sizes().collect(),
             counts: parsed.counts(),
         })
     }
@@ -259,19 +262,17 @@ impl Stage for Scene {
 
     fn estimate(&self, _: &Sizes) -> Estimate {
         let photos = self.photos().unwrap_or_default();
-        let Size {
-            pixels, largest, ..
-        } = Size::of_images(photos.sizes, None);
-        match &self.source {
-            Origin::Procedural { samples, .. } => {
-                let rays = pixels as f64 * f64::from(*samples).powi(2);
-                Estimate::of(DRAWN * pixels, rays * RAY)
-            }
-            _ => Estimate::of(
-                scene::decoding_memory(largest) + 3 * image_stream::HELD,
-                pixels as f64 * DECODED,
-            ),
+        let made = Size::of_images(photos.sizes, None);
+        if let Origin::Procedural { samples, .. } = &self.source {
+            let rays = made.pixels as f64 * f64::from(*samples).powi(2);
+            return Estimate::of(DRAWN * made.pixels, rays * RAY);
         }
+        let files = Size::of_images(photos.files, None);
+        // A photo may be resized to more than its file has.
+        let decoding = scene::decoding_memory(files.largest.max(made.largest));
+        // Three sets are written at the same time.
+        let writing = 2 * made.held().min(3 * image_stream::HELD);
+        Estimate::of(decoding + writing, files.pixels as f64 * DECODED)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
