@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use formats::{Bounds, Camera};
+use formats::{Bounds, Camera, openexr};
 use rayon::prelude::*;
 
 use crate::artifact::ArtifactKind;
@@ -14,16 +14,30 @@ use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
 use crate::images::{View, file_of, write_page};
 use crate::provenance::Provenance;
-use crate::transforms::Transforms;
+use crate::transforms::{self, Transforms};
 
 /// Bytes of the views that are read ahead, or wait to be written, unless one alone has more.
 pub const HELD: u64 = 256 << 20;
 /// Bytes of a pixel in memory at most: three colours, alpha and depth.
-const PIXEL: u64 = 20;
+pub const PIXEL: u64 = 20;
+/// The file of a set that [`sizes`] takes.
+pub const PAGE: &str = transforms::FILE;
 
 /// Bytes of a view of this camera in memory, at most.
 fn bytes(camera: &Camera) -> u64 {
     PIXEL * u64::from(camera.width) * u64::from(camera.height)
+}
+
+/// Widths and heights of the views of a set by its `transforms.json`, wherever that file lies.
+///
+/// # Errors
+/// A file that cannot be used.
+pub fn sizes(page: &Path) -> Result<Vec<(u32, u32)>, SchemaError> {
+    let (_, cameras) = Transforms::cameras_of(page)?;
+    let cameras = cameras.into_iter();
+    Ok(cameras
+        .map(|(_, camera)| (camera.width, camera.height))
+        .collect())
 }
 
 /// Posed images in a folder. Cameras are in memory, pixels only while they are looked at.
@@ -56,6 +70,21 @@ impl StoredImages {
     /// The cameras by view name, sorted.
     pub fn cameras(&self) -> &[(String, Camera)] {
         &self.cameras
+    }
+
+    /// Whether any of the images has alpha. Of each only the header is read.
+    ///
+    /// # Errors
+    /// Where an image's header cannot be used.
+    pub fn has_alpha(&self) -> Result<bool, SchemaError> {
+        let mut alpha = false;
+        for (name, _) in &self.cameras {
+            let path = self.folder.join(file_of(name));
+            // No short cut once there is alpha: a broken file must be named here.
+            alpha |= openexr::has_alpha(&path)
+                .map_err(|error| SchemaError::malformed(&path, error.place, error.problem))?;
+        }
+        Ok(alpha)
     }
 
     /// The view at this place in the order of names.

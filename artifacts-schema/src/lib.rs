@@ -11,7 +11,6 @@
 //! ```
 
 pub mod artifact;
-pub mod cameras;
 mod canonical;
 pub mod digest;
 pub mod error;
@@ -30,7 +29,6 @@ mod tensors;
 mod transforms;
 
 pub use artifact::{Artifact, ArtifactKind, semantic_digest};
-pub use cameras::Cameras;
 pub use digest::Digest;
 pub use error::SchemaError;
 pub use field::Field;

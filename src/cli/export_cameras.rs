@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use artifacts_schema::Cameras;
+use artifacts_schema::StoredImages;
 use clap::{Args, ValueEnum};
 use formats::shot::{Format, Rate, Shot, Up};
 use glam::DVec3;
@@ -88,8 +88,8 @@ impl CameraFile {
                 "give the folder of an image set, with transforms.json",
             )
         };
-        let Cameras { views: cameras, .. } =
-            Cameras::read(&self.images).map_err(|error| refuse(error.to_string()))?;
+        let images = StoredImages::open(&self.images).map_err(|error| refuse(error.to_string()))?;
+        let cameras = images.cameras().to_vec();
         if cameras.is_empty() {
             return Err(refuse(format!("{} has no cameras", self.images.display())));
         }

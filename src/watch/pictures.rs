@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use artifacts_schema::{Cameras, View};
+use artifacts_schema::{StoredImages, View};
 use serde::Serialize;
 
 use crate::view::picture::{self, ImageFormat};
@@ -51,8 +51,8 @@ pub fn png(path: &Path) -> Option<Vec<u8>> {
     }
     let name = path.file_stem()?.to_str()?;
     // Only an EXR file that its image set names is shown, and with the camera that it has there.
-    let cameras = Cameras::read(path.parent()?).ok()?;
-    let (_, camera) = cameras.views.into_iter().find(|(view, _)| view == name)?;
+    let images = StoredImages::open(path.parent()?).ok()?;
+    let (_, camera) = images.cameras()[images.find(name)?];
     let view = View::from_exr(path, name, camera).ok()?;
     let size = [camera.width, camera.height];
     picture::encode(&picture::photo(&view), size, ImageFormat::Png).ok()

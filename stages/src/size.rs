@@ -2,10 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use artifacts_schema::image_stream::HELD;
-
-/// Bytes of a pixel in memory at most: three colours, alpha and depth.
-const PIXEL: u64 = 20;
+use artifacts_schema::image_stream::{HELD, PIXEL};
 
 /// How large an artifact is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

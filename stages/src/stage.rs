@@ -47,6 +47,9 @@ pub enum Extension {
     Impossible(&'static str, &'static str),
 }
 
+/// Seconds of two cores for a ray through a field (docs/performance.md).
+pub const RAY_SECONDS: f64 = 1.4e-5;
+
 /// What a stage will take, roughly: enough to choose what runs beside what, and what to ask of a
 /// cluster.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,10 +161,9 @@ pub trait Stage: Send + Sync {
     fn extension(&self) -> Extension {
         Extension::None
     }
-    /// How large its outputs will be, for estimates of the stages that read them; what it does not
-    /// name nobody knows before it is there.
-    fn foretell(&self, inputs: &Sizes) -> Foretold {
-        let _ = inputs;
+    /// How large its outputs will be. The stages that read them are estimated by it; an output that
+    /// it does not name counts as empty.
+    fn foretell(&self, _inputs: &Sizes) -> Foretold {
         Foretold::new()
     }
     /// Memory and time that it will take. By default those of a stage that reads all of its inputs

@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use artifacts_schema::{Artifact, Cameras, ImageSet, Latents};
+use artifacts_schema::{Artifact, ImageSet, Latents, StoredImages};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use formats::{FileBytes, TensorFile};
 use glam::DMat4;
@@ -161,7 +161,8 @@ fn what_frames_cannot_be_is_refused_before_anything_is_written() {
 #[test]
 fn a_path_is_one_camera_and_photos_are_many() {
     let space = flown();
-    let Cameras { views: truth, .. } = Cameras::read(&space.path(IMAGES)).unwrap();
+    let images = StoredImages::open(&space.path(IMAGES)).unwrap();
+    let truth = images.cameras();
     let said = space.ok(&["export", "cameras", IMAGES, "-o", "fly.usda"]);
     assert!(
         said.out.contains("a camera of 5 frames, 24 a second"),

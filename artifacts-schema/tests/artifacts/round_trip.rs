@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use artifacts_schema::{Artifact, Cameras, ImageSet, SchemaError, View};
+use artifacts_schema::{Artifact, ImageSet, SchemaError, StoredImages, View};
 use formats::{Distortion, rows};
 use glam::DVec4;
 use proptest::prelude::*;
@@ -70,19 +70,20 @@ fn cameras_come_back_without_their_images() {
     let folder = tempdir().unwrap();
     let read = |images: &ImageSet| {
         images.write(folder.path(), &samples::provenance()).unwrap();
-        Cameras::read(folder.path()).unwrap()
+        StoredImages::open(folder.path()).unwrap()
     };
     let views = images.views.iter();
-    let expected = Cameras {
-        views: views.map(|view| (view.name.clone(), view.camera)).collect(),
-        bounds: images.bounds,
-        to_source: images.to_source,
-        alpha: true,
-    };
-    assert_eq!(read(&images), expected);
+    let cameras: Vec<_> = views.map(|view| (view.name.clone(), view.camera)).collect();
+    let stored = read(&images);
+    assert_eq!(stored.cameras(), cameras);
+    assert_eq!(
+        (stored.bounds, stored.to_source),
+        (images.bounds, images.to_source)
+    );
+    assert!(stored.has_alpha().unwrap());
     let mut opaque = images;
     opaque.views[0].pixels.alpha = None;
-    assert!(!read(&opaque).alpha);
+    assert!(!read(&opaque).has_alpha().unwrap());
 }
 
 #[test]

@@ -21,8 +21,8 @@ use crate::store::runs::RunRecord;
 const RUNS: usize = 16;
 const RESULTS: usize = 2000;
 const KEPT: usize = 16;
-/// A result that took so many times less memory than is estimated now was of far smaller photos,
-/// and tells nothing.
+/// A result tells nothing if it took so many times less memory than is estimated now: its photos
+/// were far smaller.
 const FAR: u64 = 8;
 /// How parameters' entries begin.
 const PARAMETERS: &str = "params.";

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use artifacts_schema::{ArtifactKind, cameras};
+use artifacts_schema::{ArtifactKind, image_stream};
 use stages::{Foretold, Size, Sizes};
 
 use super::{Context, inputs};
@@ -29,8 +29,11 @@ fn of_output(store: &Store, output: &Output) -> Size {
     if output.kind != ArtifactKind::Images {
         return Size::of_bytes(bytes);
     }
-    let page = output.files.iter().find(|file| file.path == cameras::PAGE);
-    match page.and_then(|page| cameras::sizes(&store.blobs.path(&page.blob)).ok()) {
+    let page = output
+        .files
+        .iter()
+        .find(|file| file.path == image_stream::PAGE);
+    match page.and_then(|page| image_stream::sizes(&store.blobs.path(&page.blob)).ok()) {
         Some(sizes) => Size::of_images(sizes, Some(bytes)),
         // As many pixels as there are, if files were not compressed.
         None => Size {

@@ -32,8 +32,8 @@ pub fn memory_limit() -> u64 {
 /// The least limit of a control group and of those around it, by a line of `/proc/self/cgroup`:
 /// `0::/path` of version 2, `4:memory:/path` of version 1.
 fn group_limit(line: &str, root: &Path) -> Option<u64> {
-    let mut parts = line.splitn(3, ':');
-    let (_, controllers, path) = (parts.next()?, parts.next()?, parts.next()?);
+    let (_, group) = line.split_once(':')?;
+    let (controllers, path) = group.split_once(':')?;
     let (root, file) = match controllers {
         "" => (root.to_owned(), "memory.max"),
         _ if controllers.split(',').any(|one| one == "memory") => {

@@ -1,5 +1,5 @@
-//! What all readers of scenes have in common: from the files that poses stand in to photos. Knows
-//! no format.
+//! What a reader of scenes is, and the checks that all of them share: of all photos of a scene
+//! together. Knows no format, and decodes no photo.
 
 use std::path::{Path, PathBuf};
 

@@ -21,7 +21,7 @@ use crate::error::StageError;
 use crate::io::Io;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::size::{Size, Sizes, input};
-use crate::stage::{Estimate, Source, Stage};
+use crate::stage::{Estimate, RAY_SECONDS, Source, Stage};
 
 const FIELD: Port<artifacts_schema::Field> = Port::new("field");
 const BASELINE: Port<artifacts_schema::Field> = Port::new("baseline");
@@ -35,8 +35,7 @@ const KEPT: u64 = 64;
 const SHOWN: u64 = 12;
 /// Bytes of a pixel while it is measured.
 const WORKED: u64 = 400;
-/// Seconds of two cores for a ray, and for a pixel that is measured.
-const RAY: f64 = 1.4e-5;
+/// Seconds of two cores for a pixel that is measured.
 const MEASURED: f64 = 1e-5;
 
 const METRICS: Port<Metrics> = Port::new("metrics");
@@ -163,8 +162,10 @@ impl Stage for Evaluate {
         let rays = (2 * truth.pixels + train.pixels) as f64 * f64::from(self.supersample).powi(2);
         let posed = if self.posed { 60.0 } else { 0.0 };
         let measured = truth.pixels as f64 * MEASURED;
-        Estimate::streaming(inputs, Size::default(), 0)
-            .computing(kept + WORKED * truth.largest, posed + measured + rays * RAY)
+        Estimate::streaming(inputs, Size::default(), 0).computing(
+            kept + WORKED * truth.largest,
+            posed + measured + rays * RAY_SECONDS,
+        )
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

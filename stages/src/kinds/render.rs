@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use artifacts_schema::{Cameras, Digest, Field, ImageSet};
+use artifacts_schema::{Digest, Field, ImageSet, StoredImages};
 use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,15 +15,14 @@ use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
 use crate::size::{Foretold, Size, Sizes, input};
-use crate::stage::{Estimate, Source, Stage};
+use crate::stage::{Estimate, RAY_SECONDS, Source, Stage};
 
 const FIELD: Port<Field> = Port::new("field");
 const CAMERAS: Port<ImageSet> = Port::new("cameras");
 const IMAGES: Port<ImageSet> = Port::new("images");
 
-/// Bytes of a pixel while it is rendered, and seconds of two cores for its ray (docs/performance.md).
+/// Bytes of a pixel while it is rendered.
 const RENDERED: u64 = 64;
-const RAY: f64 = 1.4e-5;
 
 /// Renders a field from the cameras of an image set. Where the images that the cameras come from
 /// have alpha, or along a path, the renders have it too.
@@ -112,11 +111,11 @@ impl Render {
                 u64::from(*frames)
             }
         };
-        let views = views.div_ceil(if self.shard > 0 {
-            u64::from(self.shards)
-        } else {
-            1
-        });
+        let parts = match self.shard {
+            0 => 1,
+            _ => u64::from(self.shards),
+        };
+        let views = views.div_ceil(parts);
         // With depth.
         Size {
             views,
@@ -127,15 +126,19 @@ impl Render {
     }
 
     /// What to render, by name.
-    fn views(&self, cameras: &Cameras) -> Result<Vec<(String, Camera)>, StageError> {
-        let own: Vec<Camera> = cameras.views.iter().map(|(_, camera)| *camera).collect();
+    fn views(&self, cameras: &StoredImages) -> Result<Vec<(String, Camera)>, StageError> {
+        let own: Vec<Camera> = cameras
+            .cameras()
+            .iter()
+            .map(|(_, camera)| *camera)
+            .collect();
         if own.is_empty() {
             return Err(StageError::Mismatch(
                 "there are no cameras to render from".into(),
             ));
         }
         let path = match &self.path {
-            None => return Ok(cameras.views.clone()),
+            None => return Ok(cameras.cameras().to_vec()),
             Some(CameraPath::Spiral { frames, turns }) => scene::spiral(&own, *frames, *turns),
             Some(CameraPath::Circle { frames }) => scene::circle(&own, *frames),
             Some(CameraPath::File { path }) => scene::path_from_file(path, &own)?,
@@ -228,20 +231,20 @@ impl Stage for Render {
         // Cameras alone are read of the images.
         let field = inputs.iter().filter(|(name, _)| **name == FIELD.name);
         let field: Sizes = field.map(|(name, size)| (*name, *size)).collect();
-        Estimate::streaming(&field, written, RENDERED).computing(64 << 20, rays * RAY)
+        Estimate::streaming(&field, written, RENDERED).computing(64 << 20, rays * RAY_SECONDS)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let field = convert::field(io.read(FIELD)?)?;
         // Cameras alone, since the images' pixels would be read for nothing.
-        let cameras = Cameras::read(io.input(CAMERAS.name)?)?;
+        let cameras = io.images(CAMERAS)?;
         let options = nerf::RenderOptions {
             supersample: self.supersample,
             ..Default::default()
         };
         // Renders of an opaque scene's own views are opaque; a path may lead the camera past what
         // the scene has.
-        let alpha = self.path.is_some() || cameras.alpha;
+        let alpha = self.path.is_some() || cameras.has_alpha()?;
         // Frames are numbered before they are dealt out, so that names do not depend on the shards.
         let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
         // Once for all views: on a GPU the field moves there only once.

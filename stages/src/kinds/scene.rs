@@ -65,7 +65,7 @@ impl Default for Scene {
 }
 
 impl Scene {
-    /// What is trained on and held out: photos that are decoded as they are written.
+    /// Reads the photos of a source, and writes each as it is decoded.
     fn read(&self, parsed: ParsedScene, io: &Io) -> Result<(), StageError> {
         let split = self.split(parsed.counts())?;
         let mut sets = Sets::new(io, parsed.bounds(), parsed.to_source());
@@ -80,8 +80,8 @@ impl Scene {
         sets.finish()
     }
 
-    /// A world that is drawn, as the seed has it: box, near and far follow from all photos
-    /// together, so that all are in memory.
+    /// Draws a world by the seed, and writes its photos. All are in memory, since box, near and far
+    /// follow from all of them.
     fn draw(&self, io: &Io) -> Result<(), StageError> {
         let Origin::Procedural {
             world,
@@ -106,8 +106,7 @@ impl Scene {
         sets.finish()
     }
 
-    /// The photos that there will be. `None` if the source cannot be read, which is told where it is
-    /// read.
+    /// The photos that there will be. `None` if the source cannot be read: running the stage says why.
     fn photos(&self) -> Option<Photos> {
         if let Origin::Procedural {
             world, views, size, ..
@@ -131,8 +130,8 @@ impl Scene {
         })
     }
 
-    /// Which of `train` photos to train on or to split, and of `test` that the source sets aside,
-    /// are held out. Refuses a source that leaves nothing to train on or nothing to hold out.
+    /// Which photos are held out. There are `train` to train on or to split, and `test` that the
+    /// source sets aside. Refuses a source that leaves nothing to train on or nothing to hold out.
     fn split(&self, (train, test): (usize, usize)) -> Result<Split, StageError> {
         let split = Split {
             photos: train + test,

@@ -14,9 +14,10 @@ const FEWEST_ROWS: usize = 8 * ROWS;
 /// The most rows of a task.
 const MOST_ROWS: usize = 64 * ROWS;
 
-/// Shares of at most 256 columns, and of as many rows as leave enough tasks. Narrow shares read the
-/// left factor often, and low ones pack the right one often, where a number costs `packing` times
-/// what it does in the left one: the cut is that of the least together.
+/// The cut whose shares read and pack least. Narrow shares read the left factor more often, and low
+/// ones pack the right factor more often; to pack a number costs `packing` times what it costs to
+/// read one of the left factor. A share has at most 256 columns, and as few rows as it takes for
+/// enough tasks.
 pub fn cut(extents: [usize; 3], packing: usize) -> Cut {
     let narrowest = with_panels(extents, NARROWEST);
     let work = |cut: &Cut| {
