@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::digest::Digest;
 use crate::error::SchemaError;
+use crate::figures;
 use crate::provenance::Provenance;
-use crate::{Field, Figures, Film, Latents, Log, Lora, Metrics, Residuals, StoredImages};
+use crate::{Field, Film, Latents, Log, Lora, Metrics, Residuals, StoredImages};
 
 /// The artifact types. Stages declare them for their inputs and outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -29,7 +30,7 @@ pub enum ArtifactKind {
     Metrics,
     /// What happened, line by line: [`Log`].
     Log,
-    /// Pictures for people: [`Figures`].
+    /// Pictures for people: [`Figures`](crate::Figures).
     Figures,
     /// Moving pictures for people: [`Film`].
     Film,
@@ -115,7 +116,7 @@ pub fn semantic_digest(kind: ArtifactKind, folder: &Path) -> Result<Digest, Sche
         ArtifactKind::Field => digest::<Field>(folder),
         ArtifactKind::Metrics => digest::<Metrics>(folder),
         ArtifactKind::Log => digest::<Log>(folder),
-        ArtifactKind::Figures => digest::<Figures>(folder),
+        ArtifactKind::Figures => figures::semantic_digest_of(folder),
         ArtifactKind::Film => digest::<Film>(folder),
     }
 }

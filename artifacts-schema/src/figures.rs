@@ -1,9 +1,9 @@
 //! Pictures for people: one PNG each. The provenance is a text chunk of each, and in a file beside
 //! them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use formats::LARGEST_COMPRESSION_RATIO;
 use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits};
@@ -112,24 +112,61 @@ impl Picture {
     }
 }
 
+/// Writes pictures into a folder as they come, in any order. Equal pictures leave equal files.
+pub struct FigureWriter<'p> {
+    folder: PathBuf,
+    provenance: &'p Provenance,
+    /// The provenance as it stands in each file.
+    text: String,
+    names: BTreeSet<String>,
+}
+
+impl<'p> FigureWriter<'p> {
+    /// A writer of pictures of this origin.
+    ///
+    /// # Errors
+    /// A provenance that has no form on disk.
+    pub fn new(folder: &Path, provenance: &'p Provenance) -> Result<Self, SchemaError> {
+        Ok(Self {
+            folder: folder.to_owned(),
+            provenance,
+            text: canonical::line(provenance)?,
+            names: BTreeSet::new(),
+        })
+    }
+
+    /// Writes a picture, whose name becomes the stem of its file.
+    ///
+    /// # Errors
+    /// A picture that has no form on disk or whose name another has, or a file system that refuses.
+    pub fn add(&mut self, name: &str, picture: &Picture) -> Result<(), SchemaError> {
+        canonical::check_name(name)?;
+        if !self.names.insert(name.to_owned()) {
+            return Err(canonical::twice(name));
+        }
+        let bytes = picture.encode(name, &self.text)?;
+        canonical::write(&self.folder, &format!("{name}.png"), &bytes)
+    }
+
+    /// Ends the set. Without this the folder says nothing of its origin.
+    ///
+    /// # Errors
+    /// A file system that refuses.
+    pub fn finish(self) -> Result<(), SchemaError> {
+        let page = canonical::page(self.provenance)?;
+        canonical::write(&self.folder, provenance::FILE, page.as_bytes())
+    }
+}
+
 impl Artifact for Figures {
     const KIND: ArtifactKind = ArtifactKind::Figures;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
-        canonical::check_names(self.images.keys().map(String::as_str))?;
-        let text = canonical::line(provenance)?;
+        let mut writer = FigureWriter::new(folder, provenance)?;
         for (name, picture) in &self.images {
-            canonical::write(
-                folder,
-                &format!("{name}.png"),
-                &picture.encode(name, &text)?,
-            )?;
+            writer.add(name, picture)?;
         }
-        canonical::write(
-            folder,
-            provenance::FILE,
-            canonical::page(provenance)?.as_bytes(),
-        )
+        writer.finish()
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
@@ -142,29 +179,67 @@ impl Artifact for Figures {
     }
 
     fn semantic_digest(&self) -> Digest {
-        let mut hasher = ContentHasher::new(Self::KIND);
-        // Of pixels, not of files: another encoder's PNG is the same picture.
-        hasher.count(self.images.len());
+        let mut hasher = FigureHasher::new(self.images.len());
         for (name, picture) in &self.images {
-            hasher.text(name);
-            hasher.count(picture.width as usize);
-            hasher.count(picture.height as usize);
-            hasher.bytes(&picture.rgb8);
-        }
-        // Behind everything, so that pictures without legends keep the digests of the days before
-        // there were any.
-        for (name, picture) in self
-            .images
-            .iter()
-            .filter(|(_, picture)| !picture.legend.is_empty())
-        {
-            hasher.text(name);
-            hasher.count(picture.legend.len());
-            for (keyword, text) in &picture.legend {
-                hasher.text(keyword);
-                hasher.text(text);
-            }
+            hasher.add(name, picture);
         }
         hasher.finish()
+    }
+}
+
+/// The semantic digest of the pictures in a folder, which are looked at one by one.
+///
+/// # Errors
+/// As [`Figures::read`](Artifact::read).
+pub fn semantic_digest_of(folder: &Path) -> Result<Digest, SchemaError> {
+    let files = canonical::by_stem(folder, "png")?;
+    let mut hasher = FigureHasher::new(files.len());
+    for (name, path) in files {
+        hasher.add(&name, &Picture::read(&path)?);
+    }
+    Ok(hasher.finish())
+}
+
+/// A digest of pixels, not of files: another encoder's PNG is the same picture.
+struct FigureHasher {
+    hasher: ContentHasher,
+    /// Legends by the names of their pictures, where there are any.
+    legends: Vec<(String, BTreeMap<String, String>)>,
+}
+
+impl FigureHasher {
+    /// Of so many pictures.
+    fn new(count: usize) -> Self {
+        let mut hasher = ContentHasher::new(ArtifactKind::Figures);
+        hasher.count(count);
+        Self {
+            hasher,
+            legends: Vec::new(),
+        }
+    }
+
+    /// The next in the order of names.
+    fn add(&mut self, name: &str, picture: &Picture) {
+        self.hasher.text(name);
+        self.hasher.count(picture.width as usize);
+        self.hasher.count(picture.height as usize);
+        self.hasher.bytes(&picture.rgb8);
+        if !picture.legend.is_empty() {
+            self.legends.push((name.to_owned(), picture.legend.clone()));
+        }
+    }
+
+    fn finish(mut self) -> Digest {
+        // Behind everything, so that pictures without legends keep the digests of the days before
+        // there were any.
+        for (name, legend) in self.legends {
+            self.hasher.text(&name);
+            self.hasher.count(legend.len());
+            for (keyword, text) in &legend {
+                self.hasher.text(keyword);
+                self.hasher.text(text);
+            }
+        }
+        self.hasher.finish()
     }
 }

@@ -32,7 +32,7 @@ pub use artifact::{Artifact, ArtifactKind, semantic_digest};
 pub use digest::Digest;
 pub use error::SchemaError;
 pub use field::Field;
-pub use figures::{Figures, Picture};
+pub use figures::{FigureWriter, Figures, Picture};
 pub use film::Film;
 pub use image_stream::{ImageWriter, StoredImages};
 pub use images::{ImageSet, View};

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use artifacts_schema::{Artifact, ImageSet, ImageWriter, Provenance, StoredImages};
+use artifacts_schema::{
+    Artifact, FigureWriter, Figures, ImageSet, ImageWriter, Provenance, StoredImages,
+};
 use compute::Device;
 use formats::Bounds;
 use serde::Serialize;
@@ -111,6 +113,12 @@ impl Io<'_> {
     ) -> ImageWriter<'_> {
         let folder = self.outputs.join(port.name);
         ImageWriter::new(&folder, bounds, to_source, &self.provenance)
+    }
+
+    /// Takes the pictures of this port one by one.
+    pub fn figure_writer(&self, port: Port<Figures>) -> Result<FigureWriter<'_>, StageError> {
+        let folder = self.outputs.join(port.name);
+        Ok(FigureWriter::new(&folder, &self.provenance)?)
     }
 
     /// Reports progress; an error when the run is being stopped.

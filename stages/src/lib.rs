@@ -23,6 +23,7 @@ pub mod kinds;
 pub mod masks;
 pub mod merge;
 pub mod model;
+pub mod photos;
 pub mod ply;
 pub mod port;
 pub mod prior;

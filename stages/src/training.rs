@@ -1,10 +1,10 @@
 //! What `Fit` and `Sync` share: the training loop with its log. Knows nothing of where the views
 //! come from.
 
-use artifacts_schema::{Log, StoredImages, View};
+use artifacts_schema::Log;
 use compute::Counts;
 use formats::Camera;
-use nerf::{Exposure, Field, StepStats, TrainOptions, TrainView, Training};
+use nerf::{Exposure, Field, StepStats, TrainOptions, Training};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -13,8 +13,9 @@ use crate::checkpointer::Checkpointer;
 use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
+use crate::photos::{self, Photos};
 use crate::port::Port;
-use crate::size::{Size, Sizes};
+use crate::size::Sizes;
 use crate::stage::{Estimate, Extension};
 
 /// What training writes, and `Sync` begins with.
@@ -44,40 +45,6 @@ pub fn check_rate(field: &'static str, value: f64) -> Result<(), StageError> {
     ))
 }
 
-/// Photos on disk to train on.
-pub struct Photos {
-    /// The photos.
-    pub images: StoredImages,
-    /// Factor on the squared error of each of their pixels.
-    pub weight: f32,
-    /// Sub-rays per pixel and axis.
-    pub supersample: u32,
-}
-
-impl Photos {
-    /// Each photo is made ready as it is read: in both forms at once they would take twice the memory.
-    fn read(&self) -> impl Iterator<Item = Result<TrainView, StageError>> {
-        let ready = |view: View| convert::train_view(view, self.weight, self.supersample);
-        self.images.map(ready).map(|view| Ok(view?))
-    }
-}
-
-/// The views of all photos; an error if masks leave nothing of them.
-fn views(photos: &[Photos]) -> Result<Vec<TrainView>, StageError> {
-    let views: Vec<TrainView> = photos
-        .iter()
-        .flat_map(Photos::read)
-        .collect::<Result<_, _>>()?;
-    // The sampler would have no pixel to draw.
-    let is_closed = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
-    if views.iter().all(is_closed) {
-        return Err(StageError::Mismatch(
-            "masks leave no pixel of any photo to train on: are they black where they should be white?".into(),
-        ));
-    }
-    Ok(views)
-}
-
 /// What training leaves beside its outputs, view by view in their order.
 pub struct Trained {
     /// Where the views were taken from.
@@ -104,12 +71,9 @@ pub fn extension(final_rate: f64) -> Extension {
 pub fn estimate(inputs: &Sizes, table: u64, options: &TrainOptions) -> Estimate {
     let samples = options.samples;
     // About what two cores take for a sample (docs/performance.md).
-    let seconds = f64::from(options.steps) * f64::from(samples) * 6e-7;
-    // Photos stay in memory, with alpha at most; what else is read is a field.
-    let photos: u64 = inputs.values().map(|size| 16 * size.pixels).sum();
-    let held: u64 = inputs.values().map(Size::held).sum();
-    let memory = photos + held + 8 * table + 1024 * u64::from(samples);
-    Estimate::of(0, 0.0).computing(memory, seconds)
+    let trained = f64::from(options.steps) * f64::from(samples) * 6e-7;
+    let memory = photos::memory(inputs) + 8 * table + 1024 * u64::from(samples);
+    Estimate::of(0, photos::seconds(inputs)).computing(memory, trained)
 }
 
 /// Trains `field` on photos and writes the outputs `field` and `log`. Goes on from a checkpoint
@@ -126,30 +90,29 @@ pub fn train(
     let bounds = field.bounds();
     let resumed = checkpointer.resume(|Checkpoint { tensors, notes, .. }| {
         let diary = Diary::deserialize(notes).map_err(|error| error.to_string())?;
-        let training = Training::from_state(
-            io.device,
-            &config,
-            bounds,
-            // Read here, so that they are in memory once whichever checkpoint is gone on from.
-            views(photos).map_err(|error| error.to_string())?,
-            options,
-            io.seed,
-            tensors,
-        );
-        Ok((training.map_err(|error| error.to_string())?, diary))
+        // Read here, so that they are in memory once whichever checkpoint is gone on from.
+        let (views, overflow) =
+            photos::views(photos, &io.scratch).map_err(|error| error.to_string())?;
+        let training =
+            Training::from_state(io.device, &config, bounds, views, options, io.seed, tensors);
+        let training = training.map_err(|error| error.to_string())?;
+        Ok((training, diary, overflow))
     })?;
-    let (mut training, mut diary) = match resumed {
+    let (mut training, mut diary, overflow) = match resumed {
         Some(resumed) => resumed,
-        None => (
-            Training::new(io.device, field, views(photos)?, options, io.seed),
-            Diary::default(),
-        ),
+        None => {
+            let (views, overflow) = photos::views(photos, &io.scratch)?;
+            let training = Training::new(io.device, field, views, options, io.seed);
+            (training, Diary::default(), overflow)
+        }
     };
     // Counts are of this run's steps, not of those before the checkpoint.
     let begun = training.steps_taken();
     let before = io.device.counts();
     while training.steps_taken() < options.steps {
         let stats = training.step();
+        // Before anything of it is kept: it may have been of black in place of photos.
+        overflow.check()?;
         let step = u64::from(training.steps_taken());
         // Before the state is kept: no checkpoint is of a field that has diverged.
         if !stats.loss.is_finite() {

@@ -32,7 +32,7 @@ fn view(angle: f64) -> TrainView {
         .collect();
     TrainView {
         camera,
-        pixels: Pixels::opaque(rgb),
+        pixels: Pixels::opaque(rgb).into(),
         mask: None,
         weight: 1.0,
         supersample: 2,

@@ -92,7 +92,7 @@ fn fit(scene: SceneData, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let low = train.iter().map(small).collect::<Result<Vec<_>, _>>()?;
     let view = |photo: &Photo| TrainView {
         camera: photo.camera,
-        pixels: photo.pixels.clone(),
+        pixels: photo.pixels.clone().into(),
         mask: None,
         weight: 1.0,
         supersample: settings.supersample,

@@ -1,8 +1,10 @@
 //! Which pixels a training step looks at, and what they should be. Knows photos and cameras, and
 //! nothing of the field.
 
+use crate::mask::Mask;
+use crate::train_pixels::TrainPixels;
 use compute::rng::Rng;
-use formats::{Camera, Pixels, Srgb};
+use formats::Camera;
 
 /// A photo to train on. Each of its pixels is the mean of the radiance over the pixel's area.
 #[derive(Clone, Debug)]
@@ -10,9 +12,9 @@ pub struct TrainView {
     /// Where it was taken.
     pub camera: Camera,
     /// What was seen, 0 to 1; the field is to be as transparent.
-    pub pixels: Pixels<Srgb>,
-    /// Which pixels are looked at, `height * width` values; `None` for all.
-    pub mask: Option<Vec<bool>>,
+    pub pixels: TrainPixels,
+    /// Which pixels are looked at; `None` for all.
+    pub mask: Option<Mask>,
     /// Factor on the squared error of every pixel of this view.
     pub weight: f32,
     /// Sub-rays per pixel and axis that are averaged to a pixel, one in each cell of an even grid;
@@ -39,26 +41,18 @@ pub struct Pixel {
 #[derive(Clone, Debug)]
 pub struct Sampler {
     ends: Vec<u64>,
-    /// Of each view that is masked, the pixels that are not.
-    open: Vec<Option<Vec<u32>>>,
     rng: Rng,
 }
 
 impl Sampler {
     /// A sampler over the pixels of all views.
     pub fn new(views: &[TrainView], seed: u64) -> Self {
-        let all = |view: &TrainView| u64::from(view.camera.width) * u64::from(view.camera.height);
-        let open: Vec<Option<Vec<u32>>> = views
-            .iter()
-            .map(|view| Some(indices(view.mask.as_ref()?)))
-            .collect();
-        let sums = views.iter().zip(&open).scan(0, |end, (view, open)| {
-            *end += open.as_ref().map_or(all(view), |open| open.len() as u64);
+        let sums = views.iter().scan(0, |end, view| {
+            *end += view.open();
             Some(*end)
         });
         Self {
             ends: sums.collect(),
-            open,
             rng: Rng::new(seed, "training batch"),
         }
     }
@@ -73,8 +67,8 @@ impl Sampler {
         // The first view that ends behind it, which passes over views without an open pixel.
         let view = self.ends.partition_point(|&end| end <= index);
         let inside = index - if view == 0 { 0 } else { self.ends[view - 1] };
-        let inside = match &self.open[view] {
-            Some(open) => u64::from(open[inside as usize]),
+        let inside = match &views[view].mask {
+            Some(mask) => u64::from(mask.nth(inside as u32)),
             None => inside,
         };
         let width = u64::from(views[view].camera.width);
@@ -117,13 +111,15 @@ impl Sampler {
     }
 }
 
-/// Where a mask is open.
-fn indices(mask: &[bool]) -> Vec<u32> {
-    let open = mask.iter().enumerate().filter(|(_, open)| **open);
-    open.map(|(i, _)| i as u32).collect()
-}
-
 impl TrainView {
+    /// How many pixels are looked at.
+    pub fn open(&self) -> u64 {
+        match &self.mask {
+            Some(mask) => u64::from(mask.open()),
+            None => u64::from(self.camera.width) * u64::from(self.camera.height),
+        }
+    }
+
     /// Sub-rays of a pixel.
     pub(crate) fn rays_per_pixel(&self) -> usize {
         self.supersample as usize * self.supersample as usize
@@ -131,29 +127,19 @@ impl TrainView {
 
     /// What a pixel should be in front of a background.
     pub fn target(&self, pixel: &Pixel) -> [f32; 3] {
-        let i = pixel.y as usize * self.camera.width as usize + pixel.x as usize;
-        let alpha = self.pixels.coverage(i);
-        let color = |c: usize| self.pixels.rgb[3 * i + c];
-        std::array::from_fn(|c| alpha * color(c) + (1.0 - alpha) * pixel.background[c])
+        let at = pixel.y as usize * self.camera.width as usize + pixel.x as usize;
+        let (color, alpha) = self.pixels.pixel(at);
+        std::array::from_fn(|c| alpha * color[c] + (1.0 - alpha) * pixel.background[c])
     }
 
     /// Panics if the sizes do not fit together: views are checked where they are read.
     pub(crate) fn check(&self) {
         let pixels = self.camera.width as usize * self.camera.height as usize;
-        assert_eq!(
-            self.pixels.rgb.len(),
-            3 * pixels,
-            "a training view's colours do not fit its camera"
-        );
+        self.pixels.check(pixels);
         assert!(
-            self.pixels
-                .alpha
+            self.mask
                 .as_ref()
-                .is_none_or(|alpha| alpha.len() == pixels),
-            "a training view's alpha does not fit"
-        );
-        assert!(
-            self.mask.as_ref().is_none_or(|mask| mask.len() == pixels),
+                .is_none_or(|mask| mask.pixels() == pixels),
             "a training view's mask does not fit"
         );
         assert!(
@@ -166,6 +152,7 @@ impl TrainView {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use formats::Pixels;
     use glam::DMat4;
 
     fn view(width: u32, height: u32) -> TrainView {
@@ -177,7 +164,7 @@ mod tests {
         );
         TrainView {
             camera,
-            pixels: Pixels::opaque(vec![0.25; (3 * width * height) as usize]),
+            pixels: Pixels::opaque(vec![0.25; (3 * width * height) as usize]).into(),
             mask: None,
             weight: 1.0,
             supersample: 2,
@@ -215,7 +202,8 @@ mod tests {
     #[test]
     fn masked_pixels_are_never_drawn() {
         let mut views = [view(8, 4), view(16, 8)];
-        views[1].mask = Some((0..128).map(|i| i % 4 == 3).collect());
+        let open: Vec<bool> = (0..128).map(|i| i % 4 == 3).collect();
+        views[1].mask = Some(Mask::new(&open));
         let sampler = Sampler::new(&views, 1);
         let mut counts = [0; 2];
         for element in 0..64 {
@@ -256,7 +244,7 @@ mod tests {
             background: [1.0, 0.5, 0.0],
         };
         assert_eq!(photo.target(&pixel), [0.25; 3]);
-        photo.pixels.alpha = Some(vec![0.0; 32]);
+        photo.pixels = Pixels::new(vec![0.25; 96], Some(vec![0.0; 32])).into();
         assert_eq!(photo.target(&pixel), [1.0, 0.5, 0.0]);
     }
 }

@@ -26,8 +26,7 @@ const RATE: f64 = 3e-4;
 ///
 /// Panics if the view's sizes do not fit together.
 pub fn localize(field: &Field, view: TrainView, seed: u64) -> Camera {
-    let closed = view.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
-    if closed {
+    if view.open() == 0 {
         return view.camera;
     }
     let options = TrainOptions {

@@ -6,7 +6,7 @@ use artifacts_schema::{StoredImages, View};
 use compute::{Array, Device};
 use formats::pixels::{interleaved, planes};
 use formats::{Camera, Linear, Pixels};
-use nerf::{Rendered, TrainView};
+use nerf::{Mask, Rendered, TrainView};
 use scene::Photo;
 
 use crate::error::StageError;
@@ -121,8 +121,8 @@ pub fn rendered_view(name: &str, camera: &Camera, rendered: Rendered, alpha: boo
 pub fn train_view(view: View, weight: f32, supersample: u32) -> TrainView {
     TrainView {
         camera: view.camera,
-        pixels: view.pixels.encoded(),
-        mask: view.mask,
+        pixels: view.pixels.encoded().into(),
+        mask: view.mask.as_deref().map(Mask::new),
         weight,
         supersample,
     }

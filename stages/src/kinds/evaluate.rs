@@ -1,11 +1,13 @@
 //! `Evaluate`: held-out views against the truth, for the field and for its baselines. Knows nothing
 //! of how they came about.
 
+mod album;
 mod consistency;
 mod evaluation;
 mod masked;
 mod networks;
 mod pictures;
+mod renders;
 mod scores;
 
 use std::path::PathBuf;
@@ -29,11 +31,7 @@ const TRUTH: Port<ImageSet> = Port::new("truth");
 const LOW: Port<ImageSet> = Port::new("low");
 const TRAIN: Port<ImageSet> = Port::new("train");
 
-/// Bytes of a held-out pixel that stay to the end: two renders with depth, and pictures.
-const KEPT: u64 = 64;
-/// Bytes of a pixel of a comparison, which shows a view four times.
-const SHOWN: u64 = 12;
-/// Bytes of a pixel while it is measured.
+/// Bytes of a pixel while it is measured, of a few renders and pictures of it among them.
 const WORKED: u64 = 400;
 /// Seconds of two cores for a pixel that is measured.
 const MEASURED: f64 = 1e-5;
@@ -157,13 +155,11 @@ impl Stage for Evaluate {
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let truth = input(inputs, TRUTH.name);
         let train = input(inputs, TRAIN.name);
-        // What both fields show of each held-out view is kept, and pictures of it.
-        let kept = KEPT * truth.pixels + u64::from(self.figures) * SHOWN * truth.largest;
         let rays = (2 * truth.pixels + train.pixels) as f64 * f64::from(self.supersample).powi(2);
         let posed = if self.posed { 60.0 } else { 0.0 };
         let measured = truth.pixels as f64 * MEASURED;
         Estimate::streaming(inputs, Size::default(), 0).computing(
-            kept + WORKED * truth.largest,
+            WORKED * truth.largest,
             posed + measured + rays * RAY_SECONDS,
         )
     }
@@ -176,7 +172,7 @@ impl Stage for Evaluate {
         let truths = io.images(TRUTH)?;
         let lows = io.images(LOW)?;
         let train = io.images(TRAIN)?;
-        let mut evaluation = Evaluation::new(self, io, networks, [field?, baseline?]);
+        let mut evaluation = Evaluation::new(self, io, networks, [field?, baseline?])?;
         // Each held-out view is rendered by two fields and then measured.
         evaluation.expect(3 * truths.cameras().len() + train.cameras().len());
         evaluation.show(&truths)?;
@@ -187,17 +183,6 @@ impl Stage for Evaluate {
         for view in train.views() {
             evaluation.training(&view?)?;
         }
-        let (metrics, pictures) = evaluation.finish();
-        io.write(METRICS, &metrics)?;
-        let outputs = [
-            (FIGURES, pictures.comparisons),
-            (RENDERS, pictures.renders),
-            (PHOTOS, pictures.photos),
-            (FLIP, pictures.errors),
-        ];
-        for (port, images) in outputs {
-            io.write(port, &Figures { images })?;
-        }
-        Ok(())
+        io.write(METRICS, &evaluation.finish()?)
     }
 }

@@ -25,6 +25,8 @@ const DRAWN: u64 = 24;
 /// Seconds of two cores for a drawn ray, and for a pixel that is decoded and reduced.
 const RAY: f64 = 1e-7;
 const DECODED: f64 = 2e-8;
+/// For a pixel of a photo that is written.
+const WRITTEN: f64 = 1.5e-7;
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -259,7 +261,7 @@ impl Stage for Scene {
         .into()
     }
 
-    fn estimate(&self, _: &Sizes) -> Estimate {
+    fn estimate(&self, inputs: &Sizes) -> Estimate {
         let photos = self.photos().unwrap_or_default();
         let made = Size::of_images(photos.sizes, None);
         if let Origin::Procedural { samples, .. } = &self.source {
@@ -271,7 +273,9 @@ impl Stage for Scene {
         let decoding = scene::decoding_memory(files.largest.max(made.largest));
         // Three sets are written at the same time.
         let writing = 2 * made.held().min(3 * image_stream::HELD);
-        Estimate::of(decoding + writing, files.pixels as f64 * DECODED)
+        let written: u64 = self.foretell(inputs).values().map(|set| set.pixels).sum();
+        let seconds = files.pixels as f64 * DECODED + written as f64 * WRITTEN;
+        Estimate::of(decoding + writing, seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

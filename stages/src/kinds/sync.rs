@@ -9,10 +9,11 @@ use serde::{Deserialize, Serialize};
 use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
+use crate::photos::Photos;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::size::{Foretold, Sizes, input};
 use crate::stage::{Estimate, Extension, Stage};
-use crate::training::{self, FIELD, LOG, Photos};
+use crate::training::{self, FIELD, LOG};
 
 const IMAGES: Port<ImageSet> = Port::new("images");
 const LOW: Port<ImageSet> = Port::new("low");

@@ -104,7 +104,7 @@ impl Task {
     pub fn views(&self) -> Vec<TrainView> {
         let view = |photo: &Photo| TrainView {
             camera: photo.camera,
-            pixels: photo.pixels.clone(),
+            pixels: photo.pixels.clone().into(),
             mask: None,
             weight: 1.0,
             supersample: 1,

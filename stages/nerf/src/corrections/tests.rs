@@ -131,7 +131,7 @@ fn torques_and_forces_match_finite_differences_in_a_box_and_in_perspective() {
         let field = field(kind);
         let view = TrainView {
             camera: camera(),
-            pixels: Pixels::opaque(vec![0.0; 3 * 24 * 24]),
+            pixels: Pixels::opaque(vec![0.0; 3 * 24 * 24]).into(),
             mask: None,
             weight: 1.0,
             supersample: 1,

@@ -39,7 +39,7 @@ pub fn check(device: &Device) -> Check {
     let rgb = (0..3 * 12 * 9).map(|i| (i % 11) as f32 / 11.0).collect();
     let view = TrainView {
         camera,
-        pixels: Pixels::opaque(rgb),
+        pixels: Pixels::opaque(rgb).into(),
         mask: None,
         weight: 1.0,
         supersample: 2,

@@ -7,7 +7,7 @@ mod photos;
 
 use metrics::Image;
 use nerf::{
-    ExposureOptions, Field, FieldConfig, PoseOptions, RenderOptions, Space, SpaceKind,
+    ExposureOptions, Field, FieldConfig, Mask, PoseOptions, RenderOptions, Space, SpaceKind,
     TrainOptions, TrainView, Trainer, localize, render,
 };
 use photos::{Scene, with_exposures, with_poses_off, with_something_that_moves};
@@ -87,8 +87,12 @@ impl Size {
     fn views(&self, photos: &[Photo], remedies: Of) -> Vec<TrainView> {
         let view = |photo: &Photo| TrainView {
             camera: photo.camera,
-            pixels: photo.pixels.clone(),
-            mask: photo.mask.clone().filter(|_| remedies.moves),
+            pixels: photo.pixels.clone().into(),
+            mask: photo
+                .mask
+                .as_deref()
+                .filter(|_| remedies.moves)
+                .map(Mask::new),
             weight: 1.0,
             supersample: 2,
         };
@@ -281,6 +285,7 @@ fn a_photo_of_which_nothing_counts_says_nothing_of_its_camera() {
     let views = size.views(&scene.train, NONE);
     let field = size.field(&scene, &views);
     let mut view = views[0].clone();
-    view.mask = Some(vec![false; view.pixels.rgb.len() / 3]);
+    let pixels = view.camera.width * view.camera.height;
+    view.mask = Some(Mask::new(&vec![false; pixels as usize]));
     assert_eq!(localize(&field, view, 1), views[0].camera);
 }

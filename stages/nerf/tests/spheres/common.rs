@@ -1,6 +1,6 @@
 //! The scene, its photos, and a field for it.
 
-use formats::{Camera, Pixels};
+use formats::{Camera, Pixels, Srgb};
 use glam::DVec3;
 use nerf::{Field, FieldConfig, Space, SpaceKind, TrainOptions, TrainView};
 
@@ -46,8 +46,8 @@ pub fn trace(camera: &Camera, px: f64, py: f64) -> Option<(f64, [f32; 3])> {
         .min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// A photo with coverage, each pixel the mean of 4 x 4 rays.
-pub fn photo(camera: Camera) -> TrainView {
+/// What a camera sees, with coverage, each pixel the mean of 4 x 4 rays.
+pub fn seen(camera: Camera) -> Pixels<Srgb> {
     let mut rgb = vec![];
     let mut alpha = vec![];
     for pixel in 0..camera.width * camera.height {
@@ -62,9 +62,14 @@ pub fn photo(camera: Camera) -> TrainView {
         rgb.extend([0, 1, 2].map(mean));
         alpha.push(hits.len() as f32 / 16.0);
     }
+    Pixels::new(rgb, Some(alpha))
+}
+
+/// A photo to train on.
+pub fn photo(camera: Camera) -> TrainView {
     TrainView {
         camera,
-        pixels: Pixels::new(rgb, Some(alpha)),
+        pixels: seen(camera).into(),
         mask: None,
         weight: 1.0,
         supersample: 2,

@@ -3,6 +3,7 @@
 
 use compute::testing::{gpu, weak_gpu};
 use compute::{Counts, Device};
+use formats::Pixels;
 use nerf::{
     Field, FieldConfig, RenderOptions, Renderer, Tensors, TrainOptions, TrainView, Training,
 };
@@ -208,7 +209,7 @@ fn a_loss_that_is_not_a_number_leaves_the_field_as_it_was() {
     let (config, mut views, options) = little();
     views
         .iter_mut()
-        .for_each(|view| view.pixels.rgb.fill(f32::NAN));
+        .for_each(|view| view.pixels = Pixels::opaque(vec![f32::NAN; 3 * 32 * 32]).into());
     let before = training.state();
     let mut blind =
         Training::from_state(&gpu, &config, BOUNDS, views, &options, 1, &before).unwrap();

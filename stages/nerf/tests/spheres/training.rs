@@ -6,7 +6,7 @@ use glam::DVec3;
 use nerf::{Field, RenderOptions, Space, SpaceKind, TrainOptions, TrainView, Trainer, render};
 
 use crate::common::{
-    BOUNDS, camera, config, from_one_side, in_perspective, options, photo, psnr, trace, views,
+    BOUNDS, camera, config, from_one_side, in_perspective, options, photo, psnr, seen, trace, views,
 };
 
 #[test]
@@ -46,17 +46,17 @@ fn judge(field: Field, views: Vec<TrainView>, eye: Camera, least: f64) {
     );
     let last = (0..300).map(|_| trainer.step()).last().unwrap();
     assert!(last.psnr > 26.0, "training: {} dB", last.psnr);
-    let between = photo(eye);
+    let between = seen(eye);
     let image = render(
         trainer.field(),
-        &between.camera,
+        &eye,
         &RenderOptions {
             supersample: 2,
             ..Default::default()
         },
     );
-    let alpha = between.pixels.alpha.clone().unwrap();
-    let on_black = between.pixels.before(0.0).rgb;
+    let alpha = between.alpha.clone().unwrap();
+    let on_black = between.before(0.0).rgb;
     let quality = psnr(&image.rgb, &on_black);
     println!("training {:.2} dB, held out {quality:.2} dB", last.psnr);
     assert!(quality > least, "held out: {quality} dB");
@@ -68,7 +68,7 @@ fn judge(field: Field, views: Vec<TrainView>, eye: Camera, least: f64) {
 
     let off = |pixel: u32| {
         let (depth, _) = trace(
-            &between.camera,
+            &eye,
             f64::from(pixel % 32) + 0.5,
             f64::from(pixel / 32) + 0.5,
         )?;
@@ -126,7 +126,7 @@ fn a_loss_that_is_not_a_number_leaves_the_field_as_it_was() {
     let mut views = views();
     views
         .iter_mut()
-        .for_each(|view| view.pixels.rgb.fill(f32::NAN));
+        .for_each(|view| view.pixels = Pixels::opaque(vec![f32::NAN; 3 * 32 * 32]).into());
     let mut blind =
         Trainer::from_state(&config(), BOUNDS, views, &options(40), 3, &trainer.state()).unwrap();
     assert!(blind.step().loss.is_nan());
@@ -257,7 +257,7 @@ fn opaque_views_leave_no_hole_and_no_fog_before_the_near_plane() {
             .collect();
         TrainView {
             camera,
-            pixels: Pixels::opaque(rgb),
+            pixels: Pixels::opaque(rgb).into(),
             mask: None,
             weight: 1.0,
             supersample: 1,

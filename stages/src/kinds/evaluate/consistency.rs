@@ -28,13 +28,8 @@ impl Shown {
     }
 }
 
-/// How well view `at` agrees with the one whose camera stands nearest to its own.
-pub fn warped(views: &[Shown], at: usize) -> [Scored; 2] {
-    let Some(nearest) = nearest(views, at) else {
-        let why = || Err("there is only one held-out view".to_owned());
-        return [("psnr_warped", why()), ("coverage_warped", why())];
-    };
-    let [source, target] = [&views[at], &views[nearest]];
+/// How well one view agrees with another.
+pub fn warped(source: &Shown, target: &Shown) -> [Scored; 2] {
     let project = |x: f64, y: f64, depth: f64| {
         // The field's own depth, so that only its agreement with itself is measured.
         let point = source.camera.unproject(x, y, depth);
@@ -48,10 +43,10 @@ pub fn warped(views: &[Shown], at: usize) -> [Scored; 2] {
     ]
 }
 
-/// The other view whose camera stands nearest; the first of several.
-fn nearest(views: &[Shown], at: usize) -> Option<usize> {
-    let position = |view: usize| -> DVec3 { views[view].camera.position() };
+/// The other camera that stands nearest; the first of several.
+pub fn nearest(cameras: &[Camera], at: usize) -> Option<usize> {
+    let position = |camera: usize| -> DVec3 { cameras[camera].position() };
     let distance = |other: &usize| position(*other).distance_squared(position(at));
-    let others = (0..views.len()).filter(|other| *other != at);
+    let others = (0..cameras.len()).filter(|other| *other != at);
     others.min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }

@@ -1,16 +1,16 @@
 //! An evaluation as it goes on: renders of two fields, their scores, and the pictures to show. Knows
 //! nothing of where inputs come from and results go.
 
-use std::collections::BTreeMap;
-
-use artifacts_schema::{Metrics, Picture, StoredImages, View};
+use artifacts_schema::{Metrics, StoredImages, View};
 use compute::resize::{Filter, resize};
 use formats::pixels::planes;
 use nerf::{Field, Rendered};
 
-use super::consistency::{Shown, warped};
+use super::album::Album;
+use super::consistency::{Shown, nearest, warped};
 use super::networks::Networks;
 use super::pictures::{BEHIND, Picked, error_map, side_by_side};
+use super::renders::Renders;
 use super::scores::{Scored, Scores};
 use super::{Evaluate, masked};
 use crate::convert;
@@ -28,28 +28,12 @@ const SR: &str = "sr_nerf";
 const LR: &str = "lr_nerf";
 const BICUBIC: &str = "bicubic";
 
-/// Pictures by the names of their views.
-type ByView = BTreeMap<String, Picture>;
-
-/// What is shown of an evaluation.
-#[derive(Default)]
-pub struct Pictures {
-    /// Truth and rows side by side, of the first few views.
-    pub comparisons: ByView,
-    /// The super-resolved field as each held-out camera sees it.
-    pub renders: ByView,
-    /// What the camera saw.
-    pub photos: ByView,
-    /// What FLIP sees between the two.
-    pub errors: ByView,
-}
-
 /// A field that is measured.
 struct Measured {
     row: &'static str,
     field: Field,
     /// It from all held-out cameras.
-    shown: Vec<Shown>,
+    renders: Renders,
 }
 
 /// Two fields, and what is known of them so far.
@@ -60,7 +44,7 @@ pub struct Evaluation<'a> {
     /// The super-resolved field and the low-resolution one.
     fields: [Measured; 2],
     scores: Scores,
-    pictures: Pictures,
+    album: Album<'a>,
     /// Held-out views that were measured.
     views: usize,
     done: usize,
@@ -74,23 +58,23 @@ impl<'a> Evaluation<'a> {
         io: &'a Io<'a>,
         networks: Networks,
         [field, baseline]: [Field; 2],
-    ) -> Self {
+    ) -> Result<Self, StageError> {
         let measured = |row, field| Measured {
             row,
             field,
-            shown: Vec::new(),
+            renders: Renders::new(&io.scratch, row),
         };
-        Self {
+        Ok(Self {
             stage,
             io,
             networks,
             fields: [measured(SR, field), measured(LR, baseline)],
             scores: Scores::default(),
-            pictures: Pictures::default(),
+            album: Album::new(io)?,
             views: 0,
             done: 0,
             steps: 0,
-        }
+        })
     }
 
     /// How many pieces of work there will be, for whoever waits.
@@ -109,8 +93,7 @@ impl<'a> Evaluation<'a> {
             let view = view?;
             for which in 0..self.fields.len() {
                 let image = self.render(&self.fields[which].field, &view);
-                let camera = view.camera;
-                self.fields[which].shown.push(Shown { camera, image });
+                self.fields[which].renders.add(view.camera, &image)?;
                 self.tell()?;
             }
         }
@@ -139,9 +122,13 @@ impl<'a> Evaluation<'a> {
         let mask = view.mask.as_deref();
         // Masked pixels take the truth's values, so that every metric finds no error there.
         let enlarged = self.enlarged(low, view).masked_by(&truth, mask);
-        let [sr, lr] = [0, 1].map(|field: usize| {
-            Picked::rendered(&self.fields[field].shown[at].image).masked_by(&truth, mask)
-        });
+        let shown = |field: &Measured| {
+            let image = field.renders.read(at)?;
+            Ok::<_, StageError>(Picked::rendered(&image).masked_by(&truth, mask))
+        };
+        let [sr, lr] = &self.fields;
+        let sr = shown(sr)?;
+        let lr = shown(lr)?;
         let low = Picked::of(low);
         let images = [(BICUBIC, &enlarged), (LR, &lr), (SR, &sr)];
         for (row, image) in images {
@@ -149,17 +136,16 @@ impl<'a> Evaluation<'a> {
             self.scores
                 .add(row, &view.name, masked::counted(measured, mask));
         }
-        self.measure_fields(view, &truth);
+        self.measure_fields(view, &truth)?;
         // Comparisons are large, and the first few views tell as much as all.
-        let pictures = &mut self.pictures;
-        let name = || view.name.clone();
+        let album = &mut self.album;
         if at < self.stage.figures as usize {
             let comparison = side_by_side(&truth, &images);
-            pictures.comparisons.insert(name(), comparison);
+            album.comparisons.add(&view.name, &comparison)?;
         }
-        pictures.renders.insert(name(), sr.picture());
-        pictures.photos.insert(name(), truth.picture());
-        pictures.errors.insert(name(), error_map(&truth, &sr));
+        album.renders.add(&view.name, &sr.picture())?;
+        album.photos.add(&view.name, &truth.picture())?;
+        album.errors.add(&view.name, &error_map(&truth, &sr))?;
         self.views += 1;
         self.tell()
     }
@@ -203,11 +189,11 @@ impl<'a> Evaluation<'a> {
     }
 
     /// What only a field has: depths, and other cameras to look from.
-    fn measure_fields(&mut self, view: &View, truth: &Picked) {
+    fn measure_fields(&mut self, view: &View, truth: &Picked) -> Result<(), StageError> {
         let name = &view.name;
         for field in &self.fields {
-            self.scores
-                .add(field.row, name, warped(&field.shown, self.views));
+            let scored = agreement(&field.renders, self.views)?;
+            self.scores.add(field.row, name, scored);
         }
         let no_depth = || Err("an enlarged picture has no depth".to_owned());
         // Said and not left out, so that an empty place in the table has its reason.
@@ -225,6 +211,7 @@ impl<'a> Evaluation<'a> {
             self.scores
                 .add(BICUBIC, name, [("psnr_hr_posed", no_field())]);
         }
+        Ok(())
     }
 
     /// PSNR from where the field shows the photo best.
@@ -252,11 +239,28 @@ impl<'a> Evaluation<'a> {
         self.tell()
     }
 
-    /// All scores, and what is shown of them.
-    pub fn finish(self) -> (Metrics, Pictures) {
+    /// All scores. Pictures lie in the outputs when this returns.
+    pub fn finish(self) -> Result<Metrics, StageError> {
         if let Some(warning) = self.scores.warning() {
             self.io.warn(warning);
         }
-        (self.scores.finish(&[OWN]), self.pictures)
+        self.album.finish()?;
+        Ok(self.scores.finish(&[OWN]))
     }
+}
+
+/// How well render `at` agrees with the one whose camera stands nearest to its own.
+fn agreement(renders: &Renders, at: usize) -> Result<[Scored; 2], StageError> {
+    let cameras = renders.cameras();
+    let Some(nearest) = nearest(cameras, at) else {
+        let why = || Err("there is only one held-out view".to_owned());
+        return Ok([("psnr_warped", why()), ("coverage_warped", why())]);
+    };
+    let shown = |at: usize| {
+        Ok::<_, StageError>(Shown {
+            camera: cameras[at],
+            image: renders.read(at)?,
+        })
+    };
+    Ok(warped(&shown(at)?, &shown(nearest)?))
 }

@@ -21,7 +21,7 @@ fn losses(device: &Device, most_steps: Option<usize>) -> Vec<f64> {
     let rgb = (0..192).map(|i| (i % 7) as f32 / 7.0).collect();
     let view = TrainView {
         camera,
-        pixels: Pixels::opaque(rgb),
+        pixels: Pixels::opaque(rgb).into(),
         mask: None,
         weight: 1.0,
         supersample: 1,
