@@ -15,6 +15,8 @@ use crate::masks;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
+use crate::registry::AnyStage;
+use crate::shard::{self, Shard};
 use crate::size::{Foretold, Size, Sizes, input};
 use crate::stage::{Estimate, Stage};
 
@@ -53,6 +55,12 @@ pub struct Decode {
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
     #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
+    /// In how many parts the views are decoded, each a stage of its own; the images are the same
+    /// for any number.
+    #[schemars(range(min = 1))]
+    pub shards: u32,
+    /// Which of the parts this is, from 1; 0 for all views.
+    pub shard: u32,
 }
 
 /// How an image is made of refined latents.
@@ -75,6 +83,8 @@ impl Default for Decode {
             low: Input::default(),
             model: ModelSource::default(),
             tile: 512,
+            shards: 1,
+            shard: 0,
         }
     }
 }
@@ -144,16 +154,20 @@ impl Decode {
     fn decoded(&self, inputs: &Sizes) -> Size {
         let images = input(inputs, IMAGES.name);
         if images.pixels > 0 {
-            return images;
+            return self.part().size(images);
         }
         // A latent has a byte for each pixel (`Encode`); which view is the largest it does not say.
         let pixels = input(inputs, LATENTS.name).bytes;
-        Size {
+        self.part().size(Size {
             bytes: 12 * pixels,
             pixels,
             largest: pixels.min(LARGEST),
             views: 0,
-        }
+        })
+    }
+
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
     }
 
     /// Whether the images that were encoded are read.
@@ -173,7 +187,8 @@ impl Stage for Decode {
 
     fn check(&self) -> Result<(), StageError> {
         convert::in_range("back_projection", self.back_projection, 0, 1000)?;
-        convert::in_range("tile", self.tile, 64, 8192)
+        convert::in_range("tile", self.tile, 64, 8192)?;
+        shard::check(self.shards, self.shard)
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -194,6 +209,15 @@ impl Stage for Decode {
         Some(&self.model)
     }
 
+    fn shards(&self) -> Vec<AnyStage> {
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Decode(Self {
+                shard,
+                ..self.clone()
+            })
+        })
+    }
+
     fn uses_device(&self) -> bool {
         true
     }
@@ -204,12 +228,14 @@ impl Stage for Decode {
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let written = self.decoded(inputs);
+        let inputs = &self.part().sizes(inputs);
         let seconds = written.pixels as f64 * prior::decoding_seconds(&self.model);
         Estimate::streaming(inputs, written, WORKED).computing(prior::memory(&self.model), seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let latents = io.read(LATENTS)?;
+        let mut latents = io.read(LATENTS)?;
+        latents.views = self.part().take(latents.views)?;
         let residual = self.mode == Mode::Residual;
         let residuals = residual.then(|| io.read(RESIDUALS)).transpose()?;
         let takes_images = self.takes_images();

@@ -11,6 +11,8 @@ use crate::io::Io;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
+use crate::registry::AnyStage;
+use crate::shard::{self, Shard};
 use crate::size::{Foretold, Size, Sizes, input};
 use crate::stage::{Estimate, Stage};
 
@@ -32,6 +34,12 @@ pub struct Encode {
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
     #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
+    /// In how many parts the views are encoded, each a stage of its own; the latents are the same
+    /// for any number.
+    #[schemars(range(min = 1))]
+    pub shards: u32,
+    /// Which of the parts this is, from 1; 0 for all views.
+    pub shard: u32,
 }
 
 impl Default for Encode {
@@ -40,7 +48,15 @@ impl Default for Encode {
             images: Input::default(),
             model: ModelSource::default(),
             tile: 512,
+            shards: 1,
+            shard: 0,
         }
+    }
+}
+
+impl Encode {
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
     }
 }
 
@@ -54,7 +70,8 @@ impl Stage for Encode {
     }
 
     fn check(&self) -> Result<(), StageError> {
-        convert::in_range("tile", self.tile, 64, 8192)
+        convert::in_range("tile", self.tile, 64, 8192)?;
+        shard::check(self.shards, self.shard)
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -69,17 +86,27 @@ impl Stage for Encode {
         Some(&self.model)
     }
 
+    fn shards(&self) -> Vec<AnyStage> {
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Encode(Self {
+                shard,
+                ..self.clone()
+            })
+        })
+    }
+
     fn uses_device(&self) -> bool {
         true
     }
 
     fn foretell(&self, inputs: &Sizes) -> Foretold {
-        let images = input(inputs, IMAGES.name);
+        let images = self.part().size(input(inputs, IMAGES.name));
         // Four numbers for 4 x 4 pixels: a byte a pixel.
         [(LATENTS.name, Size::of_bytes(images.pixels))].into()
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let inputs = &self.part().sizes(inputs);
         let images = input(inputs, IMAGES.name);
         let latents = Size::of_bytes(images.pixels).whole();
         let work = WORKED * images.largest + prior::memory(&self.model);
@@ -90,7 +117,7 @@ impl Stage for Encode {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.images(IMAGES)?;
+        let images = self.part().images(io.images(IMAGES)?)?;
         let count = images.cameras().len();
         let prior = Prior::load(&self.model, io.device)?;
         let mut views = Vec::new();
