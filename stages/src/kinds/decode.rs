@@ -28,8 +28,6 @@ const LOW: Port<ImageSet> = Port::new("low");
 
 /// Bytes of a pixel while it is worked on, beside what lies between the layers for a tile.
 const WORKED: u64 = 160;
-/// Pixels of the largest view, where only latents tell: a photo of 4000 x 3000.
-const LARGEST: u64 = 12_000_000;
 
 /// Decodes refined latents z + h by the prior's VAE, D.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -90,9 +88,9 @@ impl Default for Decode {
 }
 
 /// The folders' contents that belong to one view.
-struct Parts<'a> {
-    latent: &'a LatentView,
-    residual: Option<&'a LatentView>,
+struct Parts {
+    latent: LatentView,
+    residual: Option<LatentView>,
     image: Option<View>,
     low: Option<View>,
 }
@@ -105,7 +103,7 @@ impl Decode {
         let refined = convert::latent_array(&parts.latent.tensor, io.device);
         let decoded = prior.vae.decode_latent(&refined, size, self.tile as usize);
         let (Mode::Residual, Some(residual), Some(image)) =
-            (self.mode, parts.residual, &parts.image)
+            (self.mode, &parts.residual, &parts.image)
         else {
             return clamp(&decoded, -1.0, 1.0);
         };
@@ -156,14 +154,8 @@ impl Decode {
         if images.pixels > 0 {
             return self.part().size(images);
         }
-        // A latent has a byte for each pixel (`Encode`); which view is the largest it does not say.
-        let pixels = input(inputs, LATENTS.name).bytes;
-        self.part().size(Size {
-            bytes: 12 * pixels,
-            pixels,
-            largest: pixels.min(LARGEST),
-            views: 0,
-        })
+        let latents = self.part().size(input(inputs, LATENTS.name));
+        latents.decoded(prior::latent_bytes(&self.model))
     }
 
     fn part(&self) -> Shard {
@@ -234,10 +226,10 @@ impl Stage for Decode {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let mut latents = io.read(LATENTS)?;
-        latents.views = self.part().take(latents.views)?;
+        let latents = self.part().latents(io.latents(LATENTS)?)?;
+        let count = latents.heads().views.len();
         let residual = self.mode == Mode::Residual;
-        let residuals = residual.then(|| io.read(RESIDUALS)).transpose()?;
+        let residuals = residual.then(|| io.latents(RESIDUALS)).transpose()?;
         let takes_images = self.takes_images();
         let images = takes_images.then(|| io.images(IMAGES)).transpose()?;
         let projects = self.back_projection > 0;
@@ -248,25 +240,26 @@ impl Stage for Decode {
             .flatten()
             .find_map(|i| i.to_source);
         let prior = Prior::load(&self.model, io.device)?;
-        let mut out = io.image_writer(IMAGES, latents.bounds, to_source);
-        for (done, latent) in latents.views.iter().enumerate() {
+        let mut out = io.image_writer(IMAGES, latents.heads().bounds, to_source);
+        for (done, latent) in latents.views().enumerate() {
+            let latent = latent?;
             let named = |images: &Option<StoredImages>| {
                 let images = images.as_ref();
                 images
                     .map(|images| convert::view_named(images, &latent.name))
                     .transpose()
             };
+            let residual = residuals.as_ref();
             let parts = Parts {
-                latent,
-                residual: residuals
-                    .as_ref()
-                    .map(|r| convert::latent_named(&r.0, &latent.name))
+                residual: residual
+                    .map(|residuals| convert::latent_named(residuals, &latent.name))
                     .transpose()?,
                 image: named(&images)?,
                 low: named(&low)?,
+                latent,
             };
             out.add(self.view(&prior, &parts, io))?;
-            io.progress(done + 1, latents.views.len(), &[])?;
+            io.progress(done + 1, count, &[])?;
         }
         Ok(out.finish()?)
     }

@@ -1,7 +1,9 @@
 //! `Encode`: images to latents by the prior's VAE, in f32. Knows nothing of guidance.
 
-use artifacts_schema::{ImageSet, LatentView, Latents};
+use artifacts_schema::{ImageSet, LatentHead, LatentHeads, Latents, StoredImages};
+use diffusion::vae::Vae;
 use diffusion::{ModelSource, Prior};
+use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +57,31 @@ impl Default for Encode {
 }
 
 impl Encode {
+    /// What is known of the latents before the first is encoded.
+    fn heads(&self, images: &StoredImages, vae: &Vae) -> Result<LatentHeads, StageError> {
+        let head = |(name, camera): &(String, Camera)| LatentHead {
+            name: name.clone(),
+            size: [camera.width, camera.height],
+            camera: *camera,
+            shape: vae
+                .latent_shape([camera.height as usize, camera.width as usize])
+                .to_vec(),
+        };
+        Ok(LatentHeads {
+            // The whole model's digest stands for its VAE, so that latents of another model are
+            // told apart.
+            vae: self.model.content()?.to_string(),
+            scaling_factor: vae.scaling_factor(),
+            views: images.cameras().iter().map(head).collect(),
+            bounds: images.bounds,
+        })
+    }
+
+    /// How large the latents of these images will be.
+    fn encoded(&self, images: Size) -> Size {
+        images.encoded(prior::latent_bytes(&self.model))
+    }
+
     fn part(&self) -> Shard {
         Shard::new(self.shards, self.shard)
     }
@@ -101,50 +128,29 @@ impl Stage for Encode {
 
     fn foretell(&self, inputs: &Sizes) -> Foretold {
         let images = self.part().size(input(inputs, IMAGES.name));
-        // Four numbers for 4 x 4 pixels: a byte a pixel.
-        [(LATENTS.name, Size::of_bytes(images.pixels))].into()
+        [(LATENTS.name, self.encoded(images))].into()
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let inputs = &self.part().sizes(inputs);
         let images = input(inputs, IMAGES.name);
-        let latents = Size::of_bytes(images.pixels).whole();
+        let seconds = images.pixels as f64 * prior::encoding_seconds(&self.model);
         let work = WORKED * images.largest + prior::memory(&self.model);
-        Estimate::streaming(inputs, Size::default(), 0).computing(
-            latents + work,
-            images.pixels as f64 * prior::encoding_seconds(&self.model),
-        )
+        Estimate::streaming(inputs, self.encoded(images), 0).computing(work, seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
         let images = self.part().images(io.images(IMAGES)?)?;
         let count = images.cameras().len();
         let prior = Prior::load(&self.model, io.device)?;
-        let mut views = Vec::new();
+        let mut out = io.latent_writer(LATENTS, &self.heads(&images, &prior.vae)?)?;
         for (done, view) in images.views().enumerate() {
             let view = view?;
-            let latent = prior
-                .vae
-                .encode_image(&convert::signed_array(&view, io.device), self.tile as usize);
-            views.push(LatentView {
-                name: view.name.clone(),
-                size: [view.camera.width, view.camera.height],
-                camera: view.camera,
-                tensor: convert::tensor(&latent),
-            });
+            let image = convert::signed_array(&view, io.device);
+            let latent = prior.vae.encode_image(&image, self.tile as usize);
+            out.add(&view.name, &convert::tensor(&latent))?;
             io.progress(done + 1, count, &[])?;
         }
-        // The whole model's digest stands for its VAE, so that latents of another model are told
-        // apart.
-        let vae = self.model.content()?.to_string();
-        io.write(
-            LATENTS,
-            &Latents {
-                vae,
-                scaling_factor: prior.vae.scaling_factor(),
-                views,
-                bounds: images.bounds,
-            },
-        )
+        Ok(out.finish()?)
     }
 }
