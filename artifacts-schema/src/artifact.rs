@@ -10,7 +10,7 @@ use crate::digest::Digest;
 use crate::error::SchemaError;
 use crate::figures;
 use crate::provenance::Provenance;
-use crate::{Field, Film, Latents, Log, Lora, Metrics, Residuals, StoredImages};
+use crate::{Field, Film, Log, Lora, Metrics, StoredImages, StoredLatents};
 
 /// The artifact types. Stages declare them for their inputs and outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -18,9 +18,9 @@ use crate::{Field, Film, Latents, Log, Lora, Metrics, Residuals, StoredImages};
 pub enum ArtifactKind {
     /// Posed images: [`ImageSet`](crate::ImageSet).
     Images,
-    /// Latent images of a VAE: [`Latents`].
+    /// Latent images of a VAE: [`Latents`](crate::Latents).
     Latents,
-    /// What an optimisation adds to latents: [`Residuals`].
+    /// What an optimisation adds to latents: [`Residuals`](crate::Residuals).
     Residuals,
     /// Low-rank weights: [`Lora`].
     Lora,
@@ -110,8 +110,9 @@ pub fn semantic_digest(kind: ArtifactKind, folder: &Path) -> Result<Digest, Sche
     match kind {
         // View by view, since a set may be larger than memory.
         ArtifactKind::Images => StoredImages::open(folder)?.semantic_digest(),
-        ArtifactKind::Latents => digest::<Latents>(folder),
-        ArtifactKind::Residuals => digest::<Residuals>(folder),
+        ArtifactKind::Latents | ArtifactKind::Residuals => {
+            StoredLatents::open(folder, kind)?.semantic_digest()
+        }
         ArtifactKind::Lora => digest::<Lora>(folder),
         ArtifactKind::Field => digest::<Field>(folder),
         ArtifactKind::Metrics => digest::<Metrics>(folder),

@@ -67,6 +67,16 @@ impl StoredImages {
         })
     }
 
+    /// The set as if it held the views at these places alone, which rise. The others are never
+    /// read.
+    pub fn only(self, places: &[usize]) -> Self {
+        let cameras = places.iter().map(|&at| self.cameras[at].clone());
+        Self {
+            cameras: cameras.collect(),
+            ..self
+        }
+    }
+
     /// The cameras by view name, sorted.
     pub fn cameras(&self) -> &[(String, Camera)] {
         &self.cameras

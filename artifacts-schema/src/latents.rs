@@ -4,16 +4,16 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use formats::{Bounds, Camera, Tensor};
+use formats::{Bounds, Camera, Tensor, tensor_file};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Artifact, ArtifactKind};
-use crate::canonical;
 use crate::digest::{ContentHasher, Digest};
 use crate::error::SchemaError;
+use crate::latent_heads::{LatentHead, LatentHeads};
+use crate::latent_stream::{LatentWriter, StoredLatents};
 use crate::provenance::Provenance;
-use crate::tensors::{self, METADATA_KEY};
 
 /// Latent images of posed views.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,18 +48,18 @@ pub struct Residuals(pub Latents);
 /// The JSON in the file's metadata.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct LatentsMetadata {
-    vae: String,
-    scaling_factor: f64,
-    bounds: Bounds,
-    views: BTreeMap<String, LatentViewMetadata>,
-    provenance: Provenance,
+    pub vae: String,
+    pub scaling_factor: f64,
+    pub bounds: Bounds,
+    pub views: BTreeMap<String, LatentViewMetadata>,
+    pub provenance: Provenance,
 }
 
 /// All of a view but its tensor.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct LatentViewMetadata {
-    size: [u32; 2],
-    camera: Camera,
+pub(crate) struct LatentViewMetadata {
+    pub size: [u32; 2],
+    pub camera: Camera,
 }
 
 impl Latents {
@@ -69,122 +69,80 @@ impl Latents {
         views
     }
 
-    fn check(&self) -> Result<(), SchemaError> {
-        canonical::check_bounds(&self.bounds)?;
-        // Sorted for the check alone, which looks at neighbours; tensors are written by name.
-        canonical::check_names(self.sorted().iter().map(|view| view.name.as_str()))?;
-        // Latents are divided by it, and JSON has no other numbers.
-        if !self.scaling_factor.is_finite() {
-            return Err(SchemaError::content(
-                "scaling_factor",
-                format!("is {}; expected a number", self.scaling_factor),
-            ));
-        }
-        for view in &self.views {
-            let place = format!("view {:?}", view.name);
-            canonical::check_camera(&view.camera, &place)?;
-            check_rank(&view.tensor, &place)?;
-        }
-        Ok(())
-    }
-
-    fn write_file(
-        &self,
-        folder: &Path,
-        file: &str,
-        provenance: &Provenance,
-    ) -> Result<(), SchemaError> {
-        self.check()?;
-        let metadata = LatentsMetadata {
+    /// All but the numbers.
+    fn heads(&self) -> LatentHeads {
+        let views = self.sorted().into_iter();
+        LatentHeads {
             vae: self.vae.clone(),
             scaling_factor: self.scaling_factor,
+            views: views.map(LatentView::head).collect(),
             bounds: self.bounds,
-            views: self
-                .views
-                .iter()
-                .map(|view| {
-                    (
-                        view.name.clone(),
-                        LatentViewMetadata {
-                            size: view.size,
-                            camera: view.camera,
-                        },
-                    )
-                })
-                .collect(),
-            provenance: provenance.clone(),
-        };
-        let tensors = self.views.iter();
-        let tensors = tensors.map(|view| (view.name.as_str(), &view.tensor));
-        let metadata = BTreeMap::from([
-            ("format", "pt".to_owned()),
-            (METADATA_KEY, canonical::line(&metadata)?),
-        ]);
-        tensors::write(folder, file, tensors, &metadata)
+        }
     }
 
-    fn read_file(folder: &Path, file: &str) -> Result<Self, SchemaError> {
-        let path = folder.join(file);
-        let tensors = tensors::open(&path)?;
-        let metadata: LatentsMetadata = tensors::header(&tensors)?;
-        // Both ways: each view has a tensor, and each tensor a view.
-        // Looked for before the metadata is taken apart below.
-        let unknown = |name: &&str| !metadata.views.contains_key(*name);
-        let unknown = tensors.names().find(unknown).map(str::to_owned);
-        let mut views = Vec::new();
-        for (name, LatentViewMetadata { size, camera }) in metadata.views {
-            // A view without a tensor is named by the file's own error.
-            let tensor = tensors.tensor(&name)?;
-            let place = format!("tensor {name:?}");
-            canonical::check_camera(&camera, &place).map_err(|error| error.in_file(&path))?;
-            check_rank(&tensor, &place).map_err(|error| error.in_file(&path))?;
-            views.push(LatentView {
-                name,
-                size,
-                camera,
-                tensor,
-            });
+    fn write_as(
+        &self,
+        kind: ArtifactKind,
+        folder: &Path,
+        provenance: &Provenance,
+    ) -> Result<(), SchemaError> {
+        let heads = self.heads();
+        // All checks come first, so that nothing is written of content that has no form on disk.
+        heads.check()?;
+        for view in &self.views {
+            tensor_file::check(&view.name, &view.tensor.view())?;
         }
-        if let Some(name) = unknown {
-            return Err(tensors.wrong(&name, "is not in the metadata").into());
+        let mut writer = LatentWriter::new(folder, kind, &heads, provenance)?;
+        for view in self.sorted() {
+            writer.add(&view.name, &view.tensor)?;
         }
+        writer.finish()
+    }
+
+    fn read_as(kind: ArtifactKind, folder: &Path) -> Result<Self, SchemaError> {
+        let stored = StoredLatents::open(folder, kind)?;
+        let views = stored.views().collect::<Result<_, _>>()?;
+        let LatentHeads {
+            vae,
+            scaling_factor,
+            bounds,
+            ..
+        } = stored.heads().clone();
         Ok(Self {
-            vae: metadata.vae,
-            scaling_factor: metadata.scaling_factor,
+            vae,
+            scaling_factor,
             views,
-            bounds: metadata.bounds,
+            bounds,
         })
     }
 
     fn digest(&self, kind: ArtifactKind) -> Digest {
         let mut hasher = ContentHasher::new(kind);
-        // Latents of two autoencoders are different things, even with equal numbers.
-        hasher.text(&self.vae);
-        hasher.real(self.scaling_factor);
-        hasher.bounds(&self.bounds);
-        hasher.count(self.views.len());
+        self.heads().feed(&mut hasher);
         // By name, so that the digest does not depend on the order of a list.
-        for view in self.sorted() {
-            hasher.text(&view.name);
-            hasher.count(view.size[0] as usize);
-            hasher.count(view.size[1] as usize);
-            hasher.camera(&view.camera);
-            hasher.tensor(&view.tensor);
-        }
+        let views = self.sorted().into_iter();
+        views.for_each(|view| view.feed(&mut hasher));
         hasher.finish()
     }
 }
 
-fn check_rank(tensor: &Tensor, place: &str) -> Result<(), SchemaError> {
-    match tensor.shape.len() {
-        3 => Ok(()),
-        _ => Err(SchemaError::content(
-            place,
-            format!(
-                "has shape {:?}; expected [channels, height, width]",
-                tensor.shape
-            ),
-        )),
+impl LatentView {
+    /// All but the numbers.
+    fn head(&self) -> LatentHead {
+        LatentHead {
+            name: self.name.clone(),
+            size: self.size,
+            camera: self.camera,
+            shape: self.tensor.shape.clone(),
+        }
+    }
+
+    pub(crate) fn feed(&self, hasher: &mut ContentHasher) {
+        hasher.text(&self.name);
+        hasher.count(self.size[0] as usize);
+        hasher.count(self.size[1] as usize);
+        hasher.camera(&self.camera);
+        hasher.tensor(&self.tensor);
     }
 }
 
@@ -192,11 +150,11 @@ impl Artifact for Latents {
     const KIND: ArtifactKind = ArtifactKind::Latents;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
-        self.write_file(folder, "latents.safetensors", provenance)
+        self.write_as(Self::KIND, folder, provenance)
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        Self::read_file(folder, "latents.safetensors")
+        Self::read_as(Self::KIND, folder)
     }
 
     fn semantic_digest(&self) -> Digest {
@@ -208,12 +166,11 @@ impl Artifact for Residuals {
     const KIND: ArtifactKind = ArtifactKind::Residuals;
 
     fn write(&self, folder: &Path, provenance: &Provenance) -> Result<(), SchemaError> {
-        self.0
-            .write_file(folder, "residuals.safetensors", provenance)
+        self.0.write_as(Self::KIND, folder, provenance)
     }
 
     fn read(folder: &Path) -> Result<Self, SchemaError> {
-        Latents::read_file(folder, "residuals.safetensors").map(Self)
+        Latents::read_as(Self::KIND, folder).map(Self)
     }
 
     fn semantic_digest(&self) -> Digest {

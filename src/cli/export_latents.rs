@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use artifacts_schema::{Artifact, LatentView, Latents as Disk};
+use artifacts_schema::{ArtifactKind, LatentView, SchemaError, StoredLatents};
 use clap::Args;
 use formats::{Tensor, tensor_file};
 use serde_json::json;
@@ -36,23 +36,26 @@ pub struct Latents {
 impl Latents {
     /// Writes the folder and says what is in it.
     pub fn run(self, json: bool) -> Result<(), Error> {
-        let latents = Disk::read(&self.latents).map_err(|error| {
-            let help =
-                "give a folder of latent images, with latents.safetensors: an output of `Encode` or `Optimize`";
+        let refuse = |error: SchemaError| {
+            let help = "give a folder of latent images, with latents.safetensors: an output of `Encode` or `Optimize`";
             Error::usage(error.to_string(), help)
-        })?;
+        };
+        let latents = StoredLatents::open(&self.latents, ArtifactKind::Latents).map_err(refuse)?;
+        let heads = latents.heads();
         whole::folder(&self.output, |folder| {
             std::fs::create_dir(folder).map_err(|error| whole::refused(&self.output, &error))?;
-            let mut views = latents.views.iter();
-            views.try_for_each(|view| self.write(folder, view, latents.scaling_factor))
+            let mut views = latents.views();
+            views.try_for_each(|view| {
+                self.write(folder, &view.map_err(refuse)?, heads.scaling_factor)
+            })
         })?;
-        let count = latents.views.len();
+        let count = heads.views.len();
         match json {
-            true => print_json(&json!({"latents": count, "vae": latents.vae})),
+            true => print_json(&json!({"latents": count, "vae": heads.vae})),
             false => print(&format_args!(
                 "{}: {count} latents of the VAE {}, which must decode them",
                 self.output.display(),
-                latents.vae
+                heads.vae
             )),
         }
         Ok(())

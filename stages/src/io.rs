@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use artifacts_schema::{
-    Artifact, FigureWriter, Figures, ImageSet, ImageWriter, Provenance, StoredImages,
+    Artifact, FigureWriter, Figures, ImageSet, ImageWriter, LatentHeads, LatentWriter, Provenance,
+    StoredImages, StoredLatents,
 };
 use compute::Device;
 use formats::Bounds;
@@ -90,6 +91,11 @@ impl Io<'_> {
         Ok(StoredImages::open(self.input(port.name)?)?)
     }
 
+    /// The latents, or residuals, of this port, to be read view by view.
+    pub fn latents<A: Artifact>(&self, port: Port<A>) -> Result<StoredLatents, StageError> {
+        Ok(StoredLatents::open(self.input(port.name)?, A::KIND)?)
+    }
+
     /// The folder of the input of this name.
     pub fn input(&self, name: &str) -> Result<&Path, StageError> {
         self.inputs
@@ -119,6 +125,18 @@ impl Io<'_> {
     pub fn figure_writer(&self, port: Port<Figures>) -> Result<FigureWriter<'_>, StageError> {
         let folder = self.outputs.join(port.name);
         Ok(FigureWriter::new(&folder, &self.provenance)?)
+    }
+
+    /// Takes the numbers of the latents, or residuals, of this port one by one, in the order of
+    /// names.
+    pub fn latent_writer<A: Artifact>(
+        &self,
+        port: Port<A>,
+        heads: &LatentHeads,
+    ) -> Result<LatentWriter, StageError> {
+        let folder = self.outputs.join(port.name);
+        let writer = LatentWriter::new(&folder, A::KIND, heads, &self.provenance);
+        Ok(writer?)
     }
 
     /// Reports progress; an error when the run is being stopped.

@@ -3,7 +3,12 @@
 //!
 //! No pipeline names it: it takes the place of a stage with `shards`, when loops are unrolled.
 
-use artifacts_schema::{Artifact, ArtifactKind, Latents, Log, Residuals, StoredImages};
+use std::path::Path;
+
+use artifacts_schema::{
+    Artifact, ArtifactKind, LatentHeads, Latents, Log, Residuals, SchemaError, StoredImages,
+    StoredLatents,
+};
 use serde_json::{Value, json};
 
 use crate::error::StageError;
@@ -69,28 +74,65 @@ impl Merge {
         &self.parts
     }
 
-    fn join<A: Joined>(&self, output: &OutputPort, io: &Io) -> Result<(), StageError> {
-        // Shard by shard, so that a log's lines have one order whichever shard was done first.
+    /// What the shards left of an output, in the order of shards.
+    fn read<T>(
+        &self,
+        output: &OutputPort,
+        io: &Io,
+        read: impl Fn(&Path) -> Result<T, SchemaError>,
+    ) -> impl Iterator<Item = Result<T, StageError>> {
         let parts = self.parts.iter().filter(|part| part.output == *output);
-        let read = |part: &Part| Ok(A::read(io.input(&part.input)?)?);
-        let parts = parts.map(read).collect::<Result<_, StageError>>()?;
-        io.write(Port::new(output.name), &A::join(parts)?)
+        parts.map(move |part| Ok(read(io.input(&part.input)?)?))
     }
-}
 
-impl Merge {
     /// Joins images view by view: all of them may be larger than memory.
     fn join_images(&self, output: &OutputPort, io: &Io) -> Result<(), StageError> {
-        let parts = self.parts.iter().filter(|part| part.output == *output);
-        let open = |part: &Part| Ok(StoredImages::open(io.input(&part.input)?)?);
-        let parts: Vec<StoredImages> = parts.map(open).collect::<Result<_, StageError>>()?;
+        let parts = self.read(output, io, StoredImages::open);
+        let parts: Vec<StoredImages> = parts.collect::<Result<_, _>>()?;
         // All shards have the bounds of the whole.
-        let (first, _) = first(parts.iter().collect())?;
+        let first = first(&parts)?;
         let mut out = io.image_writer(Port::new(output.name), first.bounds, first.to_source);
         for view in parts.iter().flat_map(StoredImages::views) {
             out.add(view?)?;
         }
         Ok(out.finish()?)
+    }
+
+    /// Joins latents, or residuals, view by view.
+    fn join_latents<A: Artifact>(&self, output: &OutputPort, io: &Io) -> Result<(), StageError> {
+        let parts = self.read(output, io, |folder| StoredLatents::open(folder, A::KIND));
+        let parts: Vec<StoredLatents> = parts.collect::<Result<_, _>>()?;
+        let views = parts.iter().flat_map(|part| {
+            let heads = part.heads().views.iter().enumerate();
+            heads.map(move |(at, head)| (head, part, at))
+        });
+        let mut views: Vec<_> = views.collect();
+        // In the order of names, as the whole stage would have left them.
+        views.sort_by(|(a, ..), (b, ..)| a.name.cmp(&b.name));
+        let heads = LatentHeads {
+            views: views.iter().map(|(head, ..)| (*head).clone()).collect(),
+            // All shards have the bounds of the whole.
+            ..first(&parts)?.heads().clone()
+        };
+        let mut out = io.latent_writer(Port::<A>::new(output.name), &heads)?;
+        for (head, part, at) in views {
+            out.add(&head.name, &part.view(at)?.tensor)?;
+        }
+        Ok(out.finish()?)
+    }
+
+    /// Joins logs, shard after shard; every line says whose it is.
+    fn join_logs(&self, output: &OutputPort, io: &Io) -> Result<(), StageError> {
+        let mut joined = Log::default();
+        for (shard, log) in self.read(output, io, Log::read).enumerate() {
+            let mark = |mut line: Value| {
+                // Steps are counted from 0 in every shard, so that lines alone would be ambiguous.
+                line["shard"] = json!(shard + 1);
+                line
+            };
+            joined.lines.extend(log?.lines.into_iter().map(mark));
+        }
+        io.write(Port::new(output.name), &joined)
     }
 }
 
@@ -128,8 +170,10 @@ impl Stage for Merge {
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
-        let images = inputs.values().copied().filter(|size| size.pixels > 0);
-        Estimate::streaming(inputs, images.fold(Size::default(), Size::and), 0)
+        // Parts are read one after the other, so that they take what the whole would.
+        let joined = self.foretell(inputs);
+        let viewed = joined.values().copied().filter(|size| size.largest > 0);
+        Estimate::streaming(&joined, viewed.fold(Size::default(), Size::and), 0)
     }
 
     fn determinism(&self) -> Determinism {
@@ -141,9 +185,9 @@ impl Stage for Merge {
         for port in &self.outputs {
             match port.kind {
                 ArtifactKind::Images => self.join_images(port, io)?,
-                ArtifactKind::Latents => self.join::<Latents>(port, io)?,
-                ArtifactKind::Residuals => self.join::<Residuals>(port, io)?,
-                ArtifactKind::Log => self.join::<Log>(port, io)?,
+                ArtifactKind::Latents => self.join_latents::<Latents>(port, io)?,
+                ArtifactKind::Residuals => self.join_latents::<Residuals>(port, io)?,
+                ArtifactKind::Log => self.join_logs(port, io)?,
                 kind => {
                     return Err(StageError::Mismatch(format!(
                         "{kind} of several shards cannot be joined"
@@ -155,52 +199,8 @@ impl Stage for Merge {
     }
 }
 
-/// An artifact that can be joined from parts; each part has views of its own.
-trait Joined: Artifact {
-    fn join(parts: Vec<Self>) -> Result<Self, StageError>;
-}
-
-/// The first part, and the others behind it; an error where there is none.
-fn first<A>(parts: Vec<A>) -> Result<(A, impl Iterator<Item = A>), StageError> {
-    let mut parts = parts.into_iter();
-    let first = parts
-        .next()
-        .ok_or_else(|| StageError::Mismatch("there are no shards to join".into()))?;
-    Ok((first, parts))
-}
-
-impl Joined for Latents {
-    fn join(parts: Vec<Self>) -> Result<Self, StageError> {
-        // All shards have the bounds of the whole.
-        let (mut all, others) = first(parts)?;
-        others.for_each(|part| all.views.extend(part.views));
-        // In the order of names, as the whole stage would have left them.
-        all.views.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(all)
-    }
-}
-
-impl Joined for Residuals {
-    fn join(parts: Vec<Self>) -> Result<Self, StageError> {
-        Ok(Self(Latents::join(
-            parts.into_iter().map(|Self(latents)| latents).collect(),
-        )?))
-    }
-}
-
-impl Joined for Log {
-    /// Shard after shard; every line says whose it is.
-    fn join(parts: Vec<Self>) -> Result<Self, StageError> {
-        let marked = |(shard, log): (usize, Self)| {
-            let mark = move |mut line: Value| {
-                // Steps are counted from 0 in every shard, so that lines alone would be ambiguous.
-                line["shard"] = json!(shard + 1);
-                line
-            };
-            log.lines.into_iter().map(mark)
-        };
-        Ok(Self {
-            lines: parts.into_iter().enumerate().flat_map(marked).collect(),
-        })
-    }
+/// The first part; an error where there is none.
+fn first<A>(parts: &[A]) -> Result<&A, StageError> {
+    let none = || StageError::Mismatch("there are no shards to join".into());
+    parts.first().ok_or_else(none)
 }

@@ -28,6 +28,15 @@ impl Model for ModelSource {
     }
 }
 
+/// Bytes of a latent for each pixel of its image.
+pub fn latent_bytes(model: &ModelSource) -> u64 {
+    match model {
+        // 16 numbers for 4 x 4 pixels, and 4 in the upscalers that can be loaded.
+        ModelSource::Embedded => 4,
+        ModelSource::Folder(_) | ModelSource::File(_) => 1,
+    }
+}
+
 /// Seconds of two cores to encode a pixel, roughly.
 pub fn encoding_seconds(model: &ModelSource) -> f64 {
     match model {

@@ -11,7 +11,7 @@ pub struct Size {
     pub bytes: u64,
     /// Pixels of all of its views; 0 where it holds no images.
     pub pixels: u64,
-    /// Pixels of its largest view.
+    /// Pixels of its largest view; of latents, bytes of it.
     pub largest: u64,
     /// Its views.
     pub views: u64,
@@ -22,6 +22,9 @@ pub type Sizes<'a> = BTreeMap<&'a str, Size>;
 
 /// The sizes of output artifacts by output name, as far as they can be foretold.
 pub type Foretold = BTreeMap<&'static str, Size>;
+
+/// Bytes of the largest latent, where only those of all are known: of a photo of 4000 x 3000.
+const LARGEST: u64 = 12_000_000;
 
 impl Size {
     /// Of an artifact without images.
@@ -48,6 +51,37 @@ impl Size {
         size
     }
 
+    /// Of latents that are `bytes` on disk, by the bytes of each view where those are known.
+    pub fn of_latents(views: Option<Vec<u64>>, bytes: u64) -> Self {
+        let largest = views.iter().flatten().copied().max();
+        Self {
+            largest: largest.unwrap_or(bytes.min(LARGEST)),
+            views: views.map_or(0, |views| views.len() as u64),
+            ..Self::of_bytes(bytes)
+        }
+    }
+
+    /// Of the latents of these images, which have so many bytes for each pixel.
+    pub fn encoded(self, pixel: u64) -> Self {
+        Self {
+            bytes: pixel * self.pixels,
+            pixels: 0,
+            largest: pixel * self.largest,
+            views: self.views,
+        }
+    }
+
+    /// Of the images of these latents, which have so many bytes for each pixel.
+    pub fn decoded(self, pixel: u64) -> Self {
+        let pixels = self.bytes / pixel;
+        Self {
+            bytes: 12 * pixels,
+            pixels,
+            largest: self.largest / pixel,
+            views: self.views,
+        }
+    }
+
     /// Of the same images, `factor` times as wide and high.
     pub fn scaled(self, factor: f64) -> Self {
         let scaled = |number: u64| (number as f64 * factor * factor).ceil() as u64;
@@ -69,9 +103,14 @@ impl Size {
         }
     }
 
-    /// Bytes that its images take in memory when they are read, or written, view by view.
+    /// Bytes that its images or latents take in memory when they are read, or written, view by
+    /// view.
     pub fn held(&self) -> u64 {
-        (PIXEL * self.pixels).min(HELD + PIXEL * self.largest)
+        match self.pixels {
+            // One alone, as it lies in the file, as numbers, and as an array.
+            0 => 3 * self.largest.min(self.bytes),
+            pixels => (PIXEL * pixels).min(HELD + PIXEL * self.largest),
+        }
     }
 
     /// Bytes that it takes in memory as a whole.
@@ -101,5 +140,10 @@ mod tests {
         assert!(photos.held() < 600_000_000);
         let few = Size::of_images([(8, 8), (4, 4)], None);
         assert_eq!(few.held(), 20 * 80);
+        let latents = photos.encoded(4);
+        assert_eq!((latents.views, latents.held()), (300, 12 * 4032 * 3024));
+        assert_eq!(latents.decoded(4), photos);
+        let stored = Size::of_latents(Some(vec![32, 48]), 100);
+        assert_eq!((stored.views, stored.held(), stored.whole()), (2, 144, 300));
     }
 }

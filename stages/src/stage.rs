@@ -78,10 +78,10 @@ impl Estimate {
         Self::of(memory, reading_seconds(inputs))
     }
 
-    /// Of a stage that goes through its inputs' images view by view, each of which takes `pixel`
+    /// Of a stage that goes through its inputs' images and latents view by view, each of which takes `pixel`
     /// bytes for each of its pixels while it is worked on, and writes images in the same way.
     pub fn streaming(inputs: &Sizes, written: Size, pixel: u64) -> Self {
-        let read = inputs.values().map(|size| match size.pixels {
+        let read = inputs.values().map(|size| match size.largest {
             0 => size.whole(),
             _ => size.held(),
         });

@@ -131,6 +131,21 @@ fn what_is_not_computed_yet_has_its_size_by_the_photos() {
 }
 
 #[test]
+fn a_part_is_foretold_by_its_own_views() {
+    let space = Space::new();
+    field_of(&space, 110, [320, 240]);
+    let seconds = |stage, more: &[&str]| expected(&space, stage, more)["seconds"].as_f64().unwrap();
+    let sharded = ["--set=up.shards=5"];
+    // A second goes to any stage, and the rest to its views: 55, or 11.
+    let whole = seconds("up", &[]) - 1.0;
+    let part = seconds("up.1", &sharded) - 1.0;
+    assert!((whole - 5.0 * part).abs() < 1e-6 * whole, "{whole} {part}");
+    // Together they leave what the whole would.
+    let memory = |more: &[&str]| expected(&space, "fit", more)["memory"].clone();
+    assert_eq!(memory(&sharded), memory(&[]));
+}
+
+#[test]
 fn a_scene_too_large_for_memory_is_refused_before_anything_is_drawn() {
     let space = Space::new();
     field_of(&space, 10_000, [16_000, 12_000]);

@@ -5,6 +5,7 @@
 
 mod bytes;
 mod digests;
+mod latent_streams;
 mod malformed;
 mod openexr;
 mod round_trip;

@@ -66,6 +66,24 @@ fn views_that_are_read_one_by_one_are_those_of_the_whole() {
 }
 
 #[test]
+fn of_some_views_the_others_are_not_read() {
+    let folder = tempdir().unwrap();
+    many().write(folder.path(), &samples::provenance()).unwrap();
+    let whole = ImageSet::read(folder.path()).unwrap();
+    fs::remove_file(folder.path().join("view_02.exr")).unwrap();
+    let stream = StoredImages::open(folder.path()).unwrap().only(&[3, 5]);
+    let read: Result<Vec<View>, _> = stream.views().collect();
+    assert_eq!(
+        read.unwrap(),
+        [whole.views[3].clone(), whole.views[5].clone()]
+    );
+    assert_eq!(
+        (stream.find("view_03"), stream.find("view_02")),
+        (Some(1), None)
+    );
+}
+
+#[test]
 fn of_several_broken_views_the_first_is_named() {
     let folder = tempdir().unwrap();
     many().write(folder.path(), &samples::provenance()).unwrap();

@@ -3,13 +3,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use artifacts_schema::{ArtifactKind, image_stream};
+use artifacts_schema::{ArtifactKind, image_stream, latent_stream};
 use stages::{Foretold, Size, Sizes};
 
 use super::{Context, inputs};
 use crate::pipeline::graph::{Node, Wire};
 use crate::store::Store;
-use crate::store::record::{Output, Record};
+use crate::store::record::{Output, Record, StoredFile};
 
 /// The sizes of the inputs of a stage whose inputs are all there.
 pub fn of_results<'n, 'r>(
@@ -26,9 +26,20 @@ pub fn of_results<'n, 'r>(
 /// The size of an output. Of one whose files are not here, as in a remote, only the bytes are known.
 fn of_output(store: &Store, output: &Output) -> Size {
     let bytes = output.files.iter().map(|file| file.bytes).sum();
-    if output.kind != ArtifactKind::Images {
-        return Size::of_bytes(bytes);
+    match output.kind {
+        ArtifactKind::Images => of_images(store, output, bytes),
+        ArtifactKind::Latents | ArtifactKind::Residuals => {
+            // All of them are in one file.
+            let mut files = output.files.iter();
+            let sizes =
+                |file: &StoredFile| latent_stream::sizes(&store.blobs.path(&file.blob)).ok();
+            Size::of_latents(files.next().and_then(sizes), bytes)
+        }
+        _ => Size::of_bytes(bytes),
     }
+}
+
+fn of_images(store: &Store, output: &Output, bytes: u64) -> Size {
     let page = output
         .files
         .iter()

@@ -161,7 +161,7 @@ impl Weights {
     }
 
     fn missing(&self, name: &str, stored: &str, shape: &[usize]) -> ModelError {
-        let file = self.files.first().map_or("", TensorFile::name);
+        let file = self.files.first().map_or("", |file| file.name());
         match self.names {
             Some(names) => SingleFileError::missing(file, names.network(), stored, name).into(),
             None => ModelError::tensor(file, name, format!("of shape {shape:?} is missing")),

@@ -63,7 +63,7 @@ impl Values<'_> {
     }
 
     /// The numbers as they lie in files.
-    pub(crate) fn bytes(&self) -> Vec<u8> {
+    pub fn bytes(&self) -> Vec<u8> {
         match self {
             // Little-endian on every machine, as the format asks.
             Self::F32(values) => {

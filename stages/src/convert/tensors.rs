@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use artifacts_schema::{self as disk, LatentView, Latents};
+use artifacts_schema::{self as disk, LatentView, StoredLatents};
 use compute::{Array, Device};
 use diffusion::optimize::LoraParameters;
 use formats::Tensor;
@@ -26,11 +26,11 @@ pub fn latent_array(tensor: &Tensor, device: &Device) -> Array {
 }
 
 /// The latent of this name.
-pub fn latent_named<'a>(latents: &'a Latents, name: &str) -> Result<&'a LatentView, StageError> {
-    let found = latents.views.iter().find(|view| view.name == name);
-    found.ok_or_else(|| {
+pub fn latent_named(latents: &StoredLatents, name: &str) -> Result<LatentView, StageError> {
+    let at = latents.find(name).ok_or_else(|| {
         StageError::Mismatch(format!("an input latent set has no view named `{name}`"))
-    })
+    })?;
+    Ok(latents.view(at)?)
 }
 
 /// A field that can be rendered and trained.

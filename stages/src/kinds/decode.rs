@@ -15,6 +15,8 @@ use crate::masks;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
+use crate::registry::AnyStage;
+use crate::shard::{self, Shard};
 use crate::size::{Foretold, Size, Sizes, input};
 use crate::stage::{Estimate, Stage};
 
@@ -26,8 +28,6 @@ const LOW: Port<ImageSet> = Port::new("low");
 
 /// Bytes of a pixel while it is worked on, beside what lies between the layers for a tile.
 const WORKED: u64 = 160;
-/// Pixels of the largest view, where only latents tell: a photo of 4000 x 3000.
-const LARGEST: u64 = 12_000_000;
 
 /// Decodes refined latents z + h by the prior's VAE, D.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -53,6 +53,12 @@ pub struct Decode {
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
     #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
+    /// In how many parts the views are decoded, each a stage of its own; the images are the same
+    /// for any number.
+    #[schemars(range(min = 1))]
+    pub shards: u32,
+    /// Which of the parts this is, from 1; 0 for all views.
+    pub shard: u32,
 }
 
 /// How an image is made of refined latents.
@@ -75,14 +81,16 @@ impl Default for Decode {
             low: Input::default(),
             model: ModelSource::default(),
             tile: 512,
+            shards: 1,
+            shard: 0,
         }
     }
 }
 
 /// The folders' contents that belong to one view.
-struct Parts<'a> {
-    latent: &'a LatentView,
-    residual: Option<&'a LatentView>,
+struct Parts {
+    latent: LatentView,
+    residual: Option<LatentView>,
     image: Option<View>,
     low: Option<View>,
 }
@@ -95,7 +103,7 @@ impl Decode {
         let refined = convert::latent_array(&parts.latent.tensor, io.device);
         let decode = |latent: &Array| prior.vae.decode_latent(latent, size, self.tile as usize);
         let (Mode::Residual, Some(residual), Some(image)) =
-            (self.mode, parts.residual, &parts.image)
+            (self.mode, &parts.residual, &parts.image)
         else {
             return clamp(&decode(&refined), -1.0, 1.0);
         };
@@ -142,16 +150,14 @@ impl Decode {
     fn decoded(&self, inputs: &Sizes) -> Size {
         let images = input(inputs, IMAGES.name);
         if images.pixels > 0 {
-            return images;
+            return self.part().size(images);
         }
-        // A latent has a byte for each pixel (`Encode`); which view is the largest it does not say.
-        let pixels = input(inputs, LATENTS.name).bytes;
-        Size {
-            bytes: 12 * pixels,
-            pixels,
-            largest: pixels.min(LARGEST),
-            views: 0,
-        }
+        let latents = self.part().size(input(inputs, LATENTS.name));
+        latents.decoded(prior::latent_bytes(&self.model))
+    }
+
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
     }
 
     /// Whether the images that were encoded are read.
@@ -171,7 +177,8 @@ impl Stage for Decode {
 
     fn check(&self) -> Result<(), StageError> {
         convert::in_range("back_projection", self.back_projection, 0, 1000)?;
-        convert::in_range("tile", self.tile, 64, 8192)
+        convert::in_range("tile", self.tile, 64, 8192)?;
+        shard::check(self.shards, self.shard)
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -192,6 +199,15 @@ impl Stage for Decode {
         Some(&self.model)
     }
 
+    fn shards(&self) -> Vec<AnyStage> {
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Decode(Self {
+                shard,
+                ..self.clone()
+            })
+        })
+    }
+
     fn uses_device(&self) -> bool {
         true
     }
@@ -202,14 +218,16 @@ impl Stage for Decode {
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let written = self.decoded(inputs);
+        let inputs = &self.part().sizes(inputs);
         let seconds = written.pixels as f64 * prior::decoding_seconds(&self.model);
         Estimate::streaming(inputs, written, WORKED).computing(prior::memory(&self.model), seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let latents = io.read(LATENTS)?;
+        let latents = self.part().latents(io.latents(LATENTS)?)?;
+        let count = latents.heads().views.len();
         let residual = self.mode == Mode::Residual;
-        let residuals = residual.then(|| io.read(RESIDUALS)).transpose()?;
+        let residuals = residual.then(|| io.latents(RESIDUALS)).transpose()?;
         let takes_images = self.takes_images();
         let images = takes_images.then(|| io.images(IMAGES)).transpose()?;
         let projects = self.back_projection > 0;
@@ -220,25 +238,26 @@ impl Stage for Decode {
             .flatten()
             .find_map(|i| i.to_source);
         let prior = Prior::load(&self.model, io.device)?;
-        let mut out = io.image_writer(IMAGES, latents.bounds, to_source);
-        for (done, latent) in latents.views.iter().enumerate() {
+        let mut out = io.image_writer(IMAGES, latents.heads().bounds, to_source);
+        for (done, latent) in latents.views().enumerate() {
+            let latent = latent?;
             let named = |images: &Option<StoredImages>| {
                 let images = images.as_ref();
                 images
                     .map(|images| convert::view_named(images, &latent.name))
                     .transpose()
             };
+            let residual = residuals.as_ref();
             let parts = Parts {
-                latent,
-                residual: residuals
-                    .as_ref()
-                    .map(|r| convert::latent_named(&r.0, &latent.name))
+                residual: residual
+                    .map(|residuals| convert::latent_named(residuals, &latent.name))
                     .transpose()?,
                 image: named(&images)?,
                 low: named(&low)?,
+                latent,
             };
             out.add(self.view(&prior, &parts, io))?;
-            io.progress(done + 1, latents.views.len(), &[])?;
+            io.progress(done + 1, count, &[])?;
         }
         Ok(out.finish()?)
     }

@@ -1,7 +1,9 @@
 //! `Encode`: images to latents by the prior's VAE, in f32. Knows nothing of guidance.
 
-use artifacts_schema::{ImageSet, LatentView, Latents};
+use artifacts_schema::{ImageSet, LatentHead, LatentHeads, Latents, StoredImages};
+use diffusion::vae::Vae;
 use diffusion::{ModelSource, Prior};
+use formats::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -11,6 +13,8 @@ use crate::io::Io;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
+use crate::registry::AnyStage;
+use crate::shard::{self, Shard};
 use crate::size::{Foretold, Size, Sizes, input};
 use crate::stage::{Estimate, Stage};
 
@@ -32,6 +36,12 @@ pub struct Encode {
     /// Side of the tiles in image pixels; an image that fits in one is not tiled.
     #[schemars(range(min = 64, max = 8192))]
     pub tile: u32,
+    /// In how many parts the views are encoded, each a stage of its own; the latents are the same
+    /// for any number.
+    #[schemars(range(min = 1))]
+    pub shards: u32,
+    /// Which of the parts this is, from 1; 0 for all views.
+    pub shard: u32,
 }
 
 impl Default for Encode {
@@ -40,7 +50,40 @@ impl Default for Encode {
             images: Input::default(),
             model: ModelSource::default(),
             tile: 512,
+            shards: 1,
+            shard: 0,
         }
+    }
+}
+
+impl Encode {
+    /// What is known of the latents before the first is encoded.
+    fn heads(&self, images: &StoredImages, vae: &Vae) -> Result<LatentHeads, StageError> {
+        let head = |(name, camera): &(String, Camera)| LatentHead {
+            name: name.clone(),
+            size: [camera.width, camera.height],
+            camera: *camera,
+            shape: vae
+                .latent_shape([camera.height as usize, camera.width as usize])
+                .to_vec(),
+        };
+        Ok(LatentHeads {
+            // The whole model's digest stands for its VAE, so that latents of another model are
+            // told apart.
+            vae: self.model.content()?.to_string(),
+            scaling_factor: vae.scaling_factor(),
+            views: images.cameras().iter().map(head).collect(),
+            bounds: images.bounds,
+        })
+    }
+
+    /// How large the latents of these images will be.
+    fn encoded(&self, images: Size) -> Size {
+        images.encoded(prior::latent_bytes(&self.model))
+    }
+
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
     }
 }
 
@@ -54,7 +97,8 @@ impl Stage for Encode {
     }
 
     fn check(&self) -> Result<(), StageError> {
-        convert::in_range("tile", self.tile, 64, 8192)
+        convert::in_range("tile", self.tile, 64, 8192)?;
+        shard::check(self.shards, self.shard)
     }
 
     fn inputs(&self) -> Vec<InputPort<'_>> {
@@ -69,55 +113,44 @@ impl Stage for Encode {
         Some(&self.model)
     }
 
+    fn shards(&self) -> Vec<AnyStage> {
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Encode(Self {
+                shard,
+                ..self.clone()
+            })
+        })
+    }
+
     fn uses_device(&self) -> bool {
         true
     }
 
     fn foretell(&self, inputs: &Sizes) -> Foretold {
-        let images = input(inputs, IMAGES.name);
-        // Four numbers for 4 x 4 pixels: a byte a pixel.
-        [(LATENTS.name, Size::of_bytes(images.pixels))].into()
+        let images = self.part().size(input(inputs, IMAGES.name));
+        [(LATENTS.name, self.encoded(images))].into()
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let inputs = &self.part().sizes(inputs);
         let images = input(inputs, IMAGES.name);
-        let latents = Size::of_bytes(images.pixels).whole();
+        let seconds = images.pixels as f64 * prior::encoding_seconds(&self.model);
         let work = WORKED * images.largest + prior::memory(&self.model);
-        Estimate::streaming(inputs, Size::default(), 0).computing(
-            latents + work,
-            images.pixels as f64 * prior::encoding_seconds(&self.model),
-        )
+        Estimate::streaming(inputs, self.encoded(images), 0).computing(work, seconds)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.images(IMAGES)?;
+        let images = self.part().images(io.images(IMAGES)?)?;
         let count = images.cameras().len();
         let prior = Prior::load(&self.model, io.device)?;
-        let mut views = Vec::new();
+        let mut out = io.latent_writer(LATENTS, &self.heads(&images, &prior.vae)?)?;
         for (done, view) in images.views().enumerate() {
             let view = view?;
-            let latent = prior
-                .vae
-                .encode_image(&convert::signed_array(&view, io.device), self.tile as usize);
-            views.push(LatentView {
-                name: view.name.clone(),
-                size: [view.camera.width, view.camera.height],
-                camera: view.camera,
-                tensor: convert::tensor(&latent),
-            });
+            let image = convert::signed_array(&view, io.device);
+            let latent = prior.vae.encode_image(&image, self.tile as usize);
+            out.add(&view.name, &convert::tensor(&latent))?;
             io.progress(done + 1, count, &[])?;
         }
-        // The whole model's digest stands for its VAE, so that latents of another model are told
-        // apart.
-        let vae = self.model.content()?.to_string();
-        io.write(
-            LATENTS,
-            &Latents {
-                vae,
-                scaling_factor: prior.vae.scaling_factor(),
-                views,
-                bounds: images.bounds,
-            },
-        )
+        Ok(out.finish()?)
     }
 }

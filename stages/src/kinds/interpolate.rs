@@ -22,6 +22,8 @@ use crate::io::Io;
 use crate::masks;
 use crate::model::Model;
 use crate::port::{Input, InputPort, OutputPort, Port};
+use crate::registry::AnyStage;
+use crate::shard::{self, Shard};
 use crate::size::{Foretold, Size, Sizes, input};
 use crate::stage::{Estimate, Stage};
 
@@ -49,6 +51,12 @@ pub struct Interpolate {
     /// difference between them and the reduced result. 0 turns it off.
     #[schemars(range(min = 0, max = 1000))]
     pub back_projection: u32,
+    /// In how many parts the views are enlarged, each a stage of its own; the images are the same
+    /// for any number.
+    #[schemars(range(min = 1))]
+    pub shards: u32,
+    /// Which of the parts this is, from 1; 0 for all views.
+    pub shard: u32,
 }
 
 /// An interpolation filter.
@@ -83,6 +91,8 @@ impl Default for Interpolate {
             filter: Kernel::Bicubic,
             values: Values::Srgb,
             back_projection: 0,
+            shards: 1,
+            shard: 0,
         }
     }
 }
@@ -171,7 +181,12 @@ impl Interpolate {
     }
 
     fn enlarged(&self, inputs: &Sizes) -> Size {
-        input(inputs, IMAGES.name).scaled(self.factor)
+        let own = self.part().size(input(inputs, IMAGES.name));
+        own.scaled(self.factor)
+    }
+
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
     }
 
     fn learned(&self) -> Option<&Learned> {
@@ -200,6 +215,7 @@ impl Stage for Interpolate {
             ));
         }
         convert::in_range("back_projection", self.back_projection, 0, 1000)?;
+        shard::check(self.shards, self.shard)?;
         let Some(learned) = self.learned() else {
             return Ok(());
         };
@@ -225,6 +241,15 @@ impl Stage for Interpolate {
         self.learned().map(|learned| learned as &dyn Model)
     }
 
+    fn shards(&self) -> Vec<AnyStage> {
+        shard::parts(self.shards, self.shard, |shard| {
+            AnyStage::Interpolate(Self {
+                shard,
+                ..self.clone()
+            })
+        })
+    }
+
     fn uses_device(&self) -> bool {
         self.learned().is_some()
     }
@@ -235,6 +260,7 @@ impl Stage for Interpolate {
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let written = self.enlarged(inputs);
+        let inputs = &self.part().sizes(inputs);
         let estimate = Estimate::streaming(inputs, written, WORKED);
         let Some(learned) = self.learned() else {
             return estimate;
@@ -244,7 +270,7 @@ impl Stage for Interpolate {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let images = io.images(IMAGES)?;
+        let images = self.part().images(io.images(IMAGES)?)?;
         let count = images.cameras().len();
         let network = self
             .learned()

@@ -23,7 +23,7 @@ use crate::port::{Input, InputPort, OutputPort, Port};
 use crate::prior;
 use crate::registry::AnyStage;
 use crate::shard::{self, Shard};
-use crate::size::{Foretold, Size, Sizes, input};
+use crate::size::{Foretold, Sizes, input};
 use crate::stage::{Estimate, Extension, Stage};
 
 /// The latents that are refined, and those that come out.
@@ -102,6 +102,10 @@ impl Default for Optimize {
 }
 
 impl Optimize {
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
+    }
+
     /// The library's options. Their fields stand in `Optimize` again, since serde's `flatten`
     /// cannot refuse unknown fields.
     fn options(&self) -> Options {
@@ -175,15 +179,17 @@ impl Stage for Optimize {
     }
 
     fn foretell(&self, inputs: &Sizes) -> Foretold {
-        let bytes = input(inputs, LATENTS.name).bytes;
-        let sized = [LATENTS.name, RESIDUALS.name].map(|name| (name, Size::of_bytes(bytes)));
-        sized.into()
+        let latents = self.part().size(input(inputs, LATENTS.name));
+        [LATENTS.name, RESIDUALS.name]
+            .map(|name| (name, latents))
+            .into()
     }
 
     fn estimate(&self, inputs: &Sizes) -> Estimate {
+        let inputs = &self.part().sizes(inputs);
         // The warm-up's steps take views as well.
         let images = f64::from(self.steps + self.options().warm_up()) * f64::from(self.batch);
-        // All latents and the photos beside them are on the device at once.
+        // All latents of the part and the photos beside them are on the device at once.
         // So are residuals, both moments of theirs, and a copy for a checkpoint.
         let latents = 2 * input(inputs, LATENTS.name).whole();
         let photos = 12 * input(inputs, LOW.name).pixels;
@@ -192,20 +198,19 @@ impl Stage for Optimize {
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {
-        let mut latents = io.read(LATENTS)?;
+        let latents = io.latents(LATENTS)?;
         let low = io.images(LOW)?;
         let mut options = self.options();
-        let all = latents.views.len();
+        let all = latents.heads().views.len();
         // Before the model is loaded, so that a shard without views fails at once.
-        latents.views = Shard::new(self.shards, self.shard).take(latents.views)?;
+        let latents = self.part().latents(latents)?;
         // A part has fewer views, so it needs fewer steps to move each as often.
-        options.steps = share(&options, all, latents.views.len());
+        options.steps = share(&options, all, latents.heads().views.len());
         let prior = Prior::load_in(&self.model, io.device, self.precision)?;
         let views: Vec<_> = latents
-            .views
-            .iter()
-            .map(|v| view(v, &low, io.device))
-            .collect::<Result<_, _>>()?;
+            .views()
+            .map(|latent| view(&latent?, &low, io.device))
+            .collect::<Result<_, StageError>>()?;
         let denoiser = prior.denoiser(&options.prompt, &options.negative_prompt);
         // A closure, since each checkpoint that is tried needs an optimisation of its own.
         let begin = || Optimization::new(&denoiser, &views, &options, io.seed).map_err(refused);
@@ -237,7 +242,7 @@ impl Stage for Optimize {
             let state = optimization.state();
             checkpointer.keep(state.step, || convert::optimization_checkpoint(state, &log));
         }
-        write(&latents, &views, optimization.finish(log), io)
+        write(latents.heads(), &views, optimization.finish(log), io)
     }
 }
 

@@ -102,6 +102,10 @@ impl Default for Render {
 }
 
 impl Render {
+    fn part(&self) -> Shard {
+        Shard::new(self.shards, self.shard)
+    }
+
     /// How large the images will be.
     fn rendered(&self, inputs: &Sizes) -> Size {
         let own = input(inputs, CAMERAS.name).scaled(self.scale);
@@ -111,18 +115,13 @@ impl Render {
                 u64::from(*frames)
             }
         };
-        let parts = match self.shard {
-            0 => 1,
-            _ => u64::from(self.shards),
-        };
-        let views = views.div_ceil(parts);
         // With depth.
-        Size {
+        self.part().size(Size {
             views,
             pixels: views * own.largest,
             bytes: 16 * views * own.largest,
             ..own
-        }
+        })
     }
 
     /// What to render, by name.
@@ -246,7 +245,7 @@ impl Stage for Render {
         // the scene has.
         let alpha = self.path.is_some() || cameras.has_alpha()?;
         // Frames are numbered before they are dealt out, so that names do not depend on the shards.
-        let path = Shard::new(self.shards, self.shard).take(self.views(&cameras)?)?;
+        let path = self.part().take(self.views(&cameras)?)?;
         // Once for all views: on a GPU the field moves there only once.
         let renderer = nerf::Renderer::new(io.device, &field);
         let mut out = io.image_writer(IMAGES, cameras.bounds, cameras.to_source);

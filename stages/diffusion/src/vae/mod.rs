@@ -124,6 +124,13 @@ impl Vae {
         }
     }
 
+    /// Channels, height and width of the latent that [`Vae::encode_image`] makes of an image of this
+    /// height and width.
+    pub fn latent_shape(&self, size: [usize; 2]) -> [usize; 3] {
+        let [height, width] = size.map(|extent| extent.div_ceil(self.factor()));
+        [self.config.latent_channels, height, width]
+    }
+
     /// The scaled latent `[N, C, ceil(H / factor), ceil(W / factor)]` of `image [N, 3, H, W]` in
     /// [-1, 1]: the posterior's mean times the scaling factor. The image is continued by reflection
     /// to whole latent pixels, and taken in overlapping tiles of `tile` image pixels if it is

@@ -1,5 +1,7 @@
 //! Files of two numbers, sound and broken.
 
+use std::collections::BTreeMap;
+
 use super::*;
 use crate::{TensorView, Values};
 
@@ -112,6 +114,32 @@ fn what_is_written_is_read_back() {
     );
     assert_eq!(file.metadata()["format"], "pt");
     assert_eq!(bytes.len() % 8, 4, "three floats behind a padded header");
+}
+
+#[test]
+fn a_header_alone_says_what_the_whole_file_does() {
+    let values = [1.5, 2.5];
+    let view = TensorView {
+        shape: &[2, 1],
+        values: Values::F32(&values),
+    };
+    let metadata = BTreeMap::from([("format", "pt".to_owned())]);
+    let whole = to_bytes(&BTreeMap::from([("a", view)]), &metadata).unwrap();
+    let shapes = BTreeMap::from([("a", [2, 1].as_slice())]);
+    let begin = header(&shapes, &metadata).unwrap();
+    assert_eq!([&begin[..], &view.values.bytes()].concat(), whole);
+    assert_eq!(BEGIN as u64 + header_bytes(&begin), begin.len() as u64);
+    let index = |length| Index::new("w.safetensors", &begin, length);
+    let known = index(whole.len() as u64).unwrap();
+    let entry = known.reals("a").unwrap();
+    assert_eq!(entry.tensor(&whole[entry.bytes()]).values, values);
+    for length in [begin.len(), whole.len() - 1, whole.len() + 1] {
+        let message = index(length as u64).unwrap_err().to_string();
+        assert!(
+            message.contains("is not a sound safetensors file"),
+            "{message}"
+        );
+    }
 }
 
 #[test]

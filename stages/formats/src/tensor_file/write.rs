@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use crate::tensor::TensorView;
+use crate::tensor::{TensorView, Values};
 
 /// Where the metadata stand in the header.
 const METADATA: &str = "__metadata__";
@@ -30,6 +30,13 @@ impl WriteError {
     }
 }
 
+/// What a header says of a tensor, but for where it lies.
+struct Described<'a> {
+    dtype: &'static str,
+    shape: &'a [usize],
+    bytes: usize,
+}
+
 /// The file of these tensors, sorted by name, the header padded with spaces to 8 bytes.
 ///
 /// # Errors
@@ -38,7 +45,84 @@ pub fn to_bytes(
     tensors: &BTreeMap<&str, TensorView>,
     metadata: &BTreeMap<&str, String>,
 ) -> Result<Vec<u8>, WriteError> {
-    let mut header = entries(tensors)?;
+    let mut described = BTreeMap::new();
+    for (&name, tensor) in tensors {
+        described.insert(name, of_view(name, tensor)?);
+    }
+    let mut bytes = lines(&described, metadata)?;
+    for tensor in tensors.values() {
+        bytes.extend(tensor.values.bytes());
+    }
+    Ok(bytes)
+}
+
+/// The first bytes of the file of F32 tensors of these shapes: all but the values, which follow
+/// sorted by name.
+///
+/// # Errors
+/// Where a tensor has a name that cannot be, or is larger than any file.
+pub fn header(
+    shapes: &BTreeMap<&str, &[usize]>,
+    metadata: &BTreeMap<&str, String>,
+) -> Result<Vec<u8>, WriteError> {
+    let mut described = BTreeMap::new();
+    for (&name, &shape) in shapes {
+        described.insert(name, of_shape(name, shape)?);
+    }
+    lines(&described, metadata)
+}
+
+/// Refuses a tensor that no file can hold.
+///
+/// # Errors
+/// As [`to_bytes`].
+pub fn check(name: &str, tensor: &TensorView) -> Result<(), WriteError> {
+    of_view(name, tensor).map(|_| ())
+}
+
+fn of_view<'a>(name: &str, tensor: &TensorView<'a>) -> Result<Described<'a>, WriteError> {
+    check_name(name)?;
+    let count = tensor.values.count();
+    if product(tensor.shape) != Some(count) {
+        let problem = format!("{count} values do not fill the shape {:?}", tensor.shape);
+        return Err(WriteError::new(name, problem));
+    }
+    Ok(Described {
+        dtype: tensor.values.dtype(),
+        shape: tensor.shape,
+        bytes: tensor.values.size(),
+    })
+}
+
+fn of_shape<'a>(name: &str, shape: &'a [usize]) -> Result<Described<'a>, WriteError> {
+    check_name(name)?;
+    let bytes = product(shape).and_then(|count| count.checked_mul(size_of::<f32>()));
+    Ok(Described {
+        dtype: Values::F32(&[]).dtype(),
+        shape,
+        bytes: bytes.ok_or_else(|| WriteError::new(name, format!("{shape:?} is too large")))?,
+    })
+}
+
+fn product(shape: &[usize]) -> Option<usize> {
+    let mut extents = shape.iter();
+    extents.try_fold(1usize, |count, &extent| count.checked_mul(extent))
+}
+
+fn check_name(name: &str) -> Result<(), WriteError> {
+    if name == METADATA {
+        let problem = "has the one name that safetensors keeps for itself";
+        return Err(WriteError::new(name, problem));
+    }
+    Ok(())
+}
+
+/// The header, padded, behind its length.
+fn lines(
+    tensors: &BTreeMap<&str, Described>,
+    metadata: &BTreeMap<&str, String>,
+) -> Result<Vec<u8>, WriteError> {
+    let mut header = entries(tensors);
     if !metadata.is_empty() {
         header.insert(METADATA.to_owned(), json!(metadata));
     }
@@ -48,38 +132,20 @@ pub fn to_bytes(
     let mut bytes = (padded as u64).to_le_bytes().to_vec();
     bytes.extend(header.into_bytes());
     bytes.resize(8 + padded, b' ');
-    for tensor in tensors.values() {
-        bytes.extend(tensor.values.bytes());
-    }
     Ok(bytes)
 }
 
-fn entries(tensors: &BTreeMap<&str, TensorView>) -> Result<Map<String, Value>, WriteError> {
+fn entries(tensors: &BTreeMap<&str, Described>) -> Map<String, Value> {
     let mut entries = Map::new();
     let mut end = 0;
     for (&name, tensor) in tensors {
-        check(name, tensor)?;
         let begin = end;
-        end += tensor.values.size();
-        let dtype = tensor.values.dtype();
+        end += tensor.bytes;
         // In the order of the map, by name: offsets and bytes follow the same one.
-        let entry = json!({ "dtype": dtype, "shape": tensor.shape, "data_offsets": [begin, end] });
+        let entry = json!({
+            "dtype": tensor.dtype, "shape": tensor.shape, "data_offsets": [begin, end],
+        });
         entries.insert(name.to_owned(), entry);
     }
-    Ok(entries)
-}
-
-fn check(name: &str, tensor: &TensorView) -> Result<(), WriteError> {
-    if name == METADATA {
-        let problem = "has the one name that safetensors keeps for itself";
-        return Err(WriteError::new(name, problem));
-    }
-    let mut extents = tensor.shape.iter();
-    let fills = extents.try_fold(1usize, |count, &extent| count.checked_mul(extent));
-    let count = tensor.values.count();
-    if fills == Some(count) {
-        return Ok(());
-    }
-    let problem = format!("{count} values do not fill the shape {:?}", tensor.shape);
-    Err(WriteError::new(name, problem))
+    entries
 }

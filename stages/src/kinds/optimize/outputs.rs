@@ -1,7 +1,7 @@
 //! What `Optimize` gives: refined latents, residuals, LoRA and log. Knows nothing of how they came
 //! about.
 
-use artifacts_schema::{LatentView, Latents, Log, Residuals};
+use artifacts_schema::{LatentHeads, Log};
 use compute::Array;
 use compute::elementwise::add;
 use diffusion::optimize::{Optimized, ViewLatents};
@@ -11,9 +11,9 @@ use crate::convert;
 use crate::error::StageError;
 use crate::io::Io;
 
-/// Writes all outputs. `views` are those of `latents`, in their order.
+/// Writes all outputs. `views` are those of `heads`, in their order.
 pub(super) fn write(
-    latents: &Latents,
+    heads: &LatentHeads,
     views: &[ViewLatents],
     optimized: Optimized,
     io: &Io,
@@ -22,19 +22,14 @@ pub(super) fn write(
         let shape: Vec<usize> = [1].iter().chain(array.shape()).copied().collect();
         convert::tensor(&array.reshape(&shape))
     };
-    let residuals = optimized.residuals.iter();
-    let refined = with_tensors(
-        latents,
-        residuals
-            .clone()
-            .zip(views)
-            .map(|(h, view)| batched(&add(&view.latent, h))),
-    );
-    io.write(LATENTS, &refined)?;
-    io.write(
-        RESIDUALS,
-        &Residuals(with_tensors(latents, residuals.map(batched))),
-    )?;
+    let mut refined = io.latent_writer(LATENTS, heads)?;
+    let mut residuals = io.latent_writer(RESIDUALS, heads)?;
+    for (view, residual) in views.iter().zip(&optimized.residuals) {
+        refined.add(&view.name, &batched(&add(&view.latent, residual)))?;
+        residuals.add(&view.name, &batched(residual))?;
+    }
+    refined.finish()?;
+    residuals.finish()?;
     if let Some(lora) = &optimized.lora {
         io.write(LORA, &convert::lora(lora))?;
     }
@@ -49,21 +44,4 @@ pub(super) fn write(
             lines: lines.map_err(|error| StageError::Mismatch(error.to_string()))?,
         },
     )
-}
-
-/// The latents with other tensors.
-fn with_tensors(latents: &Latents, tensors: impl Iterator<Item = formats::Tensor>) -> Latents {
-    let views = latents
-        .views
-        .iter()
-        .zip(tensors)
-        .map(|(view, tensor)| LatentView {
-            tensor,
-            ..view.clone()
-        })
-        .collect();
-    Latents {
-        views,
-        ..latents.clone()
-    }
 }
