@@ -9,6 +9,7 @@ use diffusion::{ModelSource, single_file};
 use crate::error::StageError;
 use crate::files;
 use crate::model::Model;
+use crate::size::Size;
 
 impl Model for ModelSource {
     fn locations(&self) -> &'static [&'static str] {
@@ -49,6 +50,21 @@ pub fn encoding_seconds(model: &ModelSource) -> f64 {
 pub fn decoding_seconds(model: &ModelSource) -> f64 {
     // The decoder is the larger half, and runs twice where the residual alone is wanted.
     4.0 * encoding_seconds(model)
+}
+
+/// How many times as long a pixel takes in tiles of this side as in a picture of 256 x 192, of which
+/// the seconds above are: attention within a tile grows with the square of its area.
+pub fn in_tiles(images: Size, tile: u32) -> f64 {
+    let tile = u64::from(tile).pow(2);
+    let area = tile.min(images.largest) as f64 / (256.0 * 192.0);
+    // Several tiles overlap by a quarter, and are gone through once before for their statistics.
+    let passes = if images.largest > tile {
+        2.0 * (4.0 / 3.0_f64).powi(2)
+    } else {
+        1.0
+    };
+    // Half of the time of the small picture is attention.
+    passes * (0.5 + 0.5 * area)
 }
 
 /// Bytes of memory for its weights and for what lies between its layers, roughly.

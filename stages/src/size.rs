@@ -103,12 +103,21 @@ impl Size {
         }
     }
 
-    /// Bytes that its images or latents take in memory when they are read, or written, view by
-    /// view.
+    /// Bytes that its images or latents take in memory when they are read view by view.
     pub fn held(&self) -> u64 {
         match self.pixels {
             // One alone, as it lies in the file, as numbers, and as an array.
             0 => 3 * self.largest.min(self.bytes),
+            // So many that they fit, or one that does not.
+            pixels => (PIXEL * pixels).min(HELD.max(PIXEL * self.largest)),
+        }
+    }
+
+    /// Bytes that its images or latents take in memory while they wait to be written.
+    pub fn waiting(&self) -> u64 {
+        match self.pixels {
+            0 => self.held(),
+            // The one that makes them too many waits as well.
             pixels => (PIXEL * pixels).min(HELD + PIXEL * self.largest),
         }
     }

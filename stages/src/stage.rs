@@ -49,6 +49,8 @@ pub enum Extension {
 
 /// Seconds of two cores for a ray through a field (docs/performance.md).
 pub const RAY_SECONDS: f64 = 1.4e-5;
+/// Seconds of two cores for a pixel of an image that is written.
+pub const WRITTEN_SECONDS: f64 = 1.5e-7;
 
 /// What a stage will take, roughly: enough to choose what runs beside what, and what to ask of a
 /// cluster.
@@ -86,8 +88,9 @@ impl Estimate {
             _ => size.held(),
         });
         // Twice, since a view that is written is in memory as numbers and as a file.
-        let memory = read.sum::<u64>() + 2 * written.held() + pixel * written.largest;
-        Self::of(memory, reading_seconds(inputs))
+        let memory = read.sum::<u64>() + 2 * written.waiting() + pixel * written.largest;
+        let seconds = reading_seconds(inputs) + written.pixels as f64 * WRITTEN_SECONDS;
+        Self::of(memory, seconds)
     }
 
     /// Of a stage that computes on the device as well, in so many more bytes and seconds.

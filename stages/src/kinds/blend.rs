@@ -25,7 +25,7 @@ use crate::size::{Foretold, Sizes, input};
 use crate::stage::{Estimate, Stage};
 
 /// Bytes of a pixel while it is worked on: base, both details and what projection makes of them.
-const WORKED: u64 = 240;
+const WORKED: u64 = 140;
 /// Seconds of two cores for a pixel.
 const PIXEL_SECONDS: f64 = 1e-6;
 

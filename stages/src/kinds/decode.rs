@@ -219,7 +219,8 @@ impl Stage for Decode {
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let written = self.decoded(inputs);
         let inputs = &self.part().sizes(inputs);
-        let seconds = written.pixels as f64 * prior::decoding_seconds(&self.model);
+        let pixel = prior::decoding_seconds(&self.model) * prior::in_tiles(written, self.tile);
+        let seconds = written.pixels as f64 * pixel;
         Estimate::streaming(inputs, written, WORKED).computing(prior::memory(&self.model), seconds)
     }
 

@@ -134,7 +134,8 @@ impl Stage for Encode {
     fn estimate(&self, inputs: &Sizes) -> Estimate {
         let inputs = &self.part().sizes(inputs);
         let images = input(inputs, IMAGES.name);
-        let seconds = images.pixels as f64 * prior::encoding_seconds(&self.model);
+        let pixel = prior::encoding_seconds(&self.model) * prior::in_tiles(images, self.tile);
+        let seconds = images.pixels as f64 * pixel;
         let work = WORKED * images.largest + prior::memory(&self.model);
         Estimate::streaming(inputs, self.encoded(images), 0).computing(work, seconds)
     }

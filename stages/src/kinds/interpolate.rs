@@ -31,7 +31,7 @@ use crate::stage::{Estimate, Stage};
 const IMAGES: Port<ImageSet> = Port::new("images");
 
 /// Bytes of an enlarged pixel while it is worked on: a few arrays of its colours.
-const WORKED: u64 = 160;
+const WORKED: u64 = 120;
 
 /// Enlarges the images of a set; of transparent ones, what they are before black, and their alpha
 /// by itself.

@@ -194,7 +194,10 @@ impl Stage for Optimize {
         let latents = 2 * input(inputs, LATENTS.name).whole();
         let photos = 12 * input(inputs, LOW.name).pixels;
         let memory = latents + photos + prior::memory(&self.model);
-        Estimate::of(input(inputs, LOW.name).held(), 0.0).computing(memory, 0.1 * images)
+        // Latents are read once, and written with the residuals beside them.
+        let files = 3 * input(inputs, LATENTS.name).bytes;
+        Estimate::of(input(inputs, LOW.name).held(), files as f64 / 1e8)
+            .computing(memory, 0.1 * images)
     }
 
     fn run(&self, io: &Io) -> Result<(), StageError> {

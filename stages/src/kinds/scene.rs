@@ -18,15 +18,13 @@ use crate::files;
 use crate::io::Io;
 use crate::port::{InputPort, OutputPort, Port};
 use crate::size::{Foretold, Size, Sizes};
-use crate::stage::{Estimate, Source, Stage};
+use crate::stage::{Estimate, Source, Stage, WRITTEN_SECONDS};
 
 /// Bytes of a drawn pixel: colours and coverage, once more for the rows of a photo.
 const DRAWN: u64 = 24;
 /// Seconds of two cores for a drawn ray, and for a pixel that is decoded and reduced.
 const RAY: f64 = 1e-7;
 const DECODED: f64 = 2e-8;
-/// For a pixel of a photo that is written.
-const WRITTEN: f64 = 1.5e-7;
 
 /// Posed photos: low-resolution ones to train on, and held-out ones at both resolutions.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -272,9 +270,9 @@ impl Stage for Scene {
         // A photo may be resized to more than its file has.
         let decoding = scene::decoding_memory(files.largest.max(made.largest));
         // Three sets are written at the same time.
-        let writing = 2 * made.held().min(3 * image_stream::HELD);
+        let writing = 2 * made.waiting().min(3 * image_stream::HELD);
         let written: u64 = self.foretell(inputs).values().map(|set| set.pixels).sum();
-        let seconds = files.pixels as f64 * DECODED + written as f64 * WRITTEN;
+        let seconds = files.pixels as f64 * DECODED + written as f64 * WRITTEN_SECONDS;
         Estimate::of(decoding + writing, seconds)
     }
 
