@@ -62,10 +62,7 @@ impl LatentHeads {
 
     pub(crate) fn check(&self) -> Result<(), SchemaError> {
         canonical::check_bounds(&self.bounds)?;
-        let mut names: Vec<&str> = self.views.iter().map(|view| view.name.as_str()).collect();
-        // Equal names are found among neighbours.
-        names.sort_unstable();
-        canonical::check_names(names.into_iter())?;
+        canonical::check_names(self.views.iter().map(|view| view.name.as_str()))?;
         // Latents are divided by it, and JSON has no other numbers.
         if !self.scaling_factor.is_finite() {
             return Err(SchemaError::content(

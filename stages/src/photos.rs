@@ -1,5 +1,5 @@
-//! Photos on disk as views to train on: in memory, as far as there is to be room for them there, the
-//! others in a file beside the stage's checkpoint. Knows nothing of how training goes.
+//! Photos on disk as views to train on. A fixed amount of pixels is kept in memory, and the rest in a
+//! file beside the stage's checkpoint. Knows nothing of how training goes.
 
 use std::fs;
 use std::io;
@@ -13,12 +13,12 @@ use crate::convert;
 use crate::error::StageError;
 use crate::size::{Size, Sizes};
 
-/// Bytes of pixels that are kept in memory. Of larger sets the operating system has in memory what
-/// there is room for.
+/// Bytes of pixels that are kept in memory. The operating system caches as much of the file as there
+/// is room for.
 const IN_MEMORY: u64 = 2 << 30;
 /// Bytes of a pixel to train on: three colours and alpha.
 const PIXEL: u64 = 16;
-/// Pixels whose masks take a byte: a bit each, and half of that for their counts.
+/// A byte holds the masks of so many pixels: a bit each, and half of that for counts.
 const MASKED: u64 = 5;
 /// Seconds of two cores for a pixel that is read and made ready.
 const READ: f64 = 1e-7;
@@ -75,7 +75,7 @@ fn views_within(
         let bytes = PIXEL * u64::from(view.camera.width) * u64::from(view.camera.height);
         match room.checked_sub(bytes) {
             Some(rest) => room = rest,
-            None => view.pixels = overflow.take(view.pixels)?,
+            None => overflow.take(&mut view)?,
         }
         views.push(view);
     }
@@ -103,15 +103,13 @@ impl Overflow {
         }
     }
 
-    fn take(&mut self, pixels: TrainPixels) -> Result<TrainPixels, StageError> {
-        let TrainPixels::Kept(pixels) = pixels else {
-            return Ok(pixels);
-        };
-        let stored = self
-            .open()
-            .and_then(|file| file.add(&pixels))
-            .map_err(|error| self.failed(&error))?;
-        Ok(TrainPixels::Stored(stored))
+    /// Moves the pixels of a view into the file.
+    fn take(&mut self, view: &mut TrainView) -> Result<(), StageError> {
+        if let TrainPixels::Kept(pixels) = &view.pixels {
+            let stored = self.open().and_then(|file| file.add(pixels));
+            view.pixels = TrainPixels::Stored(stored.map_err(|error| self.failed(&error))?);
+        }
+        Ok(())
     }
 
     fn open(&mut self) -> io::Result<Arc<PixelFile>> {
@@ -133,7 +131,7 @@ impl Overflow {
     fn failed(&self, error: &io::Error) -> StageError {
         StageError::File {
             path: self.path.clone(),
-            problem: format!("{error} (photos to train on lie there, since they are many)"),
+            problem: format!("{error} (photos that do not fit into memory are kept there)"),
         }
     }
 }

@@ -63,14 +63,17 @@ impl Mask {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::bool::weighted;
+    use proptest::collection::vec;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
-        fn the_open_pixels_come_in_order(open in proptest::collection::vec(proptest::bool::weighted(0.1), 0..300)) {
+        fn the_open_pixels_come_in_order(open in vec(weighted(0.1), 0..300)) {
             let mask = Mask::new(&open);
             let places: Vec<u32> = (0..mask.open()).map(|n| mask.nth(n)).collect();
-            let expected: Vec<u32> = (0..open.len()).filter(|&at| open[at]).map(|at| at as u32).collect();
+            let expected = (0..open.len() as u32).filter(|&at| open[at as usize]);
+            let expected: Vec<u32> = expected.collect();
             prop_assert_eq!(places, expected);
             prop_assert_eq!(mask.pixels(), open.len());
         }

@@ -32,7 +32,7 @@ const BICUBIC: &str = "bicubic";
 struct Measured {
     row: &'static str,
     field: Field,
-    /// It from all held-out cameras.
+    /// Its renders from all held-out cameras.
     renders: Renders,
 }
 

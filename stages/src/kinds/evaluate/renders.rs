@@ -1,5 +1,5 @@
-//! What fields show of the held-out cameras, in files of the stage's scratch folder until it has been
-//! compared: all renders together may be larger than memory. Knows nothing of scores.
+//! Renders of the held-out views, in files of the stage's scratch folder until they are compared: all
+//! of them together may be larger than memory. Knows nothing of scores.
 
 use std::fs;
 use std::io;
@@ -88,7 +88,7 @@ impl Drop for Renders {
 fn failed(path: &Path, error: &io::Error) -> StageError {
     StageError::File {
         path: path.to_owned(),
-        problem: format!("{error} (renders to compare lie there)"),
+        problem: format!("{error} (renders are kept there until they are compared)"),
     }
 }
 
