@@ -112,7 +112,7 @@ impl Stage for Evaluate {
     }
 
     fn version(&self) -> u32 {
-        7
+        8
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -106,7 +106,7 @@ impl Stage for Fit {
     }
 
     fn version(&self) -> u32 {
-        8
+        9
     }
 
     fn check(&self) -> Result<(), StageError> {

@@ -88,7 +88,7 @@ impl Stage for Sync {
     }
 
     fn version(&self) -> u32 {
-        8
+        9
     }
 
     fn check(&self) -> Result<(), StageError> {
