@@ -84,11 +84,10 @@ impl Sampler {
 
     /// Where in the image the sub-rays of a pixel go, with the jitter of their steps.
     ///
-    /// They form an even grid, spread until its second moment is that of the pixel's area, and turned
-    /// about the pixel's centre by a random angle. Whatever the angle, the mean over them is the mean
-    /// over the area for all that is cubic within the pixel. Random places in the cells of the grid
-    /// would have that mean only on average, and a squared error counts their scatter as an error:
-    /// the field would turn out too smooth (docs/lab/field.md).
+    /// They form an even grid with the second moment of the pixel's area, turned about the pixel's
+    /// centre by a random angle. At any angle their mean is the mean over the area for every cubic
+    /// polynomial. A random place in each cell has that mean only on average. The squared error
+    /// includes the variance, so that training would smooth the field (docs/lab/field.md).
     pub fn sub_rays(
         &self,
         pixel: Pixel,
@@ -127,9 +126,10 @@ fn spacing(side: u32) -> f64 {
     }
 }
 
-/// Cosine and sine of an angle of -45 to 45 degrees, all that a square can be turned by. Its half's
-/// tangent is what is drawn: no function of the platform's library has a part in it, and large
-/// angles are but a sixth rarer than small ones.
+/// Cosine and sine of a random angle of -45 to 45 degrees, beyond which a square grid repeats. The
+/// tangent of half the angle is uniform. Sines and cosines of a platform's library would differ in
+/// their last bits from platform to platform. Angles near 45 degrees come a sixth more often than
+/// those near 0.
 fn turn(random: f32) -> [f64; 2] {
     let most = std::f64::consts::SQRT_2 - 1.0;
     let tangent = most * (2.0 * f64::from(random) - 1.0);
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn sub_rays_average_what_is_cubic_exactly() {
+    fn the_mean_over_sub_rays_is_exact_for_cubic_polynomials() {
         let views = [view(8, 4)];
         let sampler = Sampler::new(&views, 1);
         // The mean of x^i y^j over a unit square about 0.
