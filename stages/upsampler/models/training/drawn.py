@@ -17,6 +17,8 @@ from PIL import Image, ImageDraw, ImageFont
 # Pictures are drawn this much larger and reduced by the mean, so that edges are smooth.
 OVER = 3
 FONTS = sorted(glob.glob("/usr/share/fonts/truetype/dejavu/*.ttf") + glob.glob("/usr/share/fonts/truetype/liberation*/*.ttf"))
+# Parts of a brick by which a course is shifted against the one below, or a bond's name.
+BONDS = [0.5, 0.5, 0.5, 0.5, 0.33, 0.25, 0, "english", "flemish", "loose"]
 WORDS = "the quick brown fox jumps over lazy dogs ABC KLM xyz 0123456789 & photo river stone glass open EXIT 42 No. 7".split()
 
 
@@ -47,22 +49,61 @@ def smooth_noise(random, side, rows, columns):
     return np.array(Image.fromarray(coarse).resize((side, side), Image.BICUBIC))
 
 
+def shaded(tone, random, light, hue):
+    """The colour, lighter or darker by `light` and each channel by `hue`, which are standard deviations."""
+    shift = light * random.normal() + hue * random.normal(0, 1, 3)
+    return tuple(int(np.clip(value + by, 0, 255)) for value, by in zip(tone, shift))
+
+
+def course(random, bond, row, length):
+    """Where a course begins, and the lengths of its bricks, which repeat."""
+    half = length / 2
+    if bond == "english":
+        return (0, [length]) if row % 2 else (half / 2, [half])
+    if bond == "flemish":
+        return (0.75 * length if row % 2 else 0), [length, half]
+    if bond == "loose":
+        return random.uniform(0, length), [length * random.uniform(0.6, 1.4) for _ in range(5)]
+    return row * bond % 1 * length, [length]
+
+
+def joints(random, brick):
+    """A colour between bricks: three times in four a grey that is lighter or darker than they are."""
+    between = either(random)
+    if random.random() < 0.75:
+        grey = np.mean(brick) + random.choice([-1, 1, 1]) * random.uniform(30, 130)
+        between = shaded((grey, grey, grey), random, 0, 8)
+    return between
+
+
+def lay(draw, top, bottom, start, lengths, joint, shade):
+    """Draws a course of bricks from side to side."""
+    x = start - sum(lengths)
+    count = 0
+    while x < draw.im.size[0]:
+        length = lengths[count % len(lengths)]
+        draw.rectangle((x, top, x + max(1, length - joint - 1), bottom - joint - 1), fill=shade())
+        x += length
+        count += 1
+
+
 def masonry(random, side):
-    """Bricks in courses, each with a shade of its own, and thin joints."""
-    height = OVER * random.uniform(4, 22)
-    length = height * random.uniform(1.2, 4)
-    joint = max(1.0, OVER * random.uniform(0.5, 2.5))
+    """Bricks in courses, each with a shade of its own. Small bricks are as likely as large ones."""
+    height = OVER * math.exp(random.uniform(math.log(4), math.log(26)))
+    length = height * random.uniform(1.4, 4.2)
+    joint = max(OVER * 0.4, height * random.uniform(0.05, 0.24))
+    bond = BONDS[int(random.integers(len(BONDS)))]
     brick = either(random)
-    shift = random.choice([0, 0.5, 0.5, 0.5, 0.33])
-    spread = random.uniform(2, 25)
-    image = Image.new("RGB", (side, side), either(random))
+    between = joints(random, brick)
+    light = random.uniform(2, 32)
+    hue = random.uniform(0, 10)
+    image = Image.new("RGB", (side, side), between)
     draw = ImageDraw.Draw(image)
     for row in range(int(side / height) + 1):
-        for column in range(-1, int(side / length) + 1):
-            x = (column + row * shift % 1) * length
-            shade = tuple(int(np.clip(value + spread * random.normal(), 0, 255)) for value in brick)
-            draw.rectangle((x, row * height, x + length - joint, (row + 1) * height - joint), fill=shade)
-    return image
+        start, lengths = course(random, bond, row, length)
+        lay(draw, row * height, row * height + height, start, lengths, joint, lambda: shaded(brick, random, light, hue))
+    rough = smooth_noise(random, side, side / 3, side / 3) * random.uniform(0, 14)
+    return Image.fromarray(np.clip(np.array(image) + rough[..., None], 0, 255).astype(np.uint8))
 
 
 def words(random, side):
@@ -114,11 +155,11 @@ def pattern(random, side):
 
 def surface(random, side):
     kind = random.random()
-    if kind < 0.35:
+    if kind < 0.5:
         return masonry(random, side)
-    if kind < 0.6:
+    if kind < 0.7:
         return words(random, side)
-    return grain(random, side) if kind < 0.75 else pattern(random, side)
+    return grain(random, side) if kind < 0.82 else pattern(random, side)
 
 
 def tilted(image, random):
@@ -132,7 +173,9 @@ def tilted(image, random):
         rows += [[u, v, 1, 0, 0, 0, -x * u, -x * v], [0, 0, 0, u, v, 1, -y * u, -y * v]]
         values += [x, y]
     image = image.transform((side, side), Image.PERSPECTIVE, np.linalg.solve(rows, values), Image.BICUBIC)
-    angle = random.uniform(-30, 30) if random.random() < 0.6 else random.uniform(0, 360)
+    # Walls and pages mostly stand nearly upright.
+    kind = random.random()
+    angle = random.normal(0, 5) if kind < 0.45 else random.uniform(-30, 30) if kind < 0.75 else random.uniform(0, 360)
     margin = side // 4
     padded = Image.fromarray(np.pad(np.array(image), ((margin, margin), (margin, margin), (0, 0)), mode="reflect"))
     return padded.rotate(angle, Image.BICUBIC).crop((margin, margin, margin + side, margin + side))
