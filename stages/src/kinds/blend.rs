@@ -55,8 +55,8 @@ pub struct Blend {
 }
 
 impl Default for Blend {
-    /// Measured against the truth, `own_gain` is 1.0 on fern and 1.4 on the still life;
-    /// `docs/results.md`. Rounds repeat it, and what is too much grows with them.
+    /// The truth says 1.0 on fern and 1.4 on the still life (`docs/results.md`). Rounds apply the
+    /// gain again and again, so that a large one ends in noise.
     fn default() -> Self {
         let none = Input::default;
         Self {
