@@ -60,7 +60,7 @@ pub struct Interpolate {
 }
 
 /// An interpolation filter.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Kernel {
     /// Cubic convolution with a = -0.75, as PyTorch's.
     Bicubic,

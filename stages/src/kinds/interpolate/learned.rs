@@ -15,7 +15,7 @@ use crate::error::StageError;
 use crate::model::Model;
 
 /// A network as a filter.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Learned {
     /// The network.
@@ -23,6 +23,11 @@ pub struct Learned {
     /// Whether the result is the mean over eight ways to turn and mirror the image; takes eight
     /// times as long.
     pub ensemble: bool,
+    /// By how much images are reduced before the network enlarges them. 1 for photos; more for
+    /// images that are less sharp than their pixels could show, which a network would leave as
+    /// blurred as it finds them.
+    #[schemars(range(min = 1, max = 16))]
+    pub reduce: f64,
     /// Side of the tiles in pixels of the image; an image that fits in one is not tiled.
     #[schemars(range(min = 128, max = 8192))]
     pub tile: u32,
@@ -43,6 +48,7 @@ impl Default for Learned {
         Self {
             model: Network::default(),
             ensemble: false,
+            reduce: 1.0,
             tile: 256,
         }
     }
@@ -56,6 +62,13 @@ const LARGE: u64 = 14 << 10;
 impl Learned {
     /// Refuses parameters that make no sense.
     pub fn check(&self) -> Result<(), StageError> {
+        // NaN fails both comparisons, so that it is refused as well.
+        if !(self.reduce >= 1.0 && self.reduce <= 16.0) {
+            return Err(StageError::parameter(
+                "filter.reduce",
+                format!("is {}; it must be 1 to 16", self.reduce),
+            ));
+        }
         convert::in_range("filter.tile", self.tile, 128, 8192)
     }
 
@@ -64,8 +77,8 @@ impl Learned {
         Ok(Upsampler::load(&self.source(), device)?)
     }
 
-    /// `image [1, 3, H, W]`, from 0 to 1, at another size: enlarged by the network as often as it
-    /// takes, at least once, and resized if that is not the size yet.
+    /// `image [1, 3, H, W]`, from 0 to 1, at another size: reduced if it is to be, enlarged by the
+    /// network as often as it takes, at least once, and resized if that is not the size yet.
     pub fn resize(&self, network: &Upsampler, image: &Array, [height, width]: [usize; 2]) -> Array {
         let options = Options {
             tile: self.tile as usize,
@@ -74,7 +87,7 @@ impl Learned {
         // Networks overshoot, and the next pass was trained on 0 to 1.
         let enlarge = |image: &Array| clamp(&network.enlarge(image, options), 0.0, 1.0);
         // Once in any case: to a size that is there already, too, the network has something to add.
-        let mut image = enlarge(image);
+        let mut image = enlarge(&self.reduced(image));
         // A network for x1 enlarges nothing, and would loop for ever.
         while network.scale() > 1 && (image.shape()[2] < height || image.shape()[3] < width) {
             image = enlarge(&image);
@@ -87,6 +100,19 @@ impl Learned {
                 1.0,
             ),
         }
+    }
+
+    /// The image as the network gets it, by the filter that made the small images of its training.
+    fn reduced(&self, image: &Array) -> Array {
+        if self.reduce == 1.0 {
+            return image.clone();
+        }
+        let [height, width] = [2, 3].map(|axis| {
+            let side = image.shape()[axis] as f64 / self.reduce;
+            side.round().max(1.0) as usize
+        });
+        let small = resize(image, height, width, Filter::BicubicPil, true);
+        clamp(&small, 0.0, 1.0)
     }
 
     /// Bytes of memory for its weights and for one tile, and seconds for so many pixels, roughly.
@@ -104,7 +130,8 @@ impl Learned {
         // Large files are of networks that double their images before the last layers.
         let each = if bytes > 8 << 20 { LARGE } else { SMALL };
         let ways = if self.ensemble { 8.0 } else { 1.0 };
-        let operations = ways * bytes as f64 * pixels as f64;
+        let reduced = pixels as f64 / (self.reduce * self.reduce);
+        let operations = ways * bytes as f64 * reduced;
         (
             2 * bytes + each * u64::from(self.tile) * u64::from(self.tile),
             operations / 4e10,
@@ -163,6 +190,53 @@ mod tests {
             let resized = learned.resize(&network, &image, size);
             assert_eq!(resized.shape(), [1, 3, size[0], size[1]]);
             assert!(resized.to_vec().iter().all(|x| (0.0..=1.0).contains(x)));
+        }
+    }
+
+    /// A disc of 30 pixels across, and the same less sharp than its pixels.
+    fn discs() -> [Array; 2] {
+        let value = |i: usize| {
+            let [y, x] = [i % 1600 / 40, i % 40].map(|at| at as f32 - 19.5);
+            0.2 + 0.6 * (15.5 - (x * x + y * y).sqrt()).clamp(0.0, 1.0)
+        };
+        let sharp = Device::cpu().array(&[1, 3, 40, 40], (0..4800).map(value).collect());
+        let small = resize(&sharp, 16, 16, Filter::BicubicPil, true);
+        let blurred = resize(&small, 40, 40, Filter::BicubicTorch, false);
+        [sharp, blurred]
+    }
+
+    #[test]
+    fn a_picture_that_is_reduced_first_comes_out_sharper() {
+        let [sharp, blurred] = discs();
+        let network = Learned::default().load(&Device::cpu()).unwrap();
+        let error = |image: &Array| {
+            let pairs = image.to_vec().into_iter().zip(sharp.to_vec());
+            pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f32>()
+        };
+        let resized = |reduce: f64| {
+            let learned = Learned {
+                reduce,
+                ..Learned::default()
+            };
+            error(&learned.resize(&network, &blurred, [40, 40]))
+        };
+        let [as_it_is, reduced] = [1.0, 2.5].map(resized);
+        let before = error(&blurred);
+        assert!(reduced < 0.7 * before, "{reduced} and {before}");
+        assert!(reduced < 0.7 * as_it_is, "{reduced} and {as_it_is}");
+    }
+
+    #[test]
+    fn a_reduction_that_enlarges_is_refused() {
+        for reduce in [0.5, f64::NAN, 17.0] {
+            let learned = Learned {
+                reduce,
+                ..Learned::default()
+            };
+            assert_eq!(
+                learned.check().unwrap_err().to_string(),
+                format!("`filter.reduce` is {reduce}; it must be 1 to 16")
+            );
         }
     }
 
