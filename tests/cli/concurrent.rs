@@ -35,7 +35,7 @@ fn processes_on_one_store_compute_each_key_once() {
             assert_eq!(said.code, 0, "{}{}", said.out, said.err);
         }
         let computed = computed(&space);
-        assert_eq!(computed.len(), 10);
+        assert_eq!(computed.len(), 11);
         assert!(
             computed.values().all(|&times| times == 1),
             "{processes} processes: {computed:?}"

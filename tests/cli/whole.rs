@@ -38,7 +38,7 @@ fn every_pipeline_that_ships_can_be_planned() {
         assert!(plan.out.contains("i3ds.1.optimize"), "{name}: {}", plan.out);
     }
     let plan = space.ok(&["plan", &pipeline("ablation")]);
-    assert!(plan.out.contains("16 arms, "), "{}", plan.out);
+    assert!(plan.out.contains("17 arms, "), "{}", plan.out);
     let plan = space.ok(&["plan", &pipeline("object")]);
     assert!(plan.out.contains("evaluate"), "{}", plan.out);
 }
@@ -80,7 +80,7 @@ fn the_method_runs_from_photos_to_metrics() {
     let space = Space::new();
     let smoke = pipeline("smoke");
     let run = ["run", smoke.as_str()];
-    assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 10);
+    assert_eq!(ran(&space, &short(&run, &[])).as_array().unwrap().len(), 11);
     let metrics: Value = serde_json::from_slice(
         &space
             .files("out")
