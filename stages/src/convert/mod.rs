@@ -30,3 +30,19 @@ pub fn in_range(field: &'static str, value: u32, min: u32, max: u32) -> Result<(
         format!("is {value}; it must be {bound}"),
     ))
 }
+
+/// Refuses a number outside `min..=max`, and NaN, which is in no range.
+pub fn number_in_range(
+    field: &'static str,
+    value: f64,
+    min: f64,
+    max: f64,
+) -> Result<(), StageError> {
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    Err(StageError::parameter(
+        field,
+        format!("is {value}; it must be {min} to {max}"),
+    ))
+}

@@ -92,13 +92,7 @@ impl Stage for Sync {
     }
 
     fn check(&self) -> Result<(), StageError> {
-        // NaN fails both comparisons, so that it is refused as well.
-        if !(self.low_weight >= 0.0 && self.low_weight <= 1000.0) {
-            return Err(StageError::parameter(
-                "low_weight",
-                format!("is {}; it must be 0 to 1000", self.low_weight),
-            ));
-        }
+        convert::number_in_range("low_weight", self.low_weight, 0.0, 1000.0)?;
         convert::in_range("low_supersample", self.low_supersample, 1, 16)?;
         training::check(&self.options())
     }

@@ -23,9 +23,8 @@ pub struct Learned {
     /// Whether the result is the mean over eight ways to turn and mirror the image; takes eight
     /// times as long.
     pub ensemble: bool,
-    /// By how much images are reduced before the network enlarges them. 1 for photos; more for
-    /// images that are less sharp than their pixels could show, which a network would leave as
-    /// blurred as it finds them.
+    /// By how much images are reduced before the network enlarges them. 1 for photos, which are
+    /// sharp at their pixels. More for blurred images: a network leaves blur as it finds it.
     #[schemars(range(min = 1, max = 16))]
     pub reduce: f64,
     /// Side of the tiles in pixels of the image; an image that fits in one is not tiled.
@@ -62,13 +61,7 @@ const LARGE: u64 = 14 << 10;
 impl Learned {
     /// Refuses parameters that make no sense.
     pub fn check(&self) -> Result<(), StageError> {
-        // NaN fails both comparisons, so that it is refused as well.
-        if !(self.reduce >= 1.0 && self.reduce <= 16.0) {
-            return Err(StageError::parameter(
-                "filter.reduce",
-                format!("is {}; it must be 1 to 16", self.reduce),
-            ));
-        }
+        convert::number_in_range("filter.reduce", self.reduce, 1.0, 16.0)?;
         convert::in_range("filter.tile", self.tile, 128, 8192)
     }
 
@@ -193,7 +186,7 @@ mod tests {
         }
     }
 
-    /// A disc of 30 pixels across, and the same less sharp than its pixels.
+    /// A disc 30 pixels across, and the same disc blurred, `[1, 3, 40, 40]` each.
     fn discs() -> [Array; 2] {
         let value = |i: usize| {
             let [y, x] = [i % 1600 / 40, i % 40].map(|at| at as f32 - 19.5);
@@ -227,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reduction_that_enlarges_is_refused() {
+    fn a_reduction_outside_its_range_is_refused() {
         for reduce in [0.5, f64::NAN, 17.0] {
             let learned = Learned {
                 reduce,
