@@ -12,7 +12,7 @@ PEAK ?= 82600,1008
 .PHONY: run test test-full test-slurm golden lint doc bench setup clean vulkan
 
 run: setup
-	$(CARGO) run --release --quiet -- run $(PIPELINE) $(ARGS)
+	$(CARGO) run --release -- run $(PIPELINE) $(ARGS)
 
 test: setup vulkan
 	SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --workspace --quiet
