@@ -42,7 +42,11 @@ impl Page<'_> {
         let mut html = Html::default();
         html.put("<main>");
         html.tag("h1", &self.comparison.pipeline);
-        html.tag_of("p", "verdict", &verdict::verdict(self.comparison));
+        html.put("<div class=\"verdict\">");
+        for sentences in verdict::verdict(self.comparison) {
+            html.tag("p", &sentences);
+        }
+        html.put("</div>");
         self.tables(&mut html);
         self.wall(&mut html);
         self.crops(&mut html);

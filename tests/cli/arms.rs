@@ -128,7 +128,7 @@ fn arms_are_planned_run_and_compared() {
 
     space.ok(&["report", "arms.ron", "-o", "report.html"]);
     let page = fs::read_to_string(space.path("report.html")).unwrap();
-    assert!(page.contains("has the best psnr_hr"), "no verdict");
+    assert!(page.contains("is the best by psnr_hr"), "no verdict");
     assert!(
         !page.contains("http://") && !page.contains("https://"),
         "it needs no network"

@@ -41,15 +41,6 @@ impl Html {
         let _ = writeln!(self.text, "<{name}>{}</{name}>", escaped(text));
     }
 
-    /// Adds an element of a class with text.
-    pub fn tag_of(&mut self, name: &str, class: &str, text: &str) {
-        let _ = writeln!(
-            self.text,
-            "<{name} class=\"{class}\">{}</{name}>",
-            escaped(text)
-        );
-    }
-
     /// Begins a section.
     pub fn section(&mut self, id: &str, title: &str) {
         let _ = writeln!(
