@@ -81,6 +81,18 @@ pub fn check_bounds(bounds: &Bounds) -> Result<(), SchemaError> {
     }
 }
 
+/// Refuses a way back to the files of a scene that JSON cannot hold.
+pub fn check_to_source(to_source: Option<&[[f64; 4]; 4]>) -> Result<(), SchemaError> {
+    let mut numbers = to_source.into_iter().flat_map(|rows| rows.as_flattened());
+    match numbers.find(|number| !number.is_finite()) {
+        Some(number) => Err(SchemaError::content(
+            "to_source",
+            format!("holds {number}; all must be finite"),
+        )),
+        None => Ok(()),
+    }
+}
+
 /// Refuses names that cannot be a file's stem or a tensor's key everywhere.
 pub fn check_name(name: &str) -> Result<(), SchemaError> {
     let bad = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');

@@ -56,6 +56,7 @@ pub(crate) fn write_page(
     provenance: &Provenance,
 ) -> Result<(), SchemaError> {
     canonical::check_bounds(&bounds)?;
+    canonical::check_to_source(to_source.as_ref())?;
     let page = canonical::page(&Transforms {
         to_source,
         ..Transforms::new(cameras, bounds, provenance)
@@ -167,6 +168,7 @@ impl Artifact for ImageSet {
         let views = self.sorted();
         // All checks come first, so that nothing is written of content that has no form on disk.
         canonical::check_bounds(&self.bounds)?;
+        canonical::check_to_source(self.to_source.as_ref())?;
         canonical::check_names(views.iter().map(|view| view.name.as_str()))?;
         views.iter().try_for_each(|view| view.check())?;
         let cameras: Vec<(&str, Camera)> = views

@@ -247,6 +247,10 @@ fn what_has_no_form_on_disk_is_refused_by_name() {
         "view \"view_000\": its camera-to-world matrix cannot be inverted"
     );
 
+    let mut images = samples::images();
+    images.to_source = Some([[f64::NAN; 4]; 4]);
+    assert_eq!(refused(&images), "to_source: holds NaN; all must be finite");
+
     let mut metrics = samples::metrics();
     metrics
         .rows

@@ -11,7 +11,7 @@ use crate::tensors::Tensors;
 /// The network that these tensors make, all of them. Fails where there is none, and names a tensor.
 pub fn recognise(tensors: &mut Tensors) -> Result<Box<dyn Network>, UpsamplerError> {
     // Before anything is told apart: older ESRGAN files have the tensors under other names.
-    rrdb::rename(tensors);
+    rrdb::rename(tensors)?;
     let network: Box<dyn Network> = if Span::is(tensors) {
         Box::new(Span::read(tensors)?)
     } else if Rrdb::is(tensors) {

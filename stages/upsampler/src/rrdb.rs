@@ -38,7 +38,7 @@ pub struct Rrdb {
 }
 
 /// The names that are used here for those of older files; others stay as they are.
-pub fn rename(tensors: &mut Tensors) {
+pub fn rename(tensors: &mut Tensors) -> Result<(), UpsamplerError> {
     if tensors.has("RRDB_trunk.0.RDB1.conv1.weight") {
         return tensors.rename(|name| {
             let name = name
@@ -50,7 +50,7 @@ pub fn rename(tensors: &mut Tensors) {
         });
     }
     if !tensors.has("model.1.sub.0.RDB1.conv1.0.weight") {
-        return;
+        return Ok(());
     }
     let blocks = tensors.count(|i| format!("model.1.sub.{i}.RDB1.conv1.0.weight"));
     // Behind the blocks: a doubling and its convolution, with an activation, take three places;
@@ -78,7 +78,7 @@ pub fn rename(tensors: &mut Tensors) {
             Some(format!("body.{block}.rdb{layer}.conv{number}.{rest}"))
         };
         place.or_else(dense).unwrap_or_else(|| name.to_owned())
-    });
+    })
 }
 
 impl Dense {

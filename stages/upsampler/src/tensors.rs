@@ -62,14 +62,20 @@ impl Tensors {
         self.stored.keys().map(String::as_str)
     }
 
-    /// Gives tensors other names; for files written under older ones.
-    pub fn rename(&mut self, new_name: impl Fn(&str) -> String) {
-        self.stored = std::mem::take(&mut self.stored)
-            .into_iter()
-            .map(|(old, stored)| (new_name(&old), stored))
-            .collect();
+    /// Gives tensors other names; for files written under older ones. Fails where two would then
+    /// have the same: one of them would be lost in silence.
+    pub fn rename(&mut self, new_name: impl Fn(&str) -> String) -> Result<(), UpsamplerError> {
+        let mut renamed = BTreeMap::new();
+        for (old, stored) in &self.stored {
+            let new = new_name(old);
+            if renamed.insert(new.clone(), stored.clone()).is_some() {
+                return Err(self.wrong(old, format!("would be {new}, as another tensor is")));
+            }
+        }
+        self.stored = renamed;
         // Renamed as well, or `finish` would name tensors that are read under new names.
         self.unread = RefCell::new(self.stored.keys().cloned().collect());
+        Ok(())
     }
 
     /// Whether there is a tensor of this name.

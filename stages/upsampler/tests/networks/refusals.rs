@@ -70,6 +70,14 @@ fn tensors_that_do_not_fit_are_named() {
         &inputs,
         "tensor `params_ema.conv_first.weight` takes 4 channels; known are 3, 12 and 48",
     );
+    let twice = changed("rrdb-x4-old.safetensors", &|t| {
+        let first = t["model.0.bias"].clone();
+        t.insert("conv_first.bias".into(), first);
+    });
+    says(
+        &twice,
+        "tensor `model.0.bias` would be conv_first.bias, as another tensor is",
+    );
     let part = changed("span-x4.safetensors", &|t| {
         drop(t.remove("params_ema.block_3.c2_r.conv.1.weight"))
     });
