@@ -14,7 +14,9 @@ PEAK ?= 82600,1008
 run: setup
 	$(CARGO) run --release -- run $(PIPELINE) $(ARGS)
 
+# Built first, so that it shows what it compiles: with `--quiet`, which keeps the tests short, it would be silent for minutes.
 test: setup vulkan
+	$(CARGO) test --release --workspace --no-run
 	SRNERF_REQUIRE_GPU=1 $(CARGO) test --release --workspace --quiet
 
 # The same with sixteen times as many random cases per property, and with what takes minutes: a hundred kills, and so on.

@@ -70,7 +70,7 @@ pub enum Error {
         "`{stage}` is expected to need {needed} of memory ({why}), and this machine or job has {there}; nothing was run"
     )]
     #[diagnostic(help(
-        "run it where there is more, make it smaller (smaller images, a smaller model, fewer `samples` or a smaller `batch`), \
+        "run it where there is more, make it smaller (smaller images, a smaller model, fewer `samples`, a smaller `batch`, more `shards`), \
          or run it all the same: --over-memory"
     ))]
     NoRoom {

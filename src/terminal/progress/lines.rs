@@ -21,23 +21,46 @@ pub struct Lines {
     running: BTreeMap<String, Running>,
 }
 
-/// A stage that runs.
+/// A stage that runs. Its pace is that of its last two lines: stages beside it come and go, so that
+/// its pace of long ago says little about what is left, and within one line some stages make a few
+/// big steps.
 struct Running {
-    /// When it began, or went on.
-    begun: Instant,
-    /// The step that it went on from.
-    from: u64,
-    /// When it last had a line.
-    last: Instant,
+    before: Reached,
+    last: Reached,
+}
+
+/// A step, and when it was reached.
+#[derive(Clone, Copy)]
+struct Reached {
+    step: u64,
+    at: Instant,
+}
+
+impl Reached {
+    fn now(step: u64) -> Self {
+        Self {
+            step,
+            at: Instant::now(),
+        }
+    }
 }
 
 impl Running {
     fn new(from: u64) -> Self {
         Self {
-            begun: Instant::now(),
-            from,
-            last: Instant::now(),
+            before: Reached::now(from),
+            last: Reached::now(from),
         }
+    }
+
+    /// Steps a second up to this one, which becomes the last.
+    fn pace(&mut self, step: u64) -> f64 {
+        let now = Reached::now(step);
+        let seconds = (now.at - self.before.at).as_secs_f64();
+        let rate = step.saturating_sub(self.before.step) as f64 / seconds;
+        self.before = self.last;
+        self.last = now;
+        rate
     }
 }
 
@@ -157,12 +180,10 @@ impl Lines {
                 values,
             } => {
                 let running = self.running.get_mut(stage)?;
-                if running.last.elapsed() < PAUSE {
+                if running.last.at.elapsed() < PAUSE {
                     return None;
                 }
-                running.last = Instant::now();
-                let rate = step.saturating_sub(running.from) as f64
-                    / running.begun.elapsed().as_secs_f64();
+                let rate = running.pace(*step);
                 // A pace of 0 has no time left that could be told, and a step beyond the total
                 // would wrap around.
                 let left = duration((total - step.min(total)) as f64 / rate.max(1e-9));
