@@ -3,6 +3,7 @@
 
 pub mod compare;
 pub mod lineage;
+mod tensors;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,7 +12,6 @@ use std::path::Path;
 
 use artifacts_schema::Provenance;
 use exr::prelude::{AttributeValue, FlatSamples, read_all_flat_layers_from_file};
-use formats::{FileBytes, TensorFile};
 use serde_json::{Value, json};
 
 use crate::terminal::progress::figure;
@@ -70,7 +70,7 @@ type Reader = fn(&Path) -> Result<Content, String>;
 fn reader(path: &Path) -> Option<Reader> {
     match path.extension()?.to_str()? {
         "exr" => Some(read_exr),
-        "safetensors" | "latent" => Some(read_safetensors),
+        "safetensors" | "latent" => Some(tensors::read),
         "json" => Some(read_json),
         _ => None,
     }
@@ -140,34 +140,6 @@ fn read_exr(path: &Path) -> Result<Content, String> {
     Ok(content)
 }
 
-fn read_safetensors(path: &Path) -> Result<Content, String> {
-    let file = tensors(path)?;
-    let mut content = Content::default();
-    for name in file.names() {
-        let entry = file.entry(name).map_err(|error| error.to_string())?;
-        // Only F32 can be read as such. Halves and whole numbers are listed without a range.
-        let values = file.tensor(name).ok();
-        content.arrays.push(Array {
-            name: name.to_owned(),
-            shape: entry.shape().to_vec(),
-            kind: entry.dtype(),
-            range: values.and_then(|tensor| range(tensor.values.into_iter())),
-        });
-    }
-    let metadata = file.metadata().iter();
-    content.facts = metadata
-        .map(|(name, text)| (name.clone(), text_value(text)))
-        .collect();
-    Ok(content)
-}
-
-fn tensors(path: &Path) -> Result<TensorFile, String> {
-    // Read and not mapped: somebody may cut the file short meanwhile, which ends a process that has
-    // it mapped.
-    let file = FileBytes::in_memory(path.display().to_string(), read_whole(path)?);
-    TensorFile::new(file).map_err(|error| error.to_string())
-}
-
 fn read_json(path: &Path) -> Result<Content, String> {
     let value: Value =
         serde_json::from_slice(&read_whole(path)?).map_err(|error| error.to_string())?;
@@ -209,11 +181,8 @@ pub fn values(path: &Path) -> Result<BTreeMap<String, Values>, String> {
                 .collect())
         }
         Some("safetensors" | "latent") => {
-            let file = tensors(path)?;
-            let single = |name: &str| Some((name.to_owned(), file.tensor(name).ok()?.values));
-            Ok(file
-                .names()
-                .filter_map(single)
+            let numbers = tensors::numbers(path)?.into_iter();
+            Ok(numbers
                 .map(|(name, values)| (name, Values::Single(values)))
                 .collect())
         }
