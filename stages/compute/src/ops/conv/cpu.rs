@@ -1,6 +1,8 @@
 //! Convolution on the CPU: by Winograd's filtering where that pays, else as a product of the weight
 //! and the column matrix, and the gradients of both.
 
+use std::ops::Range;
+
 use super::geometry::Geometry;
 use super::patches::{Patches, TurnedPatches};
 use super::turned::TurnedKernels;
@@ -28,6 +30,8 @@ const PIXELS: usize = 12;
 const CHANNELS: usize = 8;
 /// Tasks of it per image, about.
 const TASKS: usize = 16;
+/// So many rows of a weight are asked for ahead.
+const AHEAD: usize = 16;
 /// Elements of the column matrix's gradient that a task holds, if it has more than the fewest
 /// channels.
 const HELD: usize = 1 << 16;
@@ -187,19 +191,16 @@ fn backward_input_by_columns(
     planes.for_each_share(&mut dx, |mut share| {
         let channels = share.rows.clone();
         let image = share.panels.start;
-        let values = weight.slice(channels.start * taps..weight.len());
-        let kernels = Turned(Stored {
-            values,
-            columns: g.channels * taps,
-        });
         let dy = Matrix::new(&dy[image * g.outputs * pixels..], g.outputs, pixels);
+        let dy = Packed::new(&dy, g.outputs, pixels, precision);
         let mut rows = HostBuffer::uninitialised(channels.len() * taps * pixels);
-        Packed::new(&dy, g.outputs, pixels, precision).multiply(
-            &mut rows,
-            channels.len() * taps,
-            &kernels,
-            Old::Forget,
-        );
+        let group = CHANNELS * taps;
+        for (i, rows) in rows.chunks_mut((group * pixels).max(1)).enumerate() {
+            let first = channels.start * taps + i * group;
+            let kernels = columns_of(weight, g, first..first + rows.len() / pixels);
+            let kernels = Matrix::new(&kernels, g.outputs, rows.len() / pixels);
+            dy.multiply(rows, kernels.columns, &kernels.transposed(), Old::Forget);
+        }
         let mut dx = share.block(0..channels.len(), image);
         for (i, row) in rows.chunks(pixels.max(1)).enumerate() {
             let channel = i / taps;
@@ -213,6 +214,21 @@ fn backward_input_by_columns(
         }
     });
     dx
+}
+
+/// The columns of `weight [O, (C, kh, kw)]` in that range, in one piece: (O, columns). Its rows are
+/// far apart, often by a multiple of a page, so that a tile read from where they lie would crowd one
+/// cache set.
+fn columns_of(weight: Values, g: &Geometry, columns: Range<usize>) -> HostBuffer {
+    let stride = g.channels * g.taps();
+    let mut out = HostBuffer::uninitialised(g.outputs * columns.len());
+    for (output, out) in out.chunks_mut(columns.len().max(1)).enumerate() {
+        let first = output * stride + columns.start;
+        weight.widen(first, out);
+        let ahead = first + AHEAD * stride;
+        weight.prefetch(ahead..ahead + out.len());
+    }
+    out
 }
 
 /// Adds one row of the column matrix's gradient, that of a tap, to the pixels that it was read from.

@@ -119,8 +119,13 @@ impl Left for Stored<'_> {
         space: &'a mut [f32],
     ) -> Matrix<'a> {
         for (row, space) in rows.clone().zip(space.chunks_mut(TILE_STRIDE)) {
-            self.values
-                .widen(row * self.columns + depth.start, &mut space[..depth.len()]);
+            let first = row * self.columns + depth.start;
+            self.values.widen(first, &mut space[..depth.len()]);
+            // The next tile's rows come while this one is multiplied: nearer ones are guessed.
+            if self.columns > PAGE {
+                let ahead = first + ROWS * self.columns;
+                self.values.prefetch(ahead..ahead + depth.len());
+            }
         }
         Matrix::strided(space, rows.len(), depth.len(), TILE_STRIDE)
     }

@@ -44,18 +44,23 @@ impl TransformTaps<'_> {
         // SAFETY: by the contract of this function.
         unsafe {
             let taps = self.taps.as_ptr().add(channel * 9 * BLOCK + lane);
-            let tap = |row: usize, column: usize| {
-                let forward = 3 * row + column;
-                let tap = if self.reverse { 8 - forward } else { forward };
-                V::load(taps.add(tap * BLOCK))
-            };
-            let down: [[V; SIGHT]; 3] = std::array::from_fn(|column| {
-                kernel_transform(std::array::from_fn(|row| tap(row, column)))
-            });
-            let row = |line: usize| down.map(|column| column[line]);
+            // Loops and no closures around vectors: what is not inlined here is compiled without
+            // the vector's instructions, and each of its operations becomes a call.
+            let mut w = [[V::splat(0.0); 3]; 3];
+            for (column, w) in w.iter_mut().enumerate() {
+                for (row, w) in w.iter_mut().enumerate() {
+                    let forward = 3 * row + column;
+                    let tap = if self.reverse { 8 - forward } else { forward };
+                    *w = V::load(taps.add(tap * BLOCK));
+                }
+            }
+            let [left, middle, right] = w;
+            let left = kernel_transform(left);
+            let middle = kernel_transform(middle);
+            let right = kernel_transform(right);
             for line in 0..SIGHT {
-                let along = kernel_transform(row(line));
-                for (column, value) in along.into_iter().enumerate() {
+                let along = kernel_transform([left[line], middle[line], right[line]]);
+                for (column, value) in along.iter().enumerate() {
                     let place = (line * SIGHT + column) * self.channels + self.first + channel;
                     value.store(self.spots.as_mut_ptr().add(place * BLOCK + lane));
                 }
