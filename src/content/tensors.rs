@@ -1,5 +1,5 @@
 //! A safetensors file as arrays and facts, and its real numbers widened to single precision. Whole
-//! numbers, and precisions that models are not stored in, are listed without a range.
+//! numbers and double precision are listed without a range. Knows nothing of models.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,6 +9,7 @@ use half::{bf16, f16};
 
 use super::{Array, Content, range, read_whole, text_value};
 
+/// What is in a file: its tensors with their ranges, and its metadata.
 pub fn read(path: &Path) -> Result<Content, String> {
     let file = open(path)?;
     let mut content = Content::default();
@@ -37,7 +38,7 @@ pub fn numbers(path: &Path) -> Result<BTreeMap<String, Vec<f32>>, String> {
         .collect())
 }
 
-/// The numbers of a tensor of F32, F16 or BF16: each of a half is one of single precision, too.
+/// The numbers of a tensor, if it is of F32, F16 or BF16. Single precision holds every half exactly.
 fn widened(file: &TensorFile, name: &str) -> Option<Vec<f32>> {
     let entry = file.entry(name).ok()?;
     let bytes = &file.file()[entry.bytes()];

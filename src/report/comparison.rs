@@ -4,6 +4,7 @@
 
 mod format;
 mod read;
+mod rows;
 pub mod statistics;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,9 +1,9 @@
-//! A comparison as tables: for a terminal, Markdown, CSV or LaTeX. JSON is the comparison itself.
-
-use std::fmt::Write;
+//! A comparison as tables: which cells they have. How cells are written down is the business of `rows`;
+//! JSON is the comparison itself.
 
 use clap::ValueEnum;
 
+use super::rows::{Rows, csv, latex, markdown};
 use super::statistics::{Better, Paired};
 use super::{Comparison, Metric, Scored};
 use crate::terminal::output::{size, table};
@@ -23,9 +23,6 @@ pub enum TableFormat {
     /// LaTeX, for the package booktabs.
     Latex,
 }
-
-/// Rows of cells, the first of which is the head.
-type Rows = Vec<Vec<String>>;
 
 impl Comparison {
     /// All tables in a format.
@@ -263,123 +260,7 @@ impl Scored {
     }
 }
 
-impl Paired {
-    /// `+0.310 [+0.120, +0.500] 14/18`.
-    pub fn text(&self) -> String {
-        format!("{} {}/{}", self.range(), self.better, self.pairs)
-    }
-
-    /// `+0.310 [+0.120, +0.500]`.
-    pub fn range(&self) -> String {
-        let ends = self.interval.unwrap_or_default();
-        let largest = ends
-            .map(f64::abs)
-            .into_iter()
-            .fold(self.mean.abs(), f64::max);
-        // As many decimals for all as show three digits of the largest: more of a small mean between
-        // wide ends would say nothing.
-        let decimals = match largest > 0.0 {
-            true => (2.0 - largest.log10().floor()).clamp(0.0, 8.0) as usize,
-            false => 0,
-        };
-        let interval = self.interval.map_or(String::new(), |[low, high]| {
-            format!(" [{low:+.decimals$}, {high:+.decimals$}]")
-        });
-        format!("{:+.decimals$}{interval}", self.mean)
-    }
-}
-
 /// A share in whole percent, without a sign before 0.
 pub fn percent(share: f64) -> String {
     format!("{} %", (100.0 * share).round() as i64)
-}
-
-fn markdown(rows: &Rows) -> String {
-    let line = |row: &Vec<String>| {
-        // A bare bar would begin another cell.
-        let cells: Vec<String> = row.iter().map(|cell| cell.replace('|', "\\|")).collect();
-        format!("| {} |", cells.join(" | "))
-    };
-    let Some((head, body)) = rows.split_first() else {
-        return String::new();
-    };
-    let rule = format!("|---|{}", "--:|".repeat(head.len().saturating_sub(1)));
-    let lines = [line(head), rule];
-    let lines = lines.into_iter().chain(body.iter().map(line));
-    lines.collect::<Vec<_>>().join("\n")
-}
-
-fn csv(rows: &Rows) -> String {
-    // RFC 4180: cells with commas, quotes or line breaks stand in quotes, and quotes in them are
-    // doubled.
-    let cell = |text: &String| match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.clone(),
-    };
-    let line = |row: &Vec<String>| row.iter().map(cell).collect::<Vec<_>>().join(",");
-    rows.iter().map(line).collect::<Vec<_>>().join("\n")
-}
-
-fn latex(rows: &Rows) -> String {
-    let escaped = |cell: &String| {
-        let mut text = String::new();
-        for c in cell.chars() {
-            match c {
-                '_' | '%' | '&' | '#' | '$' | '{' | '}' => {
-                    let _ = write!(text, "\\{c}");
-                }
-                '±' => text.push_str("$\\pm$"),
-                '↑' => text.push_str("$\\uparrow$"),
-                '↓' => text.push_str("$\\downarrow$"),
-                // Character by character, so that the braces put in here are not escaped again.
-                '\\' => text.push_str("\\textbackslash{}"),
-                '^' => text.push_str("\\textasciicircum{}"),
-                '~' => text.push_str("\\textasciitilde{}"),
-                other => text.push(other),
-            }
-        }
-        text
-    };
-    let line = |row: &Vec<String>| {
-        let cells: Vec<String> = row.iter().map(escaped).collect();
-        format!("{} \\\\", cells.join(" & "))
-    };
-    let Some((head, body)) = rows.split_first() else {
-        return String::new();
-    };
-    let columns = "r".repeat(head.len().saturating_sub(1));
-    let body: Vec<String> = body.iter().map(line).collect();
-    format!(
-        "\\begin{{tabular}}{{l{columns}}}\n\\toprule\n{}\n\\midrule\n{}\n\\bottomrule\n\\end{{tabular}}",
-        line(head),
-        body.join("\n")
-    )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_difference_and_its_interval_have_as_many_decimals_as_say_something() {
-        let text = |mean, interval| {
-            let paired = Paired {
-                mean,
-                interval,
-                better: 2,
-                pairs: 3,
-            };
-            paired.text()
-        };
-        assert_eq!(
-            text(0.005_552, Some([-0.020_28, 0.031_38])),
-            "+0.0056 [-0.0203, +0.0314] 2/3"
-        );
-        assert_eq!(
-            text(-10.37, Some([-14.02, -6.726])),
-            "-10.4 [-14.0, -6.7] 2/3"
-        );
-        assert_eq!(text(0.5, None), "+0.500 2/3");
-        assert_eq!(text(0.0, Some([0.0, 0.0])), "+0 [+0, +0] 2/3");
-    }
 }

@@ -16,6 +16,33 @@ pub struct Paired {
     pub pairs: usize,
 }
 
+impl Paired {
+    /// `+0.310 [+0.120, +0.500] 14/18`.
+    pub fn text(&self) -> String {
+        format!("{} {}/{}", self.range(), self.better, self.pairs)
+    }
+
+    /// `+0.310 [+0.120, +0.500]`.
+    pub fn range(&self) -> String {
+        let ends = self.interval.unwrap_or_default();
+        let largest = ends
+            .map(f64::abs)
+            .into_iter()
+            .fold(self.mean.abs(), f64::max);
+        // As many decimals for all as show three digits of the largest: more of a small mean between
+        // wide ends would say nothing.
+        let decimals = if largest > 0.0 {
+            (2.0 - largest.log10().floor()).clamp(0.0, 8.0) as usize
+        } else {
+            0
+        };
+        let interval = self.interval.map_or(String::new(), |[low, high]| {
+            format!(" [{low:+.decimals$}, {high:+.decimals$}]")
+        });
+        format!("{:+.decimals$}{interval}", self.mean)
+    }
+}
+
 /// Which way a metric is better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -154,5 +181,28 @@ mod tests {
         );
         assert_eq!(Better::of("FLIP; lower is better"), Some(Better::Lower));
         assert_eq!(Better::of("a share"), None);
+    }
+
+    #[test]
+    fn a_difference_and_its_interval_have_as_many_decimals_as_say_something() {
+        let text = |mean, interval| {
+            let paired = Paired {
+                mean,
+                interval,
+                better: 2,
+                pairs: 3,
+            };
+            paired.text()
+        };
+        assert_eq!(
+            text(0.005_552, Some([-0.020_28, 0.031_38])),
+            "+0.0056 [-0.0203, +0.0314] 2/3"
+        );
+        assert_eq!(
+            text(-10.37, Some([-14.02, -6.726])),
+            "-10.4 [-14.0, -6.7] 2/3"
+        );
+        assert_eq!(text(0.5, None), "+0.500 2/3");
+        assert_eq!(text(0.0, Some([0.0, 0.0])), "+0 [+0, +0] 2/3");
     }
 }

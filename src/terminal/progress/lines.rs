@@ -21,9 +21,8 @@ pub struct Lines {
     running: BTreeMap<String, Running>,
 }
 
-/// A stage that runs. Its pace is that of its last two lines: stages beside it come and go, so that
-/// its pace of long ago says little about what is left, and within one line some stages make a few
-/// big steps.
+/// A stage that runs. Its pace is measured over its last two lines. Its pace of long ago tells little,
+/// since other stages come and go beside it; and between two lines some stages make only a few steps.
 struct Running {
     before: Reached,
     last: Reached,

@@ -30,7 +30,7 @@ const PIXELS: usize = 12;
 const CHANNELS: usize = 8;
 /// Tasks of it per image, about.
 const TASKS: usize = 16;
-/// So many rows of a weight are asked for ahead.
+/// How many rows ahead a weight is prefetched.
 const AHEAD: usize = 16;
 /// Elements of the column matrix's gradient that a task holds, if it has more than the fewest
 /// channels.
@@ -197,9 +197,10 @@ fn backward_input_by_columns(
         let group = CHANNELS * taps;
         for (i, rows) in rows.chunks_mut((group * pixels).max(1)).enumerate() {
             let first = channels.start * taps + i * group;
-            let kernels = columns_of(weight, g, first..first + rows.len() / pixels);
-            let kernels = Matrix::new(&kernels, g.outputs, rows.len() / pixels);
-            dy.multiply(rows, kernels.columns, &kernels.transposed(), Old::Forget);
+            let count = rows.len() / pixels;
+            let kernels = gather_columns(weight, g, first..first + count);
+            let kernels = Matrix::new(&kernels, g.outputs, count).transposed();
+            dy.multiply(rows, count, &kernels, Old::Forget);
         }
         let mut dx = share.block(0..channels.len(), image);
         for (i, row) in rows.chunks(pixels.max(1)).enumerate() {
@@ -216,10 +217,9 @@ fn backward_input_by_columns(
     dx
 }
 
-/// The columns of `weight [O, (C, kh, kw)]` in that range, in one piece: (O, columns). Its rows are
-/// far apart, often by a multiple of a page, so that a tile read from where they lie would crowd one
-/// cache set.
-fn columns_of(weight: Values, g: &Geometry, columns: Range<usize>) -> HostBuffer {
+/// Copies some columns of `weight [O, (C, kh, kw)]` side by side: (O, columns). Read from where they
+/// lie, its rows would crowd one set of the cache, since they are often a multiple of a page apart.
+fn gather_columns(weight: Values, g: &Geometry, columns: Range<usize>) -> HostBuffer {
     let stride = g.channels * g.taps();
     let mut out = HostBuffer::uninitialised(g.outputs * columns.len());
     for (output, out) in out.chunks_mut(columns.len().max(1)).enumerate() {

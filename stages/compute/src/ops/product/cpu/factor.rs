@@ -66,7 +66,8 @@ impl Left for Matrix<'_> {
             for (row, space) in space.chunks_mut(TILE_STRIDE).enumerate().take(part.rows) {
                 space[..part.columns].copy_from_slice(part.row(row));
             }
-            // The next tile's rows come while this one is multiplied: nearer ones are guessed.
+            // The next tile's rows are prefetched while this one is multiplied. Rows within a page
+            // the processor prefetches by itself.
             if self.row_stride > PAGE {
                 ahead.for_each(|row| prefetch(&self.row(row)[depth.clone()]));
             }
@@ -121,7 +122,8 @@ impl Left for Stored<'_> {
         for (row, space) in rows.clone().zip(space.chunks_mut(TILE_STRIDE)) {
             let first = row * self.columns + depth.start;
             self.values.widen(first, &mut space[..depth.len()]);
-            // The next tile's rows come while this one is multiplied: nearer ones are guessed.
+            // The next tile's rows are prefetched while this one is multiplied. Rows within a page
+            // the processor prefetches by itself.
             if self.columns > PAGE {
                 let ahead = first + ROWS * self.columns;
                 self.values.prefetch(ahead..ahead + depth.len());

@@ -44,8 +44,8 @@ impl TransformTaps<'_> {
         // SAFETY: by the contract of this function.
         unsafe {
             let taps = self.taps.as_ptr().add(channel * 9 * BLOCK + lane);
-            // Loops and no closures around vectors: what is not inlined here is compiled without
-            // the vector's instructions, and each of its operations becomes a call.
+            // Loops, not closures: a closure that is not inlined is compiled without the vector's
+            // instructions, so that each of its operations becomes a call.
             let mut w = [[V::splat(0.0); 3]; 3];
             for (column, w) in w.iter_mut().enumerate() {
                 for (row, w) in w.iter_mut().enumerate() {
